@@ -1,0 +1,1 @@
+"""Ready configuration files, one flat YAML per run."""

@@ -1,0 +1,1 @@
+"""Labelled video in, training samples out."""

@@ -1,0 +1,1 @@
+"""Synthetic labelled video with exact truth; no torch."""

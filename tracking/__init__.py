@@ -1,0 +1,1 @@
+"""Inference, tracking and evaluation; never imports torch or lightning."""

@@ -1,0 +1,1 @@
+"""Linking detections into tracks: assignment, costs and min-cost flow."""

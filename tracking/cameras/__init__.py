@@ -1,0 +1,1 @@
+"""Camera models: world to image and back."""

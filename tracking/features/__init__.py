@@ -1,0 +1,1 @@
+"""What is measured on an image: detections and appearance, by exported networks."""

@@ -1,0 +1,1 @@
+"""Parsing and writing of every on-disk format, ignore rules included."""

@@ -1,0 +1,70 @@
+"""Axis-aligned boxes: conversions, overlap, suppression."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+def corners_from_xywh(xywh: FloatArray) -> FloatArray:
+    """``(N, 4)`` x, y, width, height to x1, y1, x2, y2."""
+    xywh = np.asarray(xywh, dtype=np.float64)
+    return np.concatenate([xywh[..., :2], xywh[..., :2] + xywh[..., 2:]], axis=-1)
+
+
+def xywh_from_corners(boxes: FloatArray) -> FloatArray:
+    """``(N, 4)`` x1, y1, x2, y2 to x, y, width, height."""
+    boxes = np.asarray(boxes, dtype=np.float64)
+    return np.concatenate([boxes[..., :2], boxes[..., 2:] - boxes[..., :2]], axis=-1)
+
+
+def centres(boxes: FloatArray) -> FloatArray:
+    """``(..., 2)`` centres of ``(..., 4)`` boxes."""
+    return (boxes[..., :2] + boxes[..., 2:]) / 2
+
+
+def areas(boxes: FloatArray) -> FloatArray:
+    """``(...)`` areas of ``(..., 4)`` boxes, zero where a box is empty."""
+    return np.prod(np.clip(boxes[..., 2:] - boxes[..., :2], 0, None), axis=-1)
+
+
+def intersections(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Areas shared by ``(..., 4)`` boxes ``a`` and ``b``, broadcast against each other."""
+    shared = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    return np.prod(np.clip(shared, 0, None), axis=-1)
+
+
+def iou_pairs(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Intersection over union of ``(..., 4)`` boxes, broadcast against each other, in [0, 1].
+
+    >>> float(iou_pairs(np.array([0, 0, 2, 1.0]), np.array([1, 0, 3, 1.0])))
+    0.3333333333333333
+    """
+    shared = intersections(a, b)
+    union = areas(a) + areas(b) - shared
+    return np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
+
+
+def iou_matrix(a: FloatArray, b: FloatArray) -> FloatArray:
+    """``(N, M)`` intersection over union of ``(N, 4)`` and ``(M, 4)`` boxes."""
+    return iou_pairs(a[:, None, :], b[None, :, :])
+
+
+def clip_boxes(boxes: FloatArray, width: int, height: int) -> FloatArray:
+    """Boxes cut off at the image border; one that lies outside becomes empty."""
+    return np.clip(boxes, 0, np.array([width, height, width, height], dtype=np.float64))
+
+
+def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
+    """Greedy non-maximum suppression: indices of the kept boxes, best score first.
+
+    A box is dropped when it overlaps a better kept one by more than ``iou``.
+    """
+    order = np.argsort(-scores, kind="stable")
+    overlaps = iou_matrix(boxes[order], boxes[order]) > iou
+    alive = np.ones(len(order), dtype=np.bool_)
+    for i in range(len(order)):
+        if alive[i]:
+            alive[i + 1 :] &= ~overlaps[i, i + 1 :]
+    return order[alive].astype(np.int64)

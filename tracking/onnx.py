@@ -1,0 +1,140 @@
+"""Exported models: the file, its contract in the metadata, and the check of both.
+
+Every file carries one JSON text under the metadata key ``tsuiseki``: the fields of `ModelCard`. A file without it,
+of another kind or of a newer format version is refused with what was expected and what came.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.errors import RequestError
+
+Kind = Literal["detector", "appearance", "action", "affinity", "objectness"]
+METADATA_KEY = "tsuiseki"
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """What a model expects and gives.
+
+    Attributes:
+        kind: what the model does.
+        format_version: of this contract; a reader refuses newer ones.
+        name: architecture, for people to read.
+        class_names: what each output class means, without the background; for affinities the feature names.
+        input_height: of the network's input, pixels; 0 where the input is no image.
+        input_width: likewise.
+        resize: ``letterbox`` keeps the aspect ratio and pads right and below with the mean, ``stretch`` does not.
+        layout: ``NCHW`` for images, ``NF`` for feature rows.
+        colour_order: ``RGB``.
+        mean: subtracted from the channels after scaling them to [0, 1].
+        std: divides the channels after that.
+        feature_length: of an appearance feature; 0 otherwise.
+        settings: numbers that only this kind has (detector: variances of the box code; affinity: alpha, beta, ...).
+        training_data: what the weights were fitted to, in words.
+        project_version: of the toolkit that wrote the file.
+    """
+
+    kind: Kind
+    name: str
+    class_names: tuple[str, ...] = ()
+    input_height: int = 0
+    input_width: int = 0
+    resize: Literal["letterbox", "stretch"] = "stretch"
+    layout: Literal["NCHW", "NF"] = "NCHW"
+    colour_order: Literal["RGB"] = "RGB"
+    mean: tuple[float, ...] = (0.485, 0.456, 0.406)
+    std: tuple[float, ...] = (0.229, 0.224, 0.225)
+    feature_length: int = 0
+    settings: dict[str, Any] = field(default_factory=dict)
+    training_data: str = ""
+    project_version: str = ""
+    format_version: int = FORMAT_VERSION
+
+    def to_json(self) -> str:
+        """The text that goes under `METADATA_KEY`."""
+        return json.dumps(dataclasses.asdict(self), sort_keys=True)
+
+    @classmethod
+    def from_json(cls, text: str) -> ModelCard:
+        """The card in ``text``; raises ValueError where it is none."""
+        values = json.loads(text)
+        if not isinstance(values, dict) or {"kind", "name", "format_version"} - values.keys():
+            raise ValueError("no model card")
+        if values["format_version"] > FORMAT_VERSION:
+            raise ValueError(f"format version {values['format_version']}")
+        known = {f.name for f in dataclasses.fields(cls)}
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items() if k in known}
+        return cls(**values)
+
+
+class OnnxModel:
+    """An exported model in an onnxruntime session, with its card.
+
+    Args:
+        path: the ONNX file.
+        kind: what the caller needs the model to be.
+        threads: CPU threads of a call; 0 leaves it to onnxruntime.
+
+    Raises:
+        RequestError: the file is missing, not ONNX, without a card, of another kind or of a newer format version.
+    """
+
+    def __init__(self, path: str | Path, kind: Kind, threads: int = 0) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise RequestError(
+                f"expected an ONNX file at {self.path}, found none; export one with `tsuiseki export`"
+            )
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.log_severity_level = 3
+        try:
+            self.session = onnxruntime.InferenceSession(
+                self.path.read_bytes(), options, providers=onnxruntime.get_available_providers()
+            )
+        except Exception as error:
+            raise RequestError(
+                f"{self.path} is not a readable ONNX model; export it again with `tsuiseki export`"
+            ) from error
+        self.card = self._read_card(kind)
+        self.input_names = [x.name for x in self.session.get_inputs()]
+        self.output_names = [x.name for x in self.session.get_outputs()]
+
+    def _read_card(self, kind: Kind) -> ModelCard:
+        metadata = self.session.get_modelmeta().custom_metadata_map
+        if METADATA_KEY not in metadata:
+            raise RequestError(
+                f"{self.path} is ONNX but carries no tsuiseki metadata; export it with `tsuiseki export {kind}`"
+            )
+        try:
+            card = ModelCard.from_json(metadata[METADATA_KEY])
+        except (ValueError, TypeError) as error:
+            raise RequestError(
+                f"{self.path}: expected metadata of format version up to {FORMAT_VERSION}, got {error}; "
+                "update tsuiseki or export the model again"
+            ) from error
+        if card.kind != kind:
+            raise RequestError(f"{self.path}: expected a model of kind {kind!r}, got {card.kind!r}")
+        return card
+
+    def run(self, *inputs: NDArray[Any]) -> list[NDArray[Any]]:
+        """The outputs for ``inputs``, in the order of the file."""
+        return self.session.run(None, dict(zip(self.input_names, inputs, strict=True)))  # type: ignore[no-any-return]
+
+
+def normalise(images: NDArray[np.uint8], card: ModelCard) -> NDArray[np.float32]:
+    """``(N, H, W, 3)`` uint8 RGB to the ``(N, 3, H, W)`` float32 that the model of ``card`` takes."""
+    scale = np.float32(1 / 255) / np.asarray(card.std, dtype=np.float32)
+    offset = np.asarray(card.mean, dtype=np.float32) / np.asarray(card.std, dtype=np.float32)
+    return np.ascontiguousarray((images * scale - offset).transpose(0, 3, 1, 2))

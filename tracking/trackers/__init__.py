@@ -1,0 +1,1 @@
+"""The trackers; each file reads like its algorithm."""

@@ -1,0 +1,160 @@
+"""The nouns of the toolkit: small frozen dataclasses, validated where they are made.
+
+Boxes are ``(N, 4)`` float64 arrays ``x1, y1, x2, y2`` in pixels, 0-based and continuous: a box that covers
+exactly the first pixel of an image is ``0, 0, 1, 1``. Frame numbers are 0-based. Files convert at the border.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+ImageArray: TypeAlias = NDArray[np.uint8]
+
+Status = Literal["tracking", "searching", "lost"]
+STATUSES: tuple[Status, ...] = ("tracking", "searching", "lost")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image of a video.
+
+    Attributes:
+        index: 0-based position in the video.
+        time: seconds since the first frame.
+        image: ``(H, W, 3)`` uint8 RGB.
+    """
+
+    index: int
+    time: float
+    image: ImageArray
+
+    def __post_init__(self) -> None:
+        if self.image.ndim != 3 or self.image.shape[2] != 3 or self.image.dtype != np.uint8:
+            raise ValueError(
+                f"expected an image of shape (H, W, 3) and dtype uint8, got {self.image.shape} {self.image.dtype}"
+            )
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What a detector found in one frame.
+
+    Attributes:
+        boxes: ``(N, 4)`` pixels, x1 < x2 and y1 < y2.
+        scores: ``(N,)``, any finite number; a network's scores lie in [0, 1].
+        features: ``(N, D)`` unit-length appearance features, or None when nothing described them.
+    """
+
+    boxes: FloatArray
+    scores: FloatArray
+    features: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "boxes", check_boxes(self.boxes))
+        object.__setattr__(self, "scores", np.asarray(self.scores, dtype=np.float64))
+        if self.scores.shape != (len(self.boxes),) or not np.isfinite(self.scores).all():
+            raise ValueError(f"expected {len(self.boxes)} finite scores, got shape {self.scores.shape}")
+        if self.features is not None:
+            object.__setattr__(self, "features", np.asarray(self.features, dtype=np.float64))
+            if self.features.ndim != 2 or len(self.features) != len(self.boxes):
+                raise ValueError(
+                    f"expected features of shape ({len(self.boxes)}, D), got {self.features.shape}"
+                )
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    @classmethod
+    def empty(cls) -> Detections:
+        """No detection at all."""
+        return cls(np.empty((0, 4)), np.empty(0))
+
+    def select(self, which: BoolArray | IntArray) -> Detections:
+        """The detections at a mask or at indices."""
+        return Detections(
+            self.boxes[which], self.scores[which], None if self.features is None else self.features[which]
+        )
+
+    def with_features(self, features: FloatArray) -> Detections:
+        """The same detections, described by ``features`` ``(N, D)``."""
+        return Detections(self.boxes, self.scores, features)
+
+
+@dataclass(frozen=True)
+class Track:
+    """One person or object through time.
+
+    Attributes:
+        id: positive and unique within a result.
+        frames: ``(T,)`` strictly increasing 0-based frame numbers; gaps are allowed.
+        boxes: ``(T, 4)`` pixels.
+        scores: ``(T,)`` how sure the tracker is of each box.
+        observed: ``(T,)`` False where the box was filled in and no detection supports it.
+    """
+
+    id: int
+    frames: IntArray
+    boxes: FloatArray
+    scores: FloatArray
+    observed: BoolArray = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frames", np.asarray(self.frames, dtype=np.int64))
+        object.__setattr__(self, "boxes", check_boxes(self.boxes))
+        object.__setattr__(self, "scores", np.asarray(self.scores, dtype=np.float64))
+        if self.observed.size == 0:
+            object.__setattr__(self, "observed", np.ones(len(self.frames), dtype=np.bool_))
+        if self.id < 1:
+            raise ValueError(f"expected a positive track id, got {self.id}")
+        if np.any(np.diff(self.frames) <= 0):
+            raise ValueError(f"expected strictly increasing frames in track {self.id}")
+        lengths = {len(self.frames), len(self.boxes), len(self.scores), len(self.observed)}
+        if len(lengths) != 1:
+            raise ValueError(f"expected arrays of one length in track {self.id}, got {sorted(lengths)}")
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Where one target is in one frame, and whether to believe it.
+
+    Attributes:
+        frame: 0-based frame number.
+        box: ``(4,)`` pixels.
+        score: how sure the tracker is; higher is surer.
+        status: ``tracking``, ``searching`` or ``lost``.
+    """
+
+    frame: int
+    box: FloatArray
+    score: float
+    status: Status
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "box", check_boxes(np.asarray(self.box)[None])[0])
+        if self.status not in STATUSES:
+            raise ValueError(f"expected a status of {STATUSES}, got {self.status!r}")
+
+
+def check_boxes(boxes: FloatArray) -> FloatArray:
+    """``boxes`` as a ``(N, 4)`` float64 array.
+
+    Raises:
+        ValueError: the shape is another, a value is not finite, or a box has no area.
+    """
+    boxes = np.asarray(boxes, dtype=np.float64)
+    if boxes.ndim != 2 or boxes.shape[1] != 4:
+        raise ValueError(f"expected boxes of shape (N, 4), got {boxes.shape}")
+    bad = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2] <= boxes[:, 0]) | (boxes[:, 3] <= boxes[:, 1])
+    if bad.any():
+        raise ValueError(f"expected finite boxes with x1 < x2 and y1 < y2, got {boxes[bad][0].tolist()}")
+    return boxes

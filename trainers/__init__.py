@@ -1,0 +1,1 @@
+"""Fitting the networks and the classical learners, and exporting them to ONNX."""
