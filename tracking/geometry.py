@@ -21,18 +21,19 @@ def xywh_from_corners(boxes: FloatArray) -> FloatArray:
 
 def centres(boxes: FloatArray) -> FloatArray:
     """``(..., 2)`` centres of ``(..., 4)`` boxes."""
-    return (boxes[..., :2] + boxes[..., 2:]) / 2
+    return np.asarray((boxes[..., :2] + boxes[..., 2:]) / 2)
 
 
 def areas(boxes: FloatArray) -> FloatArray:
     """``(...)`` areas of ``(..., 4)`` boxes, zero where a box is empty."""
-    return np.prod(np.clip(boxes[..., 2:] - boxes[..., :2], 0, None), axis=-1)
+    size: FloatArray = np.clip(boxes[..., 2:] - boxes[..., :2], 0, None)
+    return np.asarray(size[..., 0] * size[..., 1])
 
 
 def intersections(a: FloatArray, b: FloatArray) -> FloatArray:
     """Areas shared by ``(..., 4)`` boxes ``a`` and ``b``, broadcast against each other."""
-    shared = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
-    return np.prod(np.clip(shared, 0, None), axis=-1)
+    shared: FloatArray = np.clip(np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2]), 0, None)
+    return np.asarray(shared[..., 0] * shared[..., 1])
 
 
 def iou_pairs(a: FloatArray, b: FloatArray) -> FloatArray:

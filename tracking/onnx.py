@@ -93,9 +93,7 @@ class OnnxModel:
     def __init__(self, path: str | Path, kind: Kind, threads: int = 0) -> None:
         self.path = Path(path)
         if not self.path.is_file():
-            raise RequestError(
-                f"expected an ONNX file at {self.path}, found none; export one with `tsuiseki export`"
-            )
+            raise RequestError(f"expected an ONNX file at {self.path}, found none; export one with `tsuiseki export`")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = 3

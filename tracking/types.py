@@ -64,9 +64,7 @@ class Detections:
         if self.features is not None:
             object.__setattr__(self, "features", np.asarray(self.features, dtype=np.float64))
             if self.features.ndim != 2 or len(self.features) != len(self.boxes):
-                raise ValueError(
-                    f"expected features of shape ({len(self.boxes)}, D), got {self.features.shape}"
-                )
+                raise ValueError(f"expected features of shape ({len(self.boxes)}, D), got {self.features.shape}")
 
     def __len__(self) -> int:
         return len(self.boxes)
