@@ -1,0 +1,392 @@
+"""The MOTChallenge folder layout: sequences, ground truth, detections and results.
+
+A sequence folder holds ``seqinfo.ini``, ``img1/000001.jpg …``, ``gt/gt.txt`` and ``det/det.txt``. Text rows are
+``frame, id, x, y, width, height, …`` with 1-based frames and pixels; they become 0-based here and nowhere else.
+
+Two layouts of ground truth are told apart by their number of columns:
+
+* 10 columns (MOT15): column 7 says whether the row counts, columns 8-10 are world coordinates or -1. Every row is a
+  pedestrian; there is no class and no visibility.
+* 9 columns (MOT16, 17, 20): column 7 says whether the row counts, column 8 is the class, column 9 the visibility.
+  Only class 1 (pedestrian) is evaluated. A result on a person on a vehicle (2), a static person (7), a distractor (8)
+  or a reflection (12), in MOT20 also on a vehicle (6), is neither right nor wrong.
+"""
+
+from __future__ import annotations
+
+import configparser
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
+
+PEDESTRIAN = 1
+DISTRACTORS = (2, 7, 8, 12)
+MOT20_DISTRACTORS = (2, 6, 7, 8, 12)
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """A sequence folder.
+
+    Attributes:
+        name: from ``seqinfo.ini``, or the folder's name.
+        folder: where it lies.
+        frame_rate: frames per second.
+        length: number of frames; 0 where neither ``seqinfo.ini`` nor images tell.
+        width: of the images, pixels; 0 where unknown.
+        height: likewise.
+        images: one path a frame, empty where the sequence is text only.
+    """
+
+    name: str
+    folder: Path
+    frame_rate: float
+    length: int
+    width: int
+    height: int
+    images: tuple[Path, ...]
+
+    @property
+    def ground_truth_path(self) -> Path:
+        """``gt/gt.txt``, whether it exists or not."""
+        return self.folder / "gt" / "gt.txt"
+
+    @property
+    def detections_path(self) -> Path:
+        """``det/det.txt``, whether it exists or not."""
+        return self.folder / "det" / "det.txt"
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """Labelled boxes of a sequence, ordered by frame.
+
+    Attributes:
+        frames: ``(N,)`` 0-based.
+        ids: ``(N,)`` one number a person.
+        boxes: ``(N, 4)`` pixels.
+        evaluated: ``(N,)`` pedestrians that count.
+        ignored: ``(N,)`` boxes on which a result is neither right nor wrong.
+        visibility: ``(N,)`` visible share in [0, 1]; 1 where the file does not say.
+    """
+
+    frames: IntArray
+    ids: IntArray
+    boxes: FloatArray
+    evaluated: BoolArray
+    ignored: BoolArray
+    visibility: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def select(self, which: BoolArray | IntArray) -> GroundTruth:
+        """The rows at a mask or at indices."""
+        return GroundTruth(
+            self.frames[which],
+            self.ids[which],
+            self.boxes[which],
+            self.evaluated[which],
+            self.ignored[which],
+            self.visibility[which],
+        )
+
+    def between(self, first: int, last: int) -> GroundTruth:
+        """The rows of the 0-based frames ``first`` to ``last``, both included; frames keep their numbers."""
+        return self.select((self.frames >= first) & (self.frames <= last))
+
+
+def read_sequence(folder: str | Path) -> Sequence:
+    """The sequence in ``folder``.
+
+    Raises:
+        RequestError: no such folder, nothing of a sequence in it, a broken ``seqinfo.ini``, or an image folder
+            that leads out of it.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise RequestError(f"expected a sequence folder at {folder}, found none")
+    if not _looks_like_sequence(folder):
+        raise RequestError(f"{folder}: expected seqinfo.ini, img1/ or gt/gt.txt of a MOTChallenge sequence, found none")
+    info = _read_info(folder / "seqinfo.ini")
+    image_folder = info.get("imDir", "img1")
+    if PurePosixPath(image_folder).is_absolute() or ".." in PurePosixPath(image_folder).parts:
+        raise RequestError(f"{folder}/seqinfo.ini: imDir = {image_folder} leads out of the sequence folder")
+    images = list_images(folder / image_folder) if (folder / image_folder).is_dir() else ()
+    length = int(_number(info, "seqLength", len(images), folder))
+    if images and len(images) != length:
+        raise RequestError(
+            f"{folder}: seqinfo.ini promises {length} frames, but {image_folder}/ has {len(images)} images"
+        )
+    return Sequence(
+        name=info.get("name", folder.resolve().name),
+        folder=folder,
+        frame_rate=_number(info, "frameRate", 25.0, folder),
+        length=length,
+        width=int(_number(info, "imWidth", 0, folder)),
+        height=int(_number(info, "imHeight", 0, folder)),
+        images=images,
+    )
+
+
+def find_sequences(folder: str | Path) -> list[Sequence]:
+    """The sequence that ``folder`` is, or those one level below it, by name.
+
+    Raises:
+        RequestError: there is none.
+    """
+    folder = Path(folder)
+    if folder.is_dir() and _looks_like_sequence(folder):
+        return [read_sequence(folder)]
+    found = [p for p in sorted(folder.iterdir()) if p.is_dir() and _looks_like_sequence(p)] if folder.is_dir() else []
+    if not found:
+        raise RequestError(f"expected a MOTChallenge sequence or a folder of sequences at {folder}, found none")
+    return [read_sequence(p) for p in found]
+
+
+def list_images(folder: Path) -> tuple[Path, ...]:
+    """The image files of ``folder`` by name; hidden files are passed over."""
+    return tuple(
+        sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    )
+
+
+def write_sequence_info(
+    sequence_folder: Path, name: str, frame_rate: float, length: int, width: int, height: int
+) -> None:
+    """Write ``seqinfo.ini`` for images ``img1/000001.jpg …``."""
+    lines = ["[Sequence]", f"name={name}", "imDir=img1", f"frameRate={frame_rate:g}", f"seqLength={length}"]
+    lines += [f"imWidth={width}", f"imHeight={height}", "imExt=.jpg"]
+    (sequence_folder / "seqinfo.ini").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_ground_truth(path: str | Path) -> GroundTruth:
+    """The labels in a ``gt.txt`` of MOT15, 16, 17 or 20, told apart by the number of columns.
+
+    A sequence whose folder is named ``MOT20-…`` follows MOT20's list of distractors.
+
+    Raises:
+        RequestError: the file is missing, malformed, names an id twice in a frame, or has no box to evaluate.
+    """
+    path = Path(path)
+    rows = _read_rows(path, {9, 10}, "ground truth")
+    frames, ids = rows[:, 0].astype(np.int64) - 1, rows[:, 1].astype(np.int64)
+    _refuse_repeated(path, frames, ids, "id")
+    active = rows[:, 6] != 0
+    if rows.shape[1] == 10:
+        evaluated, ignored, visibility = active, np.zeros(len(rows), dtype=np.bool_), np.ones(len(rows))
+    else:
+        is_mot20 = any(part.startswith("MOT20") for part in path.parts)
+        classes = rows[:, 7].astype(np.int64)
+        evaluated = active & (classes == PEDESTRIAN)
+        ignored = np.isin(classes, MOT20_DISTRACTORS if is_mot20 else DISTRACTORS)
+        visibility = np.where(rows[:, 8] < 0, 1.0, np.clip(rows[:, 8], 0, 1))
+    if not evaluated.any():
+        raise RequestError(_nothing_usable(path, rows, active))
+    order = np.argsort(frames, kind="stable")
+    return GroundTruth(frames, ids, _boxes(rows), evaluated, ignored, visibility).select(order)
+
+
+def write_ground_truth(path: Path, truth: GroundTruth) -> None:
+    """Write ``truth`` in the 9-column layout of MOT16; boxes that are not evaluated become distractors."""
+    classes = np.where(truth.evaluated, PEDESTRIAN, DISTRACTORS[2])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    columns = zip(
+        truth.frames + 1, truth.ids, _file_boxes(truth.boxes), truth.evaluated, classes, truth.visibility, strict=True
+    )
+    path.write_text(
+        "".join(f"{f},{i},{b},{int(e)},{c},{v:.4f}\n" for f, i, b, e, c, v in columns),
+        encoding="utf-8",
+    )
+
+
+def read_detections(
+    path: str | Path, length: int | None = None, score_range: tuple[float, float] = (0.0, 1.0)
+) -> list[Detections]:
+    """The detections in a ``det.txt``, one `Detections` a frame; frames without any are empty.
+
+    Args:
+        path: rows ``frame, -1, x, y, width, height, score, …`` in the order of the frames.
+        length: number of frames of the video; by default up to the last frame that has a detection.
+        score_range: smallest and largest score to expect. Some detectors score outside [0, 1]: say so.
+
+    Raises:
+        RequestError: the file is missing or malformed, rows are out of order, repeated, beyond the video, or have
+            a score outside the range.
+    """
+    path = Path(path)
+    rows = _read_rows(path, {7, 8, 9, 10}, "detections")
+    frames = rows[:, 0].astype(np.int64) - 1
+    scores = rows[:, 6]
+    disorder = np.flatnonzero(np.diff(frames) < 0)
+    if disorder.size:
+        line = int(disorder[0]) + 2
+        raise RequestError(
+            f"{path}:{line}: expected rows in the order of the frames; sort them with `sort -t, -n -k1,1`"
+        )
+    outside = np.flatnonzero((scores < score_range[0]) | (scores > score_range[1]))
+    if outside.size:
+        raise RequestError(
+            f"{path}:{outside[0] + 1}: expected a score in [{score_range[0]:g}, {score_range[1]:g}], got "
+            f"{scores[outside[0]]:g}; give the detector's own range with --score-range"
+        )
+    _, first = np.unique(np.column_stack([frames, rows[:, 2:7]]), axis=0, return_index=True)
+    if len(first) < len(rows):
+        line = int(np.setdiff1d(np.arange(len(rows)), first)[0]) + 1
+        raise RequestError(f"{path}:{line}: this detection stands in the file twice; remove the repeated row")
+    if length is not None and frames[-1] >= length:
+        line = int(np.argmax(frames >= length)) + 1
+        raise RequestError(
+            f"{path}:{line}: detection for frame {frames[line - 1] + 1}, but the video has {length} frames; "
+            "are these the detections of another video?"
+        )
+    boxes = _boxes(rows)
+    starts = np.searchsorted(frames, np.arange((int(frames[-1]) + 1 if length is None else length) + 1))
+    return [Detections(boxes[a:b], scores[a:b]) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+
+
+def write_detections(path: Path, detections: Iterable[Detections]) -> None:
+    """Write one `Detections` a frame as ``det.txt``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8") as file:
+        for frame, found in enumerate(detections, start=1):
+            for box, score in zip(_file_boxes(found.boxes), found.scores, strict=True):
+                file.write(f"{frame},-1,{box},{score:.6f},-1,-1,-1\n")
+
+
+def read_tracks(path: str | Path) -> list[Track]:
+    """The tracks of a result file ``frame, id, x, y, width, height, score, …``, by id; rows may be in any order.
+
+    An empty file is a result without any track.
+
+    Raises:
+        RequestError: the file is missing or malformed, or names an id twice in a frame.
+    """
+    path = Path(path)
+    if path.is_file() and not path.read_text(encoding="utf-8", errors="replace").strip():
+        return []
+    rows = _read_rows(path, {6, 7, 8, 9, 10}, "tracks")
+    frames, ids = rows[:, 0].astype(np.int64) - 1, rows[:, 1].astype(np.int64)
+    _refuse_repeated(path, frames, ids, "id")
+    if ids.min() < 0:
+        raise RequestError(
+            f"{path}:{int(np.argmin(ids)) + 1}: expected ids of tracks, got {ids.min()}; are these detections?"
+        )
+    ids = ids + (1 if ids.min() == 0 else 0)
+    boxes = _boxes(rows)
+    scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
+    order = np.lexsort([frames, ids])
+    pieces = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
+    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p]) for p in pieces]
+
+
+def write_tracks(path: Path, tracks: Iterable[Track]) -> None:
+    """Write ``tracks`` as a result file, ordered by frame, then id."""
+    rows = [
+        (frame, track.id, box, score)
+        for track in tracks
+        for frame, box, score in zip(
+            track.frames.tolist(), _file_boxes(track.boxes), track.scores.tolist(), strict=True
+        )
+    ]
+    rows.sort(key=lambda row: row[:2])
+    path.write_text("".join(f"{f + 1},{i},{b},{s:.4f},-1,-1,-1\n" for f, i, b, s in rows), encoding="utf-8")
+
+
+def _looks_like_sequence(folder: Path) -> bool:
+    return any((folder / part).exists() for part in ("seqinfo.ini", "img1", "gt/gt.txt"))
+
+
+def _read_info(path: Path) -> dict[str, str]:
+    if not path.is_file():
+        return {}
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.optionxform = str  # type: ignore[assignment,method-assign]  # keys are written in camel case
+    try:
+        parser.read(path, encoding="utf-8")
+        return dict(parser["Sequence"])
+    except (configparser.Error, KeyError, UnicodeDecodeError) as error:
+        raise RequestError(f"{path}: expected a section [Sequence] with name, seqLength, …: {error!r}") from error
+
+
+def _number(info: dict[str, str], key: str, default: float, folder: Path) -> float:
+    text = info.get(key)
+    if text is None:
+        return float(default)
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value < 1e9:
+        raise RequestError(f"{folder}/seqinfo.ini: expected {key} to be a number, got {text!r}")
+    return value
+
+
+def _read_rows(path: Path, columns: set[int], what: str) -> FloatArray:
+    """The numbers of a text file, ``(N, columns)``, checked row by row."""
+    if not path.is_file():
+        raise RequestError(f"expected {what} at {path}, found no such file")
+    try:
+        lines = path.read_text(encoding="utf-8").rstrip().splitlines()
+    except UnicodeDecodeError as error:
+        raise RequestError(f"{path}: expected a text file of {what}, got something binary") from error
+    if not lines:
+        raise RequestError(f"{path} is empty: expected rows of {what}")
+    cells = [line.rstrip(", ").split(",") for line in lines]
+    width = len(cells[0])
+    allowed = " or ".join(str(n) for n in sorted(columns))
+    for number, row in enumerate(cells, start=1):
+        if len(row) != width or len(row) not in columns:
+            raise RequestError(f"{path}:{number}: expected {allowed} numbers separated by commas, got {len(row)}")
+    try:
+        rows = np.array(cells, dtype=np.float64)
+    except ValueError as error:
+        raise RequestError(f"{path}: expected rows of numbers: {error}") from error
+    _refuse_impossible(path, rows)
+    return rows
+
+
+def _refuse_impossible(path: Path, rows: FloatArray) -> None:
+    not_finite = ~np.isfinite(rows).all(axis=1)
+    no_area = (rows[:, 4] <= 0) | (rows[:, 5] <= 0)
+    no_frame = (rows[:, 0] < 1) | (rows[:, 0] != np.floor(rows[:, 0]))
+    for bad, expected in (
+        (not_finite, "finite numbers"),
+        (no_frame, "a whole frame number from 1"),
+        (no_area, "a box with a positive width and height"),
+    ):
+        if bad.any():
+            number = int(np.argmax(bad))
+            values = ",".join(f"{value:g}" for value in rows[number, :6])
+            raise RequestError(f"{path}:{number + 1}: expected {expected}, got {values}")
+
+
+def _refuse_repeated(path: Path, frames: IntArray, ids: IntArray, what: str) -> None:
+    _, first = np.unique(np.column_stack([frames, ids]), axis=0, return_index=True)
+    if len(first) < len(frames):
+        row = int(np.setdiff1d(np.arange(len(frames)), first)[0])
+        raise RequestError(f"{path}:{row + 1}: {what} {ids[row]} stands twice in frame {frames[row] + 1}")
+
+
+def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray) -> str:
+    if not active.any():
+        return f"{path}: no usable box: column 7 marks every row as not to be considered"
+    classes = ", ".join(f"{value:g}" for value in np.unique(rows[active, 7]))
+    return f"{path}: no usable box: expected class {PEDESTRIAN} (pedestrian) in column 8, got only {classes}"
+
+
+def _boxes(rows: FloatArray) -> FloatArray:
+    xywh = rows[:, 2:6].copy()
+    xywh[:, :2] -= 1
+    return corners_from_xywh(xywh)
+
+
+def _file_boxes(boxes: FloatArray) -> list[str]:
+    return [f"{x + 1:.3f},{y + 1:.3f},{w:.3f},{h:.3f}" for x, y, w, h in xywh_from_corners(boxes).tolist()]
