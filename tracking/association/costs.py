@@ -1,0 +1,147 @@
+"""Costs of the flow network: what a detection and what a link of two detections is worth.
+
+A learnt affinity and the hand-set costs share one interface, ``TransitionCost``: describe the candidate pairs once
+(``pair_features``), then price them all in one call.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class PairFeatures:
+    """How the later detection of each of P pairs differs from the earlier one.
+
+    Attributes:
+        gap: ``(P,)`` int64 frames between the two, at least 1.
+        iou: ``(P,)`` intersection over union of the boxes where they stand, in [0, 1].
+        appearance: ``(P,)`` cosine distance of the features in [0, 2], NaN where one of them is not known.
+        dx: ``(P,)`` change of the centre's x in mean heights of the two boxes.
+        dy: ``(P,)`` change of the centre's y in mean heights of the two boxes.
+        dw: ``(P,)`` logarithm of the ratio of the widths.
+        dh: ``(P,)`` logarithm of the ratio of the heights.
+    """
+
+    gap: IntArray
+    iou: FloatArray
+    appearance: FloatArray
+    dx: FloatArray
+    dy: FloatArray
+    dw: FloatArray
+    dh: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.gap)
+
+
+class TransitionCost(Protocol):
+    """Anything that prices pairs of detections: c_tran of thesis eq. 2.14, without the cost of missed frames."""
+
+    def __call__(self, pairs: PairFeatures) -> FloatArray:
+        """``(P,)`` finite costs, at least 0; -log of the probability that the two are the same person."""
+        ...
+
+
+def pair_features(
+    boxes: FloatArray, features: FloatArray | None, i: IntArray, j: IntArray, gap: IntArray
+) -> PairFeatures:
+    """Describe the pairs ``(i, j)`` of detections.
+
+    Args:
+        boxes: ``(N, 4)`` pixels.
+        features: ``(N, D)`` unit length; a row with a NaN, or None, means that the appearance is not known.
+        i: ``(P,)`` indices of the earlier detections.
+        j: ``(P,)`` indices of the later detections.
+        gap: ``(P,)`` frames between the two.
+    """
+    size = boxes[:, 2:] - boxes[:, :2]
+    centre = (boxes[:, :2] + boxes[:, 2:]) / 2
+    log_size = np.log(size)
+    move = (centre[j] - centre[i]) / ((size[i, 1] + size[j, 1]) / 2)[:, None]
+    change = log_size[j] - log_size[i]
+    return PairFeatures(
+        gap=np.asarray(gap, dtype=np.int64),
+        iou=iou_pairs(boxes[i], boxes[j]),
+        appearance=cosine_distances(features, i, j),
+        dx=move[:, 0],
+        dy=move[:, 1],
+        dw=change[:, 0],
+        dh=change[:, 1],
+    )
+
+
+def cosine_distances(features: FloatArray | None, i: IntArray, j: IntArray) -> FloatArray:
+    """``(P,)`` cosine distances in [0, 2] of the unit-length rows ``i`` and ``j``; NaN where one has a NaN."""
+    if features is None:
+        return np.full(len(i), np.nan)
+    similarity = np.empty(len(i))
+    # In pieces: both gathered (P, D) sides at once would dwarf everything else in memory.
+    step = max(1, 4_000_000 // max(1, features.shape[1]))
+    for start in range(0, len(i), step):
+        piece = slice(start, start + step)
+        similarity[piece] = np.einsum("pd,pd->p", features[i[piece]], features[j[piece]])
+    return np.clip(1 - similarity, 0, 2)
+
+
+@dataclass(frozen=True)
+class ObservationCost:
+    """Cost of using a detection (thesis eq. 2.12-2.13).
+
+    With p = 1 / (1 + exp(alpha + beta * score)) the logit of p is -(alpha + beta * score), so the cost
+    b - log(p / (1 - p)) is ``b + alpha + beta * score``: negative for a detection worth explaining.
+
+    Attributes:
+        alpha: offset of the logistic function.
+        beta: slope of the logistic function, negative where a higher score means a likelier person.
+        b: bias; lower it to use more detections.
+
+    >>> ObservationCost(alpha=2.0, beta=-4.0, b=0.0)(np.array([0.5, 1.0])).tolist()
+    [0.0, -2.0]
+    """
+
+    alpha: float = 1.0
+    beta: float = -3.0
+    b: float = 0.0
+
+    def __call__(self, scores: FloatArray) -> FloatArray:
+        """``(N,)`` costs of ``(N,)`` detector scores."""
+        return self.b + self.alpha + self.beta * np.asarray(scores, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class HandSetCost:
+    """Transition cost set by hand on position, size and appearance: nothing is learnt.
+
+    The exponent q of thesis eq. 2.14 is a weighted sum in place of boosted trees (eq. 2.15); the cost is
+    log(1 + exp(q)).
+
+    Attributes:
+        bias: q of two detections that do not differ at all; negative.
+        position: weight of the squared distance of the centres, in heights.
+        drift: how much of that distance one more frame of gap explains, in heights.
+        size: weight of the absolute log ratio of the heights.
+        appearance: weight of the cosine distance.
+        unknown: cosine distance taken where the appearance is not known.
+    """
+
+    bias: float = -3.0
+    position: float = 4.0
+    drift: float = 0.15
+    size: float = 3.0
+    appearance: float = 8.0
+    unknown: float = 0.3
+
+    def __call__(self, pairs: PairFeatures) -> FloatArray:
+        """``(P,)`` costs, above 0."""
+        explained = 1 + self.drift * (pairs.gap - 1)
+        distance = (pairs.dx**2 + pairs.dy**2) / explained**2
+        appearance = np.where(np.isnan(pairs.appearance), self.unknown, pairs.appearance)
+        q = self.bias + self.position * distance + self.size * np.abs(pairs.dh) + self.appearance * appearance
+        return np.logaddexp(0, q)
