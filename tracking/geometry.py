@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -62,10 +63,8 @@ def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
 
     A box is dropped when it overlaps a better kept one by more than ``iou``.
     """
-    order = np.argsort(-scores, kind="stable")
-    overlaps = iou_matrix(boxes[order], boxes[order]) > iou
-    alive = np.ones(len(order), dtype=np.bool_)
-    for i in range(len(order)):
-        if alive[i]:
-            alive[i + 1 :] &= ~overlaps[i, i + 1 :]
-    return order[alive].astype(np.int64)
+    if not len(boxes):
+        return np.empty(0, dtype=np.int64)
+    below_all = float(np.min(scores)) - 1
+    kept = cv2.dnn.NMSBoxes(xywh_from_corners(boxes).tolist(), np.asarray(scores).tolist(), below_all, iou)
+    return np.asarray(kept, dtype=np.int64)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+import cv2
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
@@ -133,6 +134,12 @@ class OnnxModel:
 
 def normalise(images: NDArray[np.uint8], card: ModelCard) -> NDArray[np.float32]:
     """``(N, H, W, 3)`` uint8 RGB to the ``(N, 3, H, W)`` float32 that the model of ``card`` takes."""
-    scale = np.float32(1 / 255) / np.asarray(card.std, dtype=np.float32)
-    offset = np.asarray(card.mean, dtype=np.float32) / np.asarray(card.std, dtype=np.float32)
-    return np.ascontiguousarray((images * scale - offset).transpose(0, 3, 1, 2))
+    levels = np.arange(256, dtype=np.float64)[:, None] / 255
+    tables = ((levels - np.asarray(card.mean)) / np.asarray(card.std)).astype(np.float32)
+    count, height, width, channels = images.shape
+    planes = np.empty((count, channels, height, width), dtype=np.float32)
+    # A table look-up per channel writes the planes at once: several times faster than arithmetic and a transpose.
+    for image, target in zip(images, planes, strict=True):
+        for channel in range(channels):
+            cv2.LUT(cv2.extractChannel(image, channel), tables[:, channel], dst=target[channel])
+    return planes

@@ -15,6 +15,7 @@ Two layouts of ground truth are told apart by their number of columns:
 from __future__ import annotations
 
 import configparser
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -249,7 +250,7 @@ def read_detections(
         )
     boxes = _boxes(rows)
     starts = np.searchsorted(frames, np.arange((int(frames[-1]) + 1 if length is None else length) + 1))
-    return [Detections(boxes[a:b], scores[a:b]) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+    return [Detections(boxes[a:b], scores[a:b]) for a, b in itertools.pairwise(starts)]
 
 
 def write_detections(path: Path, detections: Iterable[Detections]) -> None:

@@ -1,0 +1,220 @@
+"""Detection and appearance by exported networks, over a stream of frames.
+
+`Detector` and `Appearance` wrap ONNX files; `stream` runs them over frames in batches, holding no more than one batch.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.geometry import clip_boxes, suppress
+from tsuiseki.tracking.onnx import ModelCard, OnnxModel, normalise
+from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
+
+MOST_CANDIDATES = 400
+
+
+class Detect(Protocol):
+    """Finds people in images."""
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """One `Detections` an image."""
+
+
+class Describe(Protocol):
+    """Describes the looks of people in an image."""
+
+    def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N, D)`` unit-length features of ``(N, 4)`` boxes."""
+
+
+class Detector:
+    """A person detector of the SSD family, exported to ONNX with raw heads.
+
+    Args:
+        path: the ONNX file.
+        score_threshold: detections below it are dropped; in [0, 1].
+        iou_threshold: of the non-maximum suppression; in [0, 1].
+        threads: CPU threads; 0 leaves it to onnxruntime.
+
+    Raises:
+        RequestError: the file is no detector (see `OnnxModel`).
+    """
+
+    def __init__(
+        self, path: str | Path, score_threshold: float = 0.3, iou_threshold: float = 0.5, threads: int = 0
+    ) -> None:
+        self.model = OnnxModel(path, "detector", threads)
+        self.score_threshold = score_threshold
+        self.iou_threshold = iou_threshold
+        card = self.model.card
+        if self.model.output_names != ["logits", "offsets", "anchors"] or "variances" not in card.settings:
+            raise RequestError(
+                f"{path}: expected outputs logits, offsets and anchors, got {', '.join(self.model.output_names)}; "
+                "export the detector again"
+            )
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """People in ``images``, each ``(H, W, 3)`` uint8 RGB, all in one batch; boxes are cut off at the border."""
+        if not images:
+            return []
+        card = self.model.card
+        inputs, scales = zip(*(fit_image(image, card) for image in images), strict=True)
+        logits, offsets, anchors = self.model.run(normalise(np.stack(inputs), card))
+        return [
+            self._decode(logits[n], offsets[n], anchors, scales[n], images[n].shape[:2]) for n in range(len(images))
+        ]
+
+    def _decode(
+        self,
+        logits: NDArray[np.float32],
+        offsets: NDArray[np.float32],
+        anchors: NDArray[np.float32],
+        scale: tuple[float, float],
+        size: tuple[int, int],
+    ) -> Detections:
+        exponentials = np.exp(logits - logits.max(axis=1, keepdims=True))
+        scores = exponentials[:, 1:].max(axis=1) / exponentials.sum(axis=1)
+        candidates = np.flatnonzero(scores >= self.score_threshold)
+        if len(candidates) > MOST_CANDIDATES:
+            candidates = candidates[np.argsort(-scores[candidates], kind="stable")[:MOST_CANDIDATES]]
+        variances = self.model.card.settings["variances"]
+        boxes = decode_boxes(offsets[candidates], anchors[candidates], variances) / np.tile(scale, 2)
+        boxes = clip_boxes(boxes, size[1], size[0])
+        candidates, boxes = _without_slivers(candidates, boxes)
+        kept = suppress(boxes, scores[candidates], self.iou_threshold)
+        return Detections(boxes[kept], scores[candidates][kept])
+
+
+class Appearance:
+    """An appearance network exported to ONNX: crops in, unit-length features out.
+
+    Args:
+        path: the ONNX file.
+        threads: CPU threads; 0 leaves it to onnxruntime.
+        batch_size: most crops of one inference call.
+
+    Raises:
+        RequestError: the file is no appearance network (see `OnnxModel`).
+    """
+
+    def __init__(self, path: str | Path, threads: int = 0, batch_size: int = 32) -> None:
+        self.model = OnnxModel(path, "appearance", threads)
+        self.batch_size = batch_size
+
+    def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N, D)`` unit-length features of the people in ``(N, 4)`` boxes of an ``(H, W, 3)`` uint8 RGB image."""
+        card = self.model.card
+        features = [np.empty((0, card.feature_length), dtype=np.float32)]
+        for some in np.array_split(boxes, range(self.batch_size, len(boxes), self.batch_size)):
+            if len(some):
+                crops = crop_boxes(image, some, card.input_height, card.input_width)
+                features += self.model.run(normalise(crops, card))
+        return np.concatenate(features).astype(np.float64)
+
+
+def stream(
+    frames: Iterable[Frame],
+    detect: Detect | Sequence[Detections],
+    describe: Describe | None = None,
+    batch_size: int = 4,
+    times: StageTimes | None = None,
+) -> Iterator[tuple[Frame, Detections]]:
+    """Frames with the people found in them, in order; at most ``batch_size`` frames are held.
+
+    Args:
+        frames: the video.
+        detect: finds people, or their given detections, one entry a frame number.
+        describe: adds appearance features, where given.
+        batch_size: frames of one inference call.
+        times: gets the seconds of the stages ``decode``, ``detect`` and ``describe``.
+    """
+    times = times or StageTimes()
+    iterator = iter(frames)
+    while True:
+        with times.measure("decode"):
+            batch = list(itertools.islice(iterator, batch_size))
+        if not batch:
+            return
+        with times.measure("detect"):
+            if isinstance(detect, Sequence):
+                found = [detect[f.index] if f.index < len(detect) else Detections.empty() for f in batch]
+            else:
+                found = detect.detect([frame.image for frame in batch])
+        if describe is not None:
+            with times.measure("describe"):
+                found = [
+                    d.with_features(describe.describe(f.image, d.boxes)) for f, d in zip(batch, found, strict=True)
+                ]
+        yield from zip(batch, found, strict=True)
+
+
+def fit_image(image: ImageArray, card: ModelCard) -> tuple[ImageArray, tuple[float, float]]:
+    """``image`` at the network's input size, and the scales from image to input pixels in x and y.
+
+    ``letterbox`` keeps the aspect ratio and fills the right and lower rest with the mean colour.
+    """
+    height, width = image.shape[:2]
+    if card.resize == "stretch":
+        scale = card.input_width / width, card.input_height / height
+        return _resize(image, card.input_width, card.input_height), scale
+    ratio = min(card.input_width / width, card.input_height / height)
+    new_width, new_height = max(1, round(width * ratio)), max(1, round(height * ratio))
+    resized = _resize(image, new_width, new_height)
+    if (new_height, new_width) == (card.input_height, card.input_width):
+        return resized, (ratio, ratio)
+    fill = np.round(255 * np.asarray(card.mean)).tolist()
+    padded = cv2.copyMakeBorder(
+        resized, 0, card.input_height - new_height, 0, card.input_width - new_width, cv2.BORDER_CONSTANT, value=fill
+    )
+    return np.asarray(padded, dtype=np.uint8), (new_width / width, new_height / height)
+
+
+def decode_boxes(offsets: NDArray[np.float32], anchors: NDArray[np.float32], variances: Sequence[float]) -> FloatArray:
+    """``(N, 4)`` x1, y1, x2, y2 from SSD box codes ``(N, 4)`` and anchors ``(N, 4)`` cx, cy, w, h, in input pixels."""
+    anchors = anchors.astype(np.float64)
+    middle = anchors[:, :2] + offsets[:, :2] * variances[0] * anchors[:, 2:]
+    # Beyond a factor of 1000 / 16 the code of an untrained or unsure anchor would overflow.
+    half = anchors[:, 2:] * np.exp(np.minimum(offsets[:, 2:] * variances[1], np.log(1000 / 16))) / 2
+    return np.concatenate([middle - half, middle + half], axis=1)
+
+
+def crop_boxes(image: ImageArray, boxes: FloatArray, height: int, width: int) -> ImageArray:
+    """``(N, height, width, 3)`` crops of ``(N, 4)`` boxes, stretched; outside the image its border is repeated."""
+    crops = np.empty((len(boxes), height, width, 3), dtype=np.uint8)
+    rows, columns = image.shape[:2]
+    corners = np.stack([np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])], axis=1).reshape(-1, 4).astype(int)
+    for crop, (x1, y1, x2, y2) in zip(crops, corners.tolist(), strict=True):
+        inner: NDArray[Any] = image[np.clip(y1, 0, rows - 1) : max(y2, 1), np.clip(x1, 0, columns - 1) : max(x2, 1)]
+        before_x, before_y = max(-x1, 0), max(-y1, 0)
+        after_x, after_y = max(x2 - columns, 0), max(y2 - rows, 0)
+        if before_x or before_y or after_x or after_y:
+            inner = cv2.copyMakeBorder(inner, before_y, after_y, before_x, after_x, cv2.BORDER_REPLICATE)
+        cv2.resize(inner, (width, height), dst=crop, interpolation=_interpolation(inner, width))
+    return crops
+
+
+def _interpolation(image: NDArray[Any], width: int) -> int:
+    # Area averaging avoids aliasing when shrinking; bilinear when enlarging.
+    return cv2.INTER_AREA if image.shape[1] > width else cv2.INTER_LINEAR
+
+
+def _resize(image: ImageArray, width: int, height: int) -> ImageArray:
+    if image.shape[:2] == (height, width):
+        return image
+    return np.asarray(cv2.resize(image, (width, height), interpolation=_interpolation(image, width)), dtype=np.uint8)
+
+
+def _without_slivers(candidates: NDArray[np.int64], boxes: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    """Without the boxes that clipping left less than a pixel of."""
+    kept = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
+    return candidates[kept], boxes[kept]
