@@ -1,0 +1,59 @@
+"""Build the wheel and check its contents: one top level, every package, the shipped models and configurations."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+FOLDERS = ("configs", "datamodules", "models", "tracking", "trainers")
+MOST_MODEL_BYTES = 40 * 2**20
+
+
+def expected_files() -> set[str]:
+    """The files of the repository that must be in the wheel, by their path there."""
+    suffixes = {".py", ".onnx", ".yaml", ".typed"}
+    return {
+        f"tsuiseki/{path.relative_to(REPOSITORY).as_posix()}"
+        for folder in FOLDERS
+        for path in (REPOSITORY / folder).rglob("*")
+        if path.is_file() and path.suffix in suffixes
+    }
+
+
+def build(folder: Path) -> Path:
+    """The wheel, built into ``folder``."""
+    command = [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(REPOSITORY)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return next(folder.glob("*.whl"))
+
+
+def problems(wheel: Path) -> list[str]:
+    """What is wrong with the wheel, one line each."""
+    with zipfile.ZipFile(wheel) as archive:
+        sizes = {info.filename: info.file_size for info in archive.infolist()}
+    found = {name for name in sizes if ".dist-info/" not in name}
+    lines = [f"missing: {name}" for name in sorted(expected_files() - found)]
+    lines += [f"not expected: {name}" for name in sorted(found - expected_files())]
+    models = sum(size for name, size in sizes.items() if name.endswith(".onnx"))
+    if not 0 < models <= MOST_MODEL_BYTES:
+        lines.append(f"models take {models} bytes; expected some, at most {MOST_MODEL_BYTES}")
+    if not any(name.endswith("licenses/LICENSE") for name in sizes):
+        lines.append("missing: LICENSE")
+    return lines
+
+
+def main() -> int:
+    """Build, check, and say what is wrong."""
+    with tempfile.TemporaryDirectory() as folder:
+        wheel = build(Path(folder))
+        lines = problems(wheel)
+        print(f"{wheel.name}: {wheel.stat().st_size / 2**20:.1f} MiB", *(lines or ["contents as expected"]), sep="\n")
+    return 1 if lines else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,44 @@
+# Two commands for a newcomer: `make demo` and `make test`.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+.PHONY: demo test lint wheel clean help
+
+help:
+	@echo "make demo    set up the base installation (no torch) and run the whole path on a generated clip"
+	@echo "make test    set up the train and dev extras and run the whole test suite"
+	@echo "make lint    ruff and mypy --strict"
+	@echo "make wheel   build the wheel and check what is in it"
+	@echo "make clean   remove the virtual environment and all outputs"
+
+demo: $(VENV)/.base
+	$(BIN)/tsuiseki demo --out out/demo --overwrite
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest -m "not gpu"
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+wheel: $(VENV)/.dev
+	$(BIN)/python .ci/check_wheel.py
+
+clean:
+	rm -rf $(VENV) out build dist *.egg-info
+
+$(VENV)/.venv:
+	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'tsuiseki needs Python 3.11 or newer, found ' + sys.version.split()[0] + '; run make PYTHON=python3.11')"
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.base: $(VENV)/.venv pyproject.toml
+	$(PIP) --editable .
+	touch $@
+
+$(VENV)/.dev: $(VENV)/.venv pyproject.toml
+	$(PIP) --editable ".[train,dev]"
+	touch $@ $(VENV)/.base

@@ -1,0 +1,86 @@
+"""The direction of imports, and that tracking runs without torch."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+ALLOWED = {
+    "models": {"models"},
+    "tracking": {"tracking"},
+    "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
+                    "tracking.geometry"},
+    "trainers": {"trainers", "models", "datamodules", "tracking"},
+    "configs": set(),
+}  # fmt: skip
+TORCH_FREE = ("tracking", "datamodules/readers", "datamodules/scenes")
+
+
+def source_files(folder: str) -> list[Path]:
+    return sorted((REPOSITORY / folder).rglob("*.py"))
+
+
+def imported_modules(path: Path) -> set[str]:
+    """Full names of what a file imports, at its top level and inside functions."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def starts_with(module: str, prefixes: set[str]) -> bool:
+    return any(module == prefix or module.startswith(prefix + ".") for prefix in prefixes)
+
+
+@pytest.mark.parametrize("folder", sorted(ALLOWED))
+def test_imports_flow_one_way(folder):
+    allowed = {f"tsuiseki.{name}" for name in ALLOWED[folder]} | {"tsuiseki"}
+    for path in source_files(folder):
+        if path.is_relative_to(REPOSITORY / "tracking" / "cli"):
+            continue  # the command line alone may reach up, inside functions
+        ours = {name for name in imported_modules(path) if name.startswith("tsuiseki.")}
+        parents = {f"tsuiseki.{name.split('.')[0]}" for name in ALLOWED[folder]}
+        wrong = {name for name in ours if not starts_with(name, allowed - {"tsuiseki"}) and name not in parents}
+        assert not wrong, f"{path.relative_to(REPOSITORY)} imports {sorted(wrong)}"
+
+
+@pytest.mark.parametrize("folder", TORCH_FREE)
+def test_no_file_names_torch(folder):
+    for path in source_files(folder):
+        assert not {n for n in imported_modules(path) if starts_with(n, {"torch", "lightning", "torchvision"})}, path
+
+
+def modules_of(package: str) -> list[str]:
+    root = importlib.import_module(package)
+    return [package, *(info.name for info in pkgutil.walk_packages(root.__path__, prefix=f"{package}."))]
+
+
+def test_importing_all_of_tracking_leaves_torch_out():
+    code = (
+        "import importlib, pkgutil, sys, tsuiseki.tracking as root\n"
+        "for info in pkgutil.walk_packages(root.__path__, prefix='tsuiseki.tracking.'):\n"
+        "    if not info.name.endswith('__main__'): importlib.import_module(info.name)\n"
+        "sys.exit(' '.join({'torch', 'lightning', 'torchvision', 'sklearn'} & set(sys.modules)) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    "package", ["tsuiseki.tracking", "tsuiseki.datamodules", "tsuiseki.models", "tsuiseki.trainers"]
+)
+def test_examples_in_docstrings_run(package):
+    for name in modules_of(package):
+        if not name.endswith("__main__"):
+            assert doctest.testmod(importlib.import_module(name)).failed == 0, name

@@ -1,0 +1,186 @@
+"""The MOTChallenge layout: what is read, what is written back, what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsuiseki.datamodules.readers.mot import labelled_images
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import (
+    GroundTruth,
+    find_sequences,
+    read_detections,
+    read_ground_truth,
+    read_sequence,
+    read_tracks,
+    write_detections,
+    write_ground_truth,
+    write_sequence_info,
+    write_tracks,
+)
+from tsuiseki.tracking.types import Detections, Track
+
+MOT15_ROW = "1,3,11,21,30,40,1,-1,-1,-1"
+MOT16_ROW = "1,3,11,21,30,40,1,1,0.25"
+
+
+def write(folder, text, name="gt.txt"):
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(("row", "visibility"), [(MOT15_ROW, 1.0), (MOT16_ROW, 0.25)])
+def test_files_count_from_one_and_we_from_zero(tmp_path, row, visibility):
+    truth = read_ground_truth(write(tmp_path, row))
+    assert (truth.frames[0], truth.ids[0]) == (0, 3)
+    np.testing.assert_array_equal(truth.boxes, [[10, 20, 40, 60]])
+    assert truth.visibility[0] == visibility
+    assert truth.evaluated.all()
+
+
+def test_classes_decide_what_counts(tmp_path):
+    classes = range(1, 13)
+    rows = "\n".join(f"1,{c},11,21,30,40,1,{c},1" for c in classes)
+    truth = read_ground_truth(write(tmp_path, rows))
+    assert truth.ids[truth.evaluated].tolist() == [1]
+    assert truth.ids[truth.ignored].tolist() == [2, 7, 8, 12]
+    folder = tmp_path / "MOT20-01"
+    folder.mkdir()
+    assert read_ground_truth(write(folder, rows)).ids[5:6].tolist() == [6]
+    assert read_ground_truth(write(folder, rows)).ignored[5]
+
+
+def test_rows_marked_as_not_considered_do_not_count(tmp_path):
+    truth = read_ground_truth(write(tmp_path, MOT16_ROW + "\n1,4,11,21,30,40,0,1,1"))
+    assert truth.evaluated.tolist() == [True, False]
+
+
+def test_ground_truth_survives_writing(tmp_path):
+    truth = GroundTruth(
+        np.array([0, 0, 4]),
+        np.array([1, 2, 1]),
+        np.array([[0.0, 0, 10, 20], [5.5, 6, 9, 30], [1, 2, 3, 4]]),
+        np.array([True, False, True]),
+        np.array([False, True, False]),
+        np.array([1, 0.5, 0.25]),
+    )
+    write_ground_truth(tmp_path / "gt" / "gt.txt", truth)
+    again = read_ground_truth(tmp_path / "gt" / "gt.txt")
+    for name in ("frames", "ids", "boxes", "evaluated", "ignored", "visibility"):
+        np.testing.assert_allclose(getattr(again, name), getattr(truth, name), atol=1e-9, err_msg=name)
+
+
+def test_tracks_survive_writing(tmp_path):
+    tracks = [
+        Track(2, np.array([0, 1, 5]), np.array([[0.0, 0, 4, 8]] * 3), np.array([0.5, 1, 0.25])),
+        Track(7, np.array([1]), np.array([[1.0, 2, 4, 8]]), np.array([1.0])),
+    ]
+    write_tracks(tmp_path / "tracks.txt", tracks)
+    for got, expected in zip(read_tracks(tmp_path / "tracks.txt"), tracks, strict=True):
+        assert got.id == expected.id
+        np.testing.assert_array_equal(got.frames, expected.frames)
+        np.testing.assert_allclose(got.boxes, expected.boxes)
+        np.testing.assert_allclose(got.scores, expected.scores)
+
+
+def test_an_empty_result_has_no_tracks(tmp_path):
+    write_tracks(tmp_path / "tracks.txt", [])
+    assert read_tracks(tmp_path / "tracks.txt") == []
+
+
+def test_detections_survive_writing_with_empty_frames(tmp_path):
+    found = [Detections.empty(), Detections(np.array([[0.0, 0, 2, 3], [4, 4, 6, 7]]), np.array([0.25, 0.5]))]
+    write_detections(tmp_path / "det.txt", found)
+    again = read_detections(tmp_path / "det.txt", length=4)
+    assert [len(d) for d in again] == [0, 2, 0, 0]
+    np.testing.assert_allclose(again[1].boxes, found[1].boxes)
+
+
+def make_sequence(folder, length=3, images=3):
+    (folder / "img1").mkdir(parents=True)
+    for n in range(images):
+        (folder / "img1" / f"{n + 1:06d}.jpg").touch()
+    write_sequence_info(folder, folder.name, 10, length, 64, 48)
+    return folder
+
+
+def test_labelled_images_count_frames_as_the_files_do(tmp_path):
+    folder = make_sequence(tmp_path / "A")
+    (folder / "gt").mkdir()
+    write(folder / "gt", "1,1,1,1,9,9,1,1,1\n2,1,2,1,9,9,1,1,1\n2,5,2,1,9,9,1,8,1\n3,1,3,1,9,9,1,1,1")
+    samples = labelled_images(tmp_path, (2, 3))
+    assert [(s.path.name, s.frame, len(s.boxes)) for s in samples] == [("000002.jpg", 1, 2), ("000003.jpg", 2, 1)]
+    assert samples[0].ignored.tolist() == [False, True]
+    with pytest.raises(RequestError, match="no frame"):
+        labelled_images(tmp_path, (4, 9))
+
+
+def test_a_folder_of_sequences_is_found_by_name(tmp_path):
+    for name in ("B", "A"):
+        make_sequence(tmp_path / name)
+    (tmp_path / "notes").mkdir()
+    assert [s.name for s in find_sequences(tmp_path)] == ["A", "B"]
+    assert find_sequences(tmp_path / "A")[0].frame_rate == 10
+
+
+def test_sequences_that_lie_are_refused(tmp_path):
+    with pytest.raises(RequestError, match="promises 5 frames"):
+        read_sequence(make_sequence(tmp_path / "short", length=5))
+    folder = make_sequence(tmp_path / "out")
+    (folder / "seqinfo.ini").write_text("[Sequence]\nimDir=../../secret\n")
+    with pytest.raises(RequestError, match="leads out"):
+        read_sequence(folder)
+    (folder / "seqinfo.ini").write_text("no section")
+    with pytest.raises(RequestError, match="Sequence"):
+        read_sequence(folder)
+    with pytest.raises(RequestError, match="found none"):
+        find_sequences(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("1,3,11,21,30,40,1,-1,1", "no usable box: expected class 1"),
+        ("1,3,11,21,30,40,0,-1,-1,-1", "no usable box: column 7"),
+        (MOT15_ROW + "\n" + MOT15_ROW, "id 3 stands twice in frame 1"),
+        (MOT15_ROW + "\n1,2,3", ":2: expected 9 or 10 numbers"),
+        ("1,3,11,21,30,x,1,-1,-1,-1", "rows of numbers"),
+        ("1,3,11,21,nan,40,1,-1,-1,-1", "finite"),
+        ("0,3,11,21,30,40,1,-1,-1,-1", "whole frame number from 1"),
+    ],
+)
+def test_broken_ground_truth_is_refused_in_one_line(tmp_path, text, message):
+    with pytest.raises(RequestError, match=message) as caught:
+        read_ground_truth(write(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("9,-1,1,1,5,5,0.5", "video has 4 frames"),
+        ("1,-1,1,1,-5,5,0.5", "positive width and height"),
+        ("1,-1,1,nan,5,5,0.5", "finite"),
+        ("1,-1,1,1,5,5,1.5", "--score-range"),
+        ("2,-1,1,1,5,5,0.5\n1,-1,1,1,5,5,0.5", "order of the frames"),
+        ("1,-1,1,1,5,5,0.5\n1,-1,1,1,5,5,0.5", ":2: this detection stands in the file twice"),
+    ],
+)
+def test_broken_detections_are_refused_in_one_line(tmp_path, text, message):
+    with pytest.raises(RequestError, match=message):
+        read_detections(write(tmp_path, text, "det.txt"), length=4)
+
+
+def test_a_detector_may_score_in_its_own_range(tmp_path):
+    found = read_detections(write(tmp_path, "1,-1,1,1,5,5,37.5", "det.txt"), score_range=(-10, 100))
+    assert found[0].scores.tolist() == [37.5]
+
+
+def test_real_sequences_are_read(data_folder):
+    sequence = read_sequence(data_folder / "mot" / "PETS09-S2L1-first")
+    truth = read_ground_truth(sequence.ground_truth_path)
+    found = read_detections(sequence.detections_path, sequence.length)
+    assert (sequence.length, len(sequence.images), len(truth), sum(map(len, found))) == (400, 400, 2396, 2252)
