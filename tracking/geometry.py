@@ -65,6 +65,7 @@ def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
     """
     if not len(boxes):
         return np.empty(0, dtype=np.int64)
-    below_all = float(np.min(scores)) - 1
-    kept = cv2.dnn.NMSBoxes(xywh_from_corners(boxes).tolist(), np.asarray(scores).tolist(), below_all, iou)
+    # OpenCV wants scores from 0; only their order matters.
+    positive = np.asarray(scores, dtype=np.float64) - np.min(scores) + 1
+    kept = cv2.dnn.NMSBoxes(xywh_from_corners(boxes).tolist(), positive.tolist(), 0.0, iou)
     return np.asarray(kept, dtype=np.int64)
