@@ -1,0 +1,93 @@
+"""Trunks shared by the networks: the convolutional part of image classifiers, cut at strides 8, 16 and 32."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, get_args
+
+import torchvision.models
+from torch import Tensor, nn
+
+TrunkName = Literal[
+    "mobilenet_v3_small", "mobilenet_v3_large", "resnet18", "resnet50", "resnet101", "wide_resnet50", "vgg16"
+]
+TRUNK_STRIDES = (8, 16, 32)
+
+# torchvision's MobileNetV3 averages batch statistics with momentum 0.01, which needs thousands of steps to settle.
+FROM_SCRATCH_MOMENTUM = 0.1
+
+_TORCHVISION_NAMES = {"wide_resnet50": "wide_resnet50_2"}
+
+
+class Trunk(nn.Module):
+    """Stages run one after another, each halving the map of the one before.
+
+    Attributes:
+        channels: of the map after each stage.
+        strides: input pixels per map pixel after each stage.
+    """
+
+    def __init__(self, stages: Sequence[nn.Module], channels: Sequence[int]) -> None:
+        super().__init__()
+        self.stages = nn.ModuleList(stages)
+        self.channels = tuple(channels)
+        self.strides = TRUNK_STRIDES
+
+    def forward(self, images: Tensor) -> list[Tensor]:
+        """``(B, 3, H, W)`` to the maps ``(B, C_i, ceil(H / S_i), ceil(W / S_i))``, finest first."""
+        maps = []
+        for stage in self.stages:
+            images = stage(images)
+            maps.append(images)
+        return maps
+
+
+def build_trunk(name: TrunkName, weights: Literal["imagenet"] | None = None) -> Trunk:
+    """The trunk called ``name``, from scratch or with torchvision's ImageNet weights.
+
+    Raises:
+        ValueError: there is no such trunk.
+        ConnectionError: the weights are not on this machine and cannot be downloaded.
+    """
+    if name not in get_args(TrunkName):
+        raise ValueError(f"expected a trunk of {', '.join(get_args(TrunkName))}; got {name!r}")
+    model = _classifier(name, weights)
+    if name == "mobilenet_v3_small":
+        trunk = _sequential_trunk(model.features, (4, 9), (24, 48, 576))
+    elif name == "mobilenet_v3_large":
+        trunk = _sequential_trunk(model.features, (7, 13), (40, 112, 960))
+    elif name == "vgg16":
+        trunk = _sequential_trunk(model.features, (23, 30), (512, 512, 512))
+    else:
+        widths = (128, 256, 512) if name == "resnet18" else (512, 1024, 2048)
+        stem = nn.Sequential(model.conv1, model.bn1, model.relu, model.maxpool, model.layer1, model.layer2)
+        trunk = Trunk((stem, model.layer3, model.layer4), widths)
+    if weights is None:
+        set_norm_momentum(trunk, FROM_SCRATCH_MOMENTUM)
+    return trunk
+
+
+def set_norm_momentum(module: nn.Module, momentum: float) -> None:
+    """Let every batch normalisation inside ``module`` average its statistics with ``momentum``."""
+    for child in module.modules():
+        if isinstance(child, nn.BatchNorm2d):
+            child.momentum = momentum
+
+
+def _sequential_trunk(features: nn.Sequential, cuts: tuple[int, int], channels: tuple[int, int, int]) -> Trunk:
+    first, second = cuts
+    return Trunk((features[:first], features[first:second], features[second:]), channels)
+
+
+def _classifier(name: str, weights: Literal["imagenet"] | None) -> nn.Module:
+    torchvision_name = _TORCHVISION_NAMES.get(name, name)
+    enum = None if weights is None else "DEFAULT"
+    try:
+        model: nn.Module = torchvision.models.get_model(torchvision_name, weights=enum)
+    except (OSError, RuntimeError) as error:
+        # An unreachable server is an OSError, a download that breaks off fails its checksum with a RuntimeError.
+        raise ConnectionError(
+            f"expected to download torchvision's ImageNet weights of {torchvision_name}, got: {error}; "
+            "put the file into $TORCH_HOME/hub/checkpoints, or train from scratch with weights: null"
+        ) from error
+    return model
