@@ -1,6 +1,7 @@
 """Anchor boxes of single-shot detectors, the box code, and anchors fitted to labelled boxes.
 
-The box code is that of SSD (Liu et al. 2016, eq. 2): ``(dx / w / 0.1, dy / h / 0.1, log(w'/w) / 0.2, log(h'/h) / 0.2)``.
+The box code is that of SSD (Liu et al. 2016, eq. 2):
+``(dx / w / 0.1, dy / h / 0.1, log(w'/w) / 0.2, log(h'/h) / 0.2)``.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import torchvision.models
 from torch import Tensor, nn
@@ -79,15 +79,14 @@ def _sequential_trunk(features: nn.Sequential, cuts: tuple[int, int], channels: 
     return Trunk((features[:first], features[first:second], features[second:]), channels)
 
 
-def _classifier(name: str, weights: Literal["imagenet"] | None) -> nn.Module:
+def _classifier(name: str, weights: Literal["imagenet"] | None) -> Any:
     torchvision_name = _TORCHVISION_NAMES.get(name, name)
     enum = None if weights is None else "DEFAULT"
     try:
-        model: nn.Module = torchvision.models.get_model(torchvision_name, weights=enum)
+        return torchvision.models.get_model(torchvision_name, weights=enum)
     except (OSError, RuntimeError) as error:
         # An unreachable server is an OSError, a download that breaks off fails its checksum with a RuntimeError.
         raise ConnectionError(
             f"expected to download torchvision's ImageNet weights of {torchvision_name}, got: {error}; "
             "put the file into $TORCH_HOME/hub/checkpoints, or train from scratch with weights: null"
         ) from error
-    return model
