@@ -1,0 +1,258 @@
+"""Scores of several people tracked at once: HOTA, CLEAR MOT and identity scores, through trackeval.
+
+Sequences are prepared as MOTChallenge does it: results matched to a labelled box on which they are neither right nor
+wrong are taken out, then only the pedestrians that count are scored. Boxes match from an overlap of 0.5 on; HOTA
+averages over the overlaps 0.05, 0.10, … 0.95.
+
+* HOTA, DetA, AssA: Luiten et al., "HOTA: a higher order metric for evaluating multi-object tracking", IJCV 2021.
+* MOTA, MOTP, switches: Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT
+  metrics", 2008.
+* IDF1: Ristani et al., "Performance measures and a data set for multi-target, multi-camera tracking", 2016.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
+
+MATCH_OVERLAP = 0.5
+
+
+@dataclass(frozen=True)
+class PeopleScores:
+    """How well the people of one sequence, or of several together, were tracked.
+
+    Attributes:
+        hota: mean over the overlaps of the geometric mean of ``det_a`` and ``ass_a``, in [0, 1].
+        det_a: detection accuracy, in [0, 1].
+        ass_a: association accuracy, in [0, 1].
+        mota: 1 minus misses, false boxes and switches per labelled box; at most 1, may be negative.
+        motp: mean overlap of the matched boxes, in [0, 1].
+        idf1: share of the boxes that bear the right identity throughout, in [0, 1].
+        id_switches: times that a person's id changed.
+        false_positives: boxes on nobody.
+        false_negatives: labelled boxes that were missed.
+        recall: found share of the labelled boxes, in [0, 1].
+        precision: right share of the boxes, in [0, 1].
+        labelled: number of labelled boxes.
+    """
+
+    hota: float
+    det_a: float
+    ass_a: float
+    mota: float
+    motp: float
+    idf1: float
+    id_switches: int
+    false_positives: int
+    false_negatives: int
+    recall: float
+    precision: float
+    labelled: int
+
+
+@dataclass(frozen=True)
+class SequencePair:
+    """The truth and the result of one sequence.
+
+    Attributes:
+        name: of the sequence.
+        truth: its labels.
+        tracks: the result.
+        length: number of frames; None takes the last frame of either.
+    """
+
+    name: str
+    truth: GroundTruth
+    tracks: list[Track]
+    length: int | None = None
+
+
+@dataclass(frozen=True)
+class PeopleEvaluation:
+    """Scores of a result on every sequence, and on all of them as if they were one."""
+
+    sequences: Mapping[str, PeopleScores]
+    combined: PeopleScores
+
+
+@dataclass(frozen=True)
+class _Raw:
+    """What trackeval's metrics give for a sequence: the sums from which several are combined."""
+
+    hota: dict[str, Any]
+    clear: dict[str, Any]
+    identity: dict[str, Any]
+
+
+def evaluate_sequence(truth: GroundTruth, tracks: list[Track], length: int | None = None) -> PeopleScores:
+    """Scores of ``tracks`` against ``truth``.
+
+    Args:
+        truth: labels; those that are neither evaluated nor ignored (vehicles, say) are no target, but may take a match.
+        tracks: the result.
+        length: number of frames; None takes the last frame of either.
+
+    Raises:
+        RequestError: no labelled box counts, a track has a frame beyond ``length``, or two tracks bear one id.
+    """
+    return _summary(_evaluate(SequencePair("sequence", truth, tracks, length)))
+
+
+def evaluate_people(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
+    """Scores of every sequence and of all together.
+
+    Raises:
+        RequestError: there is no sequence, two bear one name, or `evaluate_sequence` refuses one.
+    """
+    raw: dict[str, _Raw] = {}
+    for pair in pairs:
+        if pair.name in raw:
+            raise RequestError(f"expected sequences of different names, got {pair.name} twice")
+        raw[pair.name] = _evaluate(pair)
+    if not raw:
+        raise RequestError("expected a sequence to evaluate, got none")
+    return PeopleEvaluation({name: _summary(scores) for name, scores in raw.items()}, _summary(_combine(raw)))
+
+
+def restrict(tracks: Iterable[Track], first: int, last: int) -> list[Track]:
+    """The parts of ``tracks`` within the 0-based frames ``first`` to ``last``, both included."""
+    parts = []
+    for track in tracks:
+        inside = (track.frames >= first) & (track.frames <= last)
+        if inside.any():
+            parts.append(
+                Track(track.id, track.frames[inside], track.boxes[inside], track.scores[inside], track.observed[inside])
+            )
+    return parts
+
+
+def _evaluate(pair: SequencePair) -> _Raw:
+    from trackeval.metrics import CLEAR, HOTA, Identity
+
+    data = _prepare(pair)
+    quiet = {"PRINT_CONFIG": False, "THRESHOLD": MATCH_OVERLAP}
+    return _Raw(
+        HOTA().eval_sequence(data), CLEAR(dict(quiet)).eval_sequence(data), Identity(dict(quiet)).eval_sequence(data)
+    )
+
+
+def _combine(raw: Mapping[str, _Raw]) -> _Raw:
+    from trackeval.metrics import CLEAR, HOTA, Identity
+
+    quiet = {"PRINT_CONFIG": False, "THRESHOLD": MATCH_OVERLAP}
+    return _Raw(
+        HOTA().combine_sequences({name: scores.hota for name, scores in raw.items()}),
+        CLEAR(dict(quiet)).combine_sequences({name: scores.clear for name, scores in raw.items()}),
+        Identity(dict(quiet)).combine_sequences({name: scores.identity for name, scores in raw.items()}),
+    )
+
+
+def _summary(raw: _Raw) -> PeopleScores:
+    return PeopleScores(
+        hota=float(np.mean(raw.hota["HOTA"])),
+        det_a=float(np.mean(raw.hota["DetA"])),
+        ass_a=float(np.mean(raw.hota["AssA"])),
+        mota=float(raw.clear["MOTA"]),
+        motp=float(raw.clear["MOTP"]),
+        idf1=float(raw.identity["IDF1"]),
+        id_switches=int(raw.clear["IDSW"]),
+        false_positives=int(raw.clear["CLR_FP"]),
+        false_negatives=int(raw.clear["CLR_FN"]),
+        recall=float(raw.clear["CLR_Re"]),
+        precision=float(raw.clear["CLR_Pr"]),
+        labelled=int(raw.clear["CLR_TP"] + raw.clear["CLR_FN"]),
+    )
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Boxes of all frames in one table, ordered by frame."""
+
+    frames: IntArray
+    ids: IntArray
+    boxes: FloatArray
+
+
+def _prepare(pair: SequencePair) -> dict[str, Any]:
+    """The sequence as trackeval's metrics take it: per frame the ids, numbered from 0, and the overlaps."""
+    truth, result = pair.truth, _rows(pair.tracks)
+    if len({track.id for track in pair.tracks}) < len(pair.tracks):
+        raise RequestError(f"{pair.name}: expected tracks of different ids, got an id twice")
+    if not truth.evaluated.any():
+        raise RequestError(f"{pair.name}: expected a labelled box that counts, got none; is this the right file?")
+    labels = _Rows(truth.frames, truth.ids, truth.boxes)
+    length = _length(pair, labels, result)
+    label_starts = np.searchsorted(labels.frames, np.arange(length + 1))
+    result_starts = np.searchsorted(result.frames, np.arange(length + 1))
+    counted = np.ones(len(result.frames), dtype=np.bool_)
+    overlaps = []
+    for frame in range(length):
+        a = slice(label_starts[frame], label_starts[frame + 1])
+        b = slice(result_starts[frame], result_starts[frame + 1])
+        shared = iou_matrix(labels.boxes[a], result.boxes[b])
+        counted[b] = ~_on_ignored(shared, truth.ignored[a])
+        overlaps.append(shared[truth.evaluated[a]][:, counted[b]])
+    true_ids, true_count = _number_from_zero(labels.ids, truth.evaluated)
+    result_ids, result_count = _number_from_zero(result.ids, counted)
+    return {
+        "num_timesteps": length,
+        "num_gt_ids": true_count,
+        "num_tracker_ids": result_count,
+        "num_gt_dets": int(truth.evaluated.sum()),
+        "num_tracker_dets": int(counted.sum()),
+        "gt_ids": _split(true_ids, labels.frames[truth.evaluated], length),
+        "tracker_ids": _split(result_ids, result.frames[counted], length),
+        "similarity_scores": overlaps,
+    }
+
+
+def _rows(tracks: list[Track]) -> _Rows:
+    if not tracks:
+        return _Rows(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 4)))
+    frames = np.concatenate([track.frames for track in tracks])
+    ids = np.concatenate([np.full(len(track), track.id, dtype=np.int64) for track in tracks])
+    order = np.lexsort([ids, frames])
+    return _Rows(frames[order], ids[order], np.concatenate([track.boxes for track in tracks])[order])
+
+
+def _length(pair: SequencePair, labels: _Rows, result: _Rows) -> int:
+    last = int(result.frames[-1]) if len(result.frames) else -1
+    if pair.length is None:
+        return max(int(labels.frames[-1]), last) + 1
+    if last >= pair.length or labels.frames[-1] >= pair.length:
+        beyond = max(last, int(labels.frames[-1]))
+        raise RequestError(
+            f"{pair.name}: expected frames up to {pair.length}, got a box in frame {beyond + 1}; "
+            "is this the result of another sequence?"
+        )
+    return pair.length
+
+
+def _on_ignored(overlaps: FloatArray, ignored: BoolArray) -> BoolArray:
+    """``(M,)`` which results of a frame lie on ignored labels, from ``(N, M)`` overlaps with all its labels."""
+    found = np.zeros(overlaps.shape[1], dtype=np.bool_)
+    if not ignored.any():
+        return found
+    matching = np.where(overlaps < MATCH_OVERLAP - np.finfo(np.float64).eps, 0, overlaps)
+    rows, columns = linear_sum_assignment(-matching)
+    found[columns[(matching[rows, columns] > 0) & ignored[rows]]] = True
+    return found
+
+
+def _number_from_zero(ids: IntArray, which: BoolArray) -> tuple[IntArray, int]:
+    unique, numbers = np.unique(ids[which], return_inverse=True)
+    return numbers.astype(np.int64), len(unique)
+
+
+def _split(ids: IntArray, frames: IntArray, length: int) -> list[IntArray]:
+    return np.split(ids, np.searchsorted(frames, np.arange(1, length)))
