@@ -1,0 +1,144 @@
+"""Average precision of detections: one class, all-point interpolation.
+
+Detections are matched to labelled boxes from the best score down: each takes the free box it overlaps most, if that
+reaches the threshold. A detection that takes none but lies on an ignored box is neither right nor wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.geometry import areas, intersections, iou_pairs
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
+
+
+@dataclass(frozen=True)
+class LabelledBoxes:
+    """The truth of one image.
+
+    Attributes:
+        boxes: ``(N, 4)`` pixels.
+        ignored: ``(N,)`` a detection on it is neither right nor wrong.
+    """
+
+    boxes: FloatArray
+    ignored: BoolArray
+
+
+@dataclass(frozen=True)
+class DetectionScores:
+    """How good detections are.
+
+    Attributes:
+        average_precision: area under the precision envelope, in [0, 1].
+        recall: ``(K,)`` after each counted detection from the best score down.
+        precision: ``(K,)`` likewise.
+        scores: ``(K,)`` of the counted detections, falling.
+        boxes: number of labelled boxes that count.
+        best_f1: largest harmonic mean of recall and precision over all score thresholds.
+        best_threshold: the score that reaches it.
+    """
+
+    average_precision: float
+    recall: FloatArray
+    precision: FloatArray
+    scores: FloatArray
+    boxes: int
+    best_f1: float
+    best_threshold: float
+
+
+def labelled_boxes(truth: GroundTruth, frames: Sequence[int]) -> list[LabelledBoxes]:
+    """The boxes of ``truth`` in each of the 0-based ``frames`` that count or are to be ignored."""
+    relevant = truth.select(truth.evaluated | truth.ignored)
+    starts = np.searchsorted(relevant.frames, frames, side="left")
+    ends = np.searchsorted(relevant.frames, frames, side="right")
+    return [LabelledBoxes(relevant.boxes[a:b], ~relevant.evaluated[a:b]) for a, b in zip(starts, ends, strict=True)]
+
+
+def evaluate_detections(
+    truth: Sequence[LabelledBoxes], detections: Sequence[Detections], iou_threshold: float = 0.5
+) -> DetectionScores:
+    """Average precision of ``detections`` against ``truth``, one entry an image each.
+
+    A detection lies on an ignored box when that covers at least ``iou_threshold`` of it.
+
+    Raises:
+        RequestError: the numbers of images differ, or no box counts.
+    """
+    if len(truth) != len(detections):
+        raise RequestError(f"expected detections for {len(truth)} images, got {len(detections)}")
+    count = sum(int((~image.ignored).sum()) for image in truth)
+    if count == 0:
+        raise RequestError("expected labelled boxes to evaluate against, got none that counts; check the frame range")
+    right, counted, scores = _match(truth, detections, iou_threshold)
+    order = np.argsort(-scores[counted], kind="stable")
+    ranked = scores[counted][order]
+    hits = np.cumsum(right[counted][order])
+    recall = hits / count
+    precision = hits / np.arange(1, len(hits) + 1)
+    f1 = 2 * hits / (np.arange(1, len(hits) + 1) + count)
+    best = int(np.argmax(f1)) if len(f1) else 0
+    return DetectionScores(
+        average_precision=average_precision(recall, precision),
+        recall=recall,
+        precision=precision,
+        scores=ranked,
+        boxes=count,
+        best_f1=float(f1[best]) if len(f1) else 0.0,
+        best_threshold=float(ranked[best]) if len(f1) else 0.0,
+    )
+
+
+def average_precision(recall: FloatArray, precision: FloatArray) -> float:
+    """Area under the envelope of a precision-recall curve (``recall`` rising), all points.
+
+    >>> average_precision(np.array([0.5, 0.5, 1.0]), np.array([1.0, 0.5, 2 / 3]))
+    0.8333333333333333
+    """
+    envelope = np.maximum.accumulate(precision[::-1])[::-1]
+    return float(np.sum(np.diff(recall, prepend=0.0) * envelope))
+
+
+def _match(
+    truth: Sequence[LabelledBoxes], detections: Sequence[Detections], iou_threshold: float
+) -> tuple[BoolArray, BoolArray, FloatArray]:
+    """Right, counted and score of every detection, ``(images, most detections)`` arrays; padding is not counted.
+
+    The loop runs over ranks, each step over all images at once.
+    """
+    images, most = len(detections), max((len(d) for d in detections), default=0)
+    boxes = np.zeros((images, most, 4))
+    scores = np.full((images, most), -np.inf)
+    for n, found in enumerate(detections):
+        order = np.argsort(-found.scores, kind="stable")
+        boxes[n, : len(found)], scores[n, : len(found)] = found.boxes[order], found.scores[order]
+    labels, free, ignored = _padded(truth)
+    overlaps = iou_pairs(boxes[:, :, None], labels[:, None])
+    right = np.zeros((images, most), dtype=np.bool_)
+    everyone = np.arange(images)
+    for rank in range(most if labels.shape[1] else 0):
+        candidates = np.where(free, overlaps[:, rank], -1.0)
+        best = candidates.argmax(axis=1)
+        right[:, rank] = candidates[everyone, best] >= iou_threshold
+        free[everyone, best] &= ~right[:, rank]
+    covered = intersections(boxes[:, :, None], labels[:, None]) >= iou_threshold * areas(boxes)[:, :, None]
+    excused = ~right & (covered & ignored[:, None]).any(axis=2)
+    return right, np.isfinite(scores) & ~excused, scores
+
+
+def _padded(truth: Sequence[LabelledBoxes]) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Boxes ``(I, M, 4)``, and which of them ``(I, M)`` count and are to be ignored; padding is neither."""
+    most = max((len(image.boxes) for image in truth), default=0)
+    boxes = np.zeros((len(truth), most, 4))
+    counting, ignored = (np.zeros((len(truth), most), dtype=np.bool_) for _ in range(2))
+    for n, image in enumerate(truth):
+        boxes[n, : len(image.boxes)] = image.boxes
+        counting[n, : len(image.boxes)] = ~image.ignored
+        ignored[n, : len(image.boxes)] = image.ignored
+    return boxes, counting, ignored
