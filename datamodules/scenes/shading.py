@@ -1,0 +1,207 @@
+"""The colours of what is seen: patterns, painted details and light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.look import Look
+from tsuiseki.datamodules.scenes.raster import Camera, Layer, ray_grid
+from tsuiseki.datamodules.scenes.solids import (
+    BRICKS,
+    CHECKS,
+    CLOUDS,
+    HEAD,
+    LEAVES,
+    PELVIS,
+    PLAIN,
+    SPECKLE,
+    STRIPES_ACROSS,
+    STRIPES_ALONG,
+    TRUNK,
+    WINDOWS,
+    Float32,
+    Int32,
+    Solids,
+    normals,
+)
+from tsuiseki.tracking.types import BoolArray
+
+NOISE_SIZE = 256
+
+
+def _smooth_noise() -> Float32:
+    """A periodic table of noise with values in [0, 1], smooth over about four entries."""
+    rng = np.random.default_rng(20)
+    spectrum = np.fft.rfft2(rng.standard_normal((NOISE_SIZE, NOISE_SIZE)))
+    frequency = np.hypot(np.fft.fftfreq(NOISE_SIZE)[:, None], np.fft.rfftfreq(NOISE_SIZE)[None])
+    table = np.fft.irfft2(spectrum * np.exp(-((frequency / 0.12) ** 2)))
+    table = (table - table.mean()) / (table.std() * 4) + 0.5
+    return np.asarray(np.clip(table, 0, 1), dtype=np.float32)
+
+
+NOISE = _smooth_noise()
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light of a scene, in linear intensities.
+
+    Attributes:
+        direction: ``(3,)`` unit vector towards the sun.
+        sun: ``(3,)`` colour and strength of the direct light.
+        sky: ``(3,)`` of the light from above.
+        ground: ``(3,)`` of the light from below.
+    """
+
+    direction: Float32
+    sun: Float32
+    sky: Float32
+    ground: Float32
+
+
+def random_light(rng: np.random.Generator) -> Light:
+    """Anything between an overcast day and a low bright sun."""
+    azimuth, elevation = rng.uniform(0, 2 * np.pi), rng.uniform(0.35, 1.35)
+    direction = np.array(
+        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+    )
+    clear = rng.uniform(0, 1) ** 1.3
+    warm = rng.uniform(-0.06, 0.10)
+    sun = clear * rng.uniform(0.6, 1.1) * np.array([1 + warm, 1, 1 - warm])
+    sky = (1 - 0.6 * clear) * rng.uniform(0.75, 1.1) * np.array([1 - 0.4 * warm, 1, 1 + 0.6 * warm])
+    bounce = sky * rng.uniform(0.35, 0.65)
+    return Light(*(np.asarray(v, dtype=np.float32) for v in (direction, sun, sky, bounce)))
+
+
+def shade(
+    layer: Layer, seen: BoolArray, solids: Solids, camera: Camera, samples: int, light: Light, look: Look | None = None
+) -> Float32:
+    """Linear colours ``(n, 3)`` of the ``n`` subpixels of ``layer`` where ``seen`` ``(h, w)`` is True, row by row."""
+    rows, columns = np.nonzero(seen)
+    which = layer.solid[rows, columns].astype(np.int32)
+    pixels = np.stack([columns + layer.left, rows + layer.top], axis=1).astype(np.float32)
+    directions = camera.rays((pixels + np.float32(0.5)) / np.float32(samples))
+    world = camera.position.astype(np.float32) + layer.distance[rows, columns][:, None] * directions
+    local = np.matmul(solids.to_local[which], (world - solids.start[which])[:, :, None])[:, :, 0]
+    normal = normals(local, which, solids)
+    metres = local * solids.scale[which]
+    albedo = paint(metres, local, which, solids, look)
+    facing = np.maximum(normal @ light.direction, 0)[:, None]
+    up = (np.float32(0.5) + np.float32(0.5) * normal[:, 2])[:, None]
+    edge = 1 - np.abs(np.einsum("ij,ij->i", normal, directions))[:, None]
+    glow = np.float32(0.02) * np.square(edge) * light.sky
+    return np.asarray(albedo * (facing * light.sun + up * light.sky + (1 - up) * light.ground) + glow)
+
+
+def paint(metres: Float32, local: Float32, which: Int32, solids: Solids, look: Look | None) -> Float32:
+    """Reflectances ``(n, 3)`` at points ``metres`` ``(n, 3)`` of solids ``which``, in the solids' axes."""
+    colour = solids.colour[which].copy()
+    pattern = solids.pattern[which]
+    if (pattern != PLAIN).any():
+        u, v = _flat_coordinates(metres, local, which, solids)
+        second, period, phase = solids.second[which], solids.period[which], solids.phase[which]
+        for code in np.unique(pattern[pattern != PLAIN]):
+            at = pattern == code
+            mix = pattern_value(int(code), u[at], v[at], period[at], phase[at])[:, None]
+            colour[at] += mix * (second[at] - colour[at])
+    detail = solids.detail[which]
+    for code, painter in ((HEAD, _paint_head), (TRUNK, _paint_trunk), (PELVIS, _paint_pelvis)):
+        at = detail == code
+        if at.any():
+            painter(colour, np.flatnonzero(at), metres[at], which[at], solids, look)
+    phase = solids.phase[which]
+    a, b, c = (metres * np.float32(23.0)).T
+    folds = np.sin(a + 1.3 * b + phase) * np.sin(0.6 * c - b + 2 * phase) + np.sin(1.9 * c + a - phase) * 0.5
+    colour *= (1 + solids.relief[which] * folds)[:, None]
+    return np.clip(colour, 0, 1)
+
+
+def _flat_coordinates(metres: Float32, local: Float32, which: Int32, solids: Solids) -> tuple[Float32, Float32]:
+    """Coordinates ``u`` around and ``v`` along each solid's surface, metres."""
+    radius = solids.radius[which].mean(axis=1)
+    u = np.arctan2(local[:, 0], local[:, 1]) * radius
+    v = metres[:, 2].copy()
+    box = solids.box[which]
+    if box.any():
+        face = np.abs(local[box]).argmax(axis=1)
+        points = metres[box]
+        u[box] = np.where(face == 0, points[:, 1], points[:, 0])
+        v[box] = np.where(face == 2, points[:, 1], points[:, 2])
+    return u, v
+
+
+def noise_at(u: Float32, v: Float32) -> Float32:
+    """Smooth noise in [0, 1] that varies over about four units and repeats after `NOISE_SIZE`."""
+    return np.asarray(NOISE[np.floor(u).astype(np.int32) % NOISE_SIZE, np.floor(v).astype(np.int32) % NOISE_SIZE])
+
+
+def pattern_value(code: int, u: Float32, v: Float32, period: Float32, phase: Float32) -> Float32:
+    """How much of the second colour a pattern shows, ``(n,)`` in [0, 1]."""
+    a, b = u / period, v / period + phase
+    if code == STRIPES_ACROSS:
+        return (b % 1 < 0.4).astype(np.float32)
+    if code == STRIPES_ALONG:
+        return (a % 1 < 0.35).astype(np.float32)
+    if code == CHECKS:
+        return np.float32(0.5) * ((a % 1 < 0.5).astype(np.float32) + (b % 1 < 0.5))
+    if code == SPECKLE:
+        return (noise_at(a * 24, b * 24) > 0.6).astype(np.float32)
+    if code == CLOUDS:
+        return np.clip((noise_at(a * 8, b * 8) - np.float32(0.35)) * 4, 0, 1)
+    if code == BRICKS:
+        row = np.floor(b)
+        return (((b % 1) < 0.15) | (((a / 3 + row / 2) % 1) < 0.05)).astype(np.float32)
+    if code == WINDOWS:
+        return ((np.abs(a % 1 - 0.5) < 0.28) & (np.abs(b % 1 - 0.5) < 0.25)).astype(np.float32)
+    if code == LEAVES:
+        return noise_at(a * 30, b * 30)
+    raise ValueError(f"expected a pattern code from {STRIPES_ACROSS} to {LEAVES}, got {code}")
+
+
+def _paint_head(
+    colour: Float32, rows: Int32, metres: Float32, which: Int32, solids: Solids, look: Look | None
+) -> None:
+    """Hair above a line that falls from forehead to neck, a beard, and shade about the eyes."""
+    x, y, z = metres.T
+    second, hairline = solids.second[which], solids.period[which]
+    bald = hairline > 0.5
+    hair = (z - 0.8 * y > hairline) & ~bald
+    chin = (z < 0.0) & (y > 0.01) & (look is not None and look.beard)
+    hair_colour = np.square(np.array(look.hair, dtype=np.float32)) if look else second
+    colour[rows] = np.where(hair[:, None], second, np.where(chin[:, None], hair_colour, colour[rows]))
+    eyes = (np.abs(z - 0.032) < 0.010) & (y > 0.04) & (np.abs(np.abs(x) - 0.03) < 0.018) & ~hair
+    colour[rows[eyes]] *= np.float32(0.45)
+
+
+def _paint_trunk(
+    colour: Float32, rows: Int32, metres: Float32, which: Int32, solids: Solids, look: Look | None
+) -> None:
+    """An open jacket, a zip, a logo, straps."""
+    if look is None:
+        return
+    x, y, z = metres.T
+    front = y > 0
+    second = np.square(np.array(look.upper_second, dtype=np.float32))
+    if look.front == "open":
+        width = 0.03 + 0.05 * (look.phase * 7 % 1) + 0.12 * np.clip(z - 0.15, 0, None)
+        colour[rows[front & (np.abs(x) < width)]] = np.square(np.array(look.shirt, dtype=np.float32))
+    elif look.front == "zip":
+        colour[rows[front & (np.abs(x) < 0.010)]] = 0.4 * second
+    elif look.front == "logo":
+        side = front if look.phase % 2 < 1.2 else ~front
+        colour[rows[side & (np.abs(x) < 0.085) & (np.abs(z - 0.16) < 0.055)]] = second
+    strap = np.square(np.array(look.bag_colour, dtype=np.float32))
+    if look.bag == "backpack":
+        colour[rows[front & (np.abs(np.abs(x) - 0.085) < 0.022)]] = strap
+    elif look.bag == "cross":
+        colour[rows[np.abs(x * look.side * 0.75 + 0.66 * (z - 0.12)) < 0.02]] = strap
+
+
+def _paint_pelvis(
+    colour: Float32, rows: Int32, metres: Float32, which: Int32, solids: Solids, look: Look | None
+) -> None:
+    """A belt."""
+    if look is not None and look.phase % 3 < 1:
+        colour[rows[np.abs(metres[:, 0] - 0.075) < 0.02]] *= np.float32(0.4)
