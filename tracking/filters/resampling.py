@@ -1,0 +1,79 @@
+"""Resampling: which particles go on, and how often.
+
+Contract of every resampler: ``resample(weights, count, rng)`` takes ``(N,)`` weights that are finite and not negative
+(normalised or not, with a sum above zero) and returns ``(count,)`` int64 indices in ascending order. It is unbiased:
+the expected number of copies of particle ``i`` is ``count * weights[i] / weights.sum()``. A particle of weight zero is
+never drawn. Douc, Cappe and Moulines, "Comparison of resampling schemes for particle filtering" (2005), compares them.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+class Resampler(Protocol):
+    """Draws ``count`` indices of particles in proportion to their weights."""
+
+    def __call__(self, weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray: ...
+
+
+def multinomial(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
+    """Independent draws, equation (16) of the finite-sets paper."""
+    copies = np.bincount(_index(_cumulative(weights), rng.random(count)), minlength=len(weights))
+    return _repeat(copies)
+
+
+def stratified(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
+    """One independent draw in each of ``count`` equal slices of the cumulative weight."""
+    return _index(_cumulative(weights), (np.arange(count) + rng.random(count)) / max(count, 1))
+
+
+def systematic(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
+    """One common offset in each of ``count`` equal slices: least variance of the copies of one particle.
+
+    Slice ``k`` draws particle ``i`` when ``C[i-1] <= (k + u) / count < C[i]``, so the copies follow from rounding
+    ``count * C - u`` up, with no search.
+    """
+    cumulative = _cumulative(weights)
+    edges = np.ceil(count * cumulative - rng.random()).astype(np.int64)
+    # With an offset next to 1 the subtraction rounds to count - 1: the end of the scale is known exactly.
+    edges[cumulative >= 1.0] = count
+    return _repeat(np.diff(np.maximum(edges, 0), prepend=0))
+
+
+def residual(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
+    """The whole part of ``count * weight`` copies for certain, the rest by independent draws from the remainders."""
+    expected = count * (weights / _total(weights))
+    whole = np.floor(expected).astype(np.int64)
+    remaining = count - int(whole.sum())
+    if remaining > 0:
+        rest = _index(_cumulative(expected - whole), rng.random(remaining))
+        whole += np.bincount(rest, minlength=len(weights))
+    return _repeat(whole)
+
+
+def _total(weights: FloatArray) -> float:
+    total = float(np.sum(weights)) if len(weights) else 0.0
+    if not (np.isfinite(total) and total > 0.0) or np.min(weights) < 0.0:
+        raise ValueError(f"expected finite weights >= 0 with a sum above zero, got {len(weights)} with sum {total}")
+    return total
+
+
+def _cumulative(weights: FloatArray) -> FloatArray:
+    """Cumulative weights that end at exactly 1, whatever the rounding of the sum."""
+    _total(weights)
+    cumulative = np.cumsum(weights)
+    return np.asarray(cumulative / cumulative[-1])
+
+
+def _index(cumulative: FloatArray, positions: FloatArray) -> IntArray:
+    """First particle whose cumulative weight exceeds each position; (count - 1 + u) / count may round to 1."""
+    return np.searchsorted(cumulative, np.minimum(positions, np.nextafter(1.0, 0.0)), side="right").astype(np.int64)
+
+
+def _repeat(copies: IntArray) -> IntArray:
+    return np.repeat(np.arange(len(copies), dtype=np.int64), copies)
