@@ -36,9 +36,7 @@ def _any_colour(rng: np.random.Generator) -> Colour:
     return _colour(rng, (DARK, MIDDLE, LIGHT, BRIGHT)[int(rng.choice(4, p=(0.3, 0.3, 0.2, 0.2)))])
 
 
-def _round(
-    rows: list[tuple[FloatArray, FloatArray, float, float]], surfaces: Surfaces, flat: float = 1.0
-) -> Solids:
+def _round(rows: list[tuple[FloatArray, FloatArray, float, float]], surfaces: Surfaces, flat: float = 1.0) -> Solids:
     start, end = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
     radius = np.array([[r[2], r[3]] for r in rows])
     front = np.tile([[1.0, 0.0, 0.0]], (len(rows), 1))
@@ -97,7 +95,10 @@ def bench(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     across = np.array([-along[1], along[0], 0.0])
     colour, feet = _colour(rng, MIDDLE + DARK), _colour(rng, DARK)
     base = _at(position)
-    rows = [(base + 0.45 * UP, [width, 0.22, 0.03], colour), (base + 0.65 * UP - 0.2 * across, [width, 0.02, 0.2], colour)]
+    rows = [
+        (base + 0.45 * UP, [width, 0.22, 0.03], colour),
+        (base + 0.65 * UP - 0.2 * across, [width, 0.02, 0.2], colour),
+    ]
     rows += [(base + 0.22 * UP + s * 0.8 * width * along, [0.04, 0.2, 0.22], feet) for s in (-1, 1)]
     surfaces = Surfaces()
     for row in rows:
@@ -119,9 +120,17 @@ def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     surfaces.add(paint, relief=0.03)
     back = -0.1 * length * along
     top = 0.25 + 2 * body
-    centres = [base + (0.25 + body) * UP, base + (top + 0.6 * cabin) * UP + back, base + (top + 1.6 * cabin) * UP + back]
+    centres = [
+        base + (0.25 + body) * UP,
+        base + (top + 0.6 * cabin) * UP + back,
+        base + (top + 1.6 * cabin) * UP + back,
+    ]
     reach = 0.95 if van else 0.55
-    halves = [[length, width, body], [reach * length, 0.92 * width, 0.6 * cabin], [reach * length * 0.92, 0.85 * width, 0.4 * cabin]]
+    halves = [
+        [length, width, body],
+        [reach * length, 0.92 * width, 0.6 * cabin],
+        [reach * length * 0.92, 0.85 * width, 0.4 * cabin],
+    ]
     hull = boxes(np.array(centres), np.array(halves), np.full(3, yaw), surfaces)
     wheels = Surfaces()
     rows = []
@@ -164,7 +173,9 @@ def column(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids
         step = height / pieces * rng.uniform(0.6, 1.2)
         radius = rng.uniform(0.05, 0.32, 2)
         lean = rng.normal(0, 0.05, 3) * [1, 1, 0]
-        surfaces.add(_any_colour(rng), _any_colour(rng), int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, SPECKLE])), 0.2, 0.1)
+        surfaces.add(
+            _any_colour(rng), _any_colour(rng), int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, SPECKLE])), 0.2, 0.1
+        )
         rows.append((_at(position, z), _at(position, z + step) + lean * k, float(radius[0]), float(radius[1])))
         z += step
     solids = _round(rows, surfaces, float(rng.uniform(0.5, 1.0)))

@@ -61,7 +61,9 @@ def empty_picture(colour: Float32, samples: int) -> Picture:
     return Picture(colour, np.full((height * samples, width * samples), np.inf, dtype=np.float32), samples)
 
 
-def compose(picture: Picture, things: list[Thing], camera: Camera, light: Light) -> tuple[Picture, list[Sighting | None]]:
+def compose(
+    picture: Picture, things: list[Thing], camera: Camera, light: Light
+) -> tuple[Picture, list[Sighting | None]]:
     """``picture`` with ``things`` in it, the nearer before the farther, and what is seen of each (None: nothing).
 
     Soft edges come from the share of a pixel's rays that meet a thing.
@@ -140,7 +142,9 @@ def shadows(things: list[Thing], camera: Camera, light: Light, softness: float) 
     return np.asarray(blurred, dtype=np.float32) / np.float32(255)
 
 
-def _shadow_polygons(solids: Solids, camera: Camera, light: Light) -> list[np.ndarray[tuple[int, ...], np.dtype[np.int32]]]:
+def _shadow_polygons(
+    solids: Solids, camera: Camera, light: Light
+) -> list[np.ndarray[tuple[int, ...], np.dtype[np.int32]]]:
     sun = light.direction.astype(np.float64)
     across = np.cross(sun, [0.0, 0.0, 1.0] if sun[2] < 0.99 else [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)

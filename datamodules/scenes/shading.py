@@ -64,9 +64,7 @@ class Light:
 def random_light(rng: np.random.Generator) -> Light:
     """Anything between an overcast day and a low bright sun."""
     azimuth, elevation = rng.uniform(0, 2 * np.pi), rng.uniform(0.35, 1.35)
-    direction = np.array(
-        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
-    )
+    direction = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     clear = rng.uniform(0, 1) ** 1.3
     warm = rng.uniform(-0.06, 0.10)
     sun = clear * rng.uniform(0.6, 1.1) * np.array([1 + warm, 1, 1 - warm])
@@ -160,9 +158,7 @@ def pattern_value(code: int, u: Float32, v: Float32, period: Float32, phase: Flo
     raise ValueError(f"expected a pattern code from {STRIPES_ACROSS} to {LEAVES}, got {code}")
 
 
-def _paint_head(
-    colour: Float32, rows: Int32, metres: Float32, which: Int32, solids: Solids, look: Look | None
-) -> None:
+def _paint_head(colour: Float32, rows: Int32, metres: Float32, which: Int32, solids: Solids, look: Look | None) -> None:
     """Hair above a line that falls from forehead to neck, a beard, and shade about the eyes."""
     x, y, z = metres.T
     second, hairline = solids.second[which], solids.period[which]

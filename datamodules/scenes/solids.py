@@ -168,9 +168,7 @@ def boxes(
     )
 
 
-def intersect(
-    directions: Float32, origin: Float32, length: float, radii: tuple[float, float]
-) -> Float32:
+def intersect(directions: Float32, origin: Float32, length: float, radii: tuple[float, float]) -> Float32:
     """Distances ``(N,)`` at which rays enter a cone-sphere, infinite where they miss it.
 
     Args:

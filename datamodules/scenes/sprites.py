@@ -32,7 +32,9 @@ def view_from(tilt: float, height_px: float, person_height: float, distance: flo
     return PinholeCamera.look_at(position, middle, height_px * distance / apparent, size, size)
 
 
-def draw_alone(layer: Layer, solids: Solids, camera: PinholeCamera, samples: int, light: Light, person: Person) -> Float32:
+def draw_alone(
+    layer: Layer, solids: Solids, camera: PinholeCamera, samples: int, light: Light, person: Person
+) -> Float32:
     """``(h, w, 4)`` linear colour times coverage and coverage of a layer, by pixels, tight about it."""
     mask = layer.mask
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))

@@ -149,7 +149,9 @@ def _clutter(
         if len(things) == count:
             break
         solids = random_clutter(rng, spot)
-        reach = float((np.linalg.norm(solids.start[:, :2] - spot, axis=1) + solids.scale[:, :2].max(axis=1) * 0.3).max())
+        reach = float(
+            (np.linalg.norm(solids.start[:, :2] - spot, axis=1) + solids.scale[:, :2].max(axis=1) * 0.3).max()
+        )
         clear = len(taken) == 0 or np.linalg.norm(taken - spot, axis=1).min() > 0.5 + reach
         if clear and np.linalg.norm(spot) > 2.5 + reach:
             things.append(Thing(solids))
