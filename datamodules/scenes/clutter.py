@@ -158,7 +158,7 @@ def bush(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     for _ in range(int(rng.integers(4, 10))):
         middle = _at(position, low + size * rng.uniform(0.3, 1.3)) + rng.normal(0, 0.45 * size, 3) * [1, 1, 0.3]
         radius = size * rng.uniform(0.3, 0.65)
-        surfaces.add(green, second, LEAVES, float(rng.uniform(0.8, 2.5)), 0.3, phase=float(rng.uniform(0, 100)))
+        surfaces.add(green, second, LEAVES, float(rng.uniform(0.6, 2.5)), 0.02, phase=float(rng.uniform(0, 100)))
         rows.append((middle, middle + rng.normal(0, 0.3 * size, 3), radius, radius * 0.8))
     return _round(rows, surfaces)
 
@@ -211,7 +211,7 @@ def building(rng: np.random.Generator, position: FloatArray, yaw: float) -> Soli
     surfaces.add(wall, grout, pattern, float(rng.uniform(0.1, 0.3)), 0.03)
     plinth = rng.uniform(0.3, 1.0)
     centres = np.array([_at(position, half[2]), _at(position, plinth)])
-    halves = np.array([half, half + [0.05, 0.05, 0]])
+    halves = np.array([half, half + np.array([0.05, 0.05, 0])])
     halves[1, 2] = plinth
     return boxes(centres, halves, np.full(2, yaw), surfaces)
 

@@ -45,7 +45,7 @@ def random_degradation(rng: np.random.Generator, strength: float = 1.0) -> Degra
     s = strength
     cast = 1 + rng.normal(0, 0.07 * s, 3)
     return Degradation(
-        exposure=float(np.exp(rng.normal(0.1, 0.28 * s))),
+        exposure=float(np.exp(rng.normal(0.0, 0.35 * s))),
         cast=(float(cast[0]), float(cast[1]), float(cast[2])),
         contrast=float(np.exp(rng.normal(0.05, 0.18 * s))),
         haze=float(max(rng.normal(-0.1, 0.16), 0) * s),
@@ -56,6 +56,11 @@ def random_degradation(rng: np.random.Generator, strength: float = 1.0) -> Degra
         noise=float(rng.uniform(0, 8) * s),
         jpeg=int(rng.integers(35, 96)) if rng.random() < 0.7 * s else 0,
     )
+
+
+def automatic_exposure(linear: Float32) -> float:
+    """The factor that brings a picture's middle to a middle grey, as a camera does."""
+    return 0.2 / max(float(np.median(linear[::8, ::8])), 1e-3)
 
 
 def degrade(linear: Float32, how: Degradation, rng: np.random.Generator) -> ImageArray:
@@ -76,10 +81,11 @@ def finish(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageA
     height, width = image.shape[:2]
     image = np.ascontiguousarray(image, dtype=np.float32)
     if how.blur > 0.2:
-        image = cv2.GaussianBlur(image, (0, 0), how.blur)
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), how.blur), dtype=np.float32)
     if how.shrink > 1:
         small = (max(round(width / how.shrink), 1), max(round(height / how.shrink), 1))
-        image = cv2.resize(cv2.resize(image, small, interpolation=cv2.INTER_AREA), (width, height))
+        coarse = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
+        image = np.asarray(cv2.resize(coarse, (width, height)), dtype=np.float32)
     if how.sharpen > 0:
         image = image + np.float32(how.sharpen) * (image - cv2.GaussianBlur(image, (0, 0), 1.2))
     if how.noise > 0:
@@ -88,5 +94,5 @@ def finish(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageA
     if how.jpeg:
         # The order of the colours matters to JPEG, which keeps less of the blue.
         data = cv2.imencode(".jpg", result[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, how.jpeg])[1]
-        result = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[:, :, ::-1])
+        result = np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)[:, :, ::-1])
     return result

@@ -11,7 +11,9 @@ from tsuiseki.datamodules.scenes.shading import Light, noise_at
 from tsuiseki.datamodules.scenes.solids import Float32
 
 # Octaves of the noise: metres per four table entries, and strength.
-OCTAVES = ((6.0, 0.5), (1.3, 0.6), (0.25, 0.8), (0.06, 0.7))
+OCTAVES = ((6.0, 0.5), (1.3, 0.4), (0.25, 0.5), (0.06, 0.5))
+# Of the grain as fine as the picture shows it.
+GRAIN = 0.9
 
 ASPHALT, PAVING, GRASS, EARTH, CONCRETE = range(5)
 COLOURS = {
@@ -133,7 +135,12 @@ def ground_colour(ground: Ground, x: Float32, y: Float32, footprint: Float32) ->
         scale = np.float32(4 / period)
         fade = np.clip(np.float32(1.5) - 4 * footprint / np.float32(period), 0, 1)
         noises.append((noise_at(x * scale + ground.phase, y * scale) - np.float32(0.5)) * fade)
-    texture = sum(strength * noise for (_, strength), noise in zip(OCTAVES[1:], noises[1:], strict=True))
+    texture = np.zeros_like(x)
+    for (_, strength), noise in zip(OCTAVES[1:], noises[1:], strict=True):
+        texture += np.float32(strength) * noise
+    cell = np.exp2(np.ceil(np.log2(np.maximum(footprint, np.float32(0.01))))).astype(np.float32)
+    grain = noise_at(x / cell + np.float32(ground.phase), y / cell) - np.float32(0.5)
+    texture = texture + np.float32(GRAIN) * grain
     stains = noises[0] * np.float32(OCTAVES[0][1] * ground.stains * 0.3)
     names = sorted(COLOURS)
     tinted = np.array([COLOURS[m] for m in names], dtype=np.float32) * ground.tints

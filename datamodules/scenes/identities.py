@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.degrade import Degradation, finish
-from tsuiseki.datamodules.scenes.look import look_alike, random_build
 from tsuiseki.datamodules.scenes.gait import random_manner
+from tsuiseki.datamodules.scenes.look import look_alike, random_build
 from tsuiseki.datamodules.scenes.person import Person, random_person
 from tsuiseki.datamodules.scenes.shading import NOISE, NOISE_SIZE, random_light
 from tsuiseki.datamodules.scenes.solids import Float32
@@ -165,8 +165,8 @@ def _soft_shadow(rng: np.random.Generator, canvas: Float32, foot: float) -> None
     mask = np.zeros((height, width), dtype=np.float32)
     end = (width / 2 + rng.normal(0, 1) * width, foot + rng.uniform(-0.4, 0.2) * height)
     cv2.line(mask, (width // 2, int(foot)), (int(end[0]), int(end[1])), 1.0, max(width // 3, 2))
-    mask = cv2.GaussianBlur(mask, (0, 0), max(width / 12, 1.0))
-    canvas *= (1 - np.float32(rng.uniform(0.2, 0.6)) * mask)[:, :, None]
+    blurred = cv2.GaussianBlur(mask, (0, 0), max(width / 12, 1.0))
+    canvas *= (1 - np.float32(rng.uniform(0.2, 0.6)) * blurred)[:, :, None]
 
 
 def _occlude(rng: np.random.Generator, canvas: Float32, tilt: float) -> None:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.look import Look
-from tsuiseki.datamodules.scenes.raster import Camera, Layer, ray_grid
+from tsuiseki.datamodules.scenes.look import Colour, Look
+from tsuiseki.datamodules.scenes.raster import Camera, Layer
 from tsuiseki.datamodules.scenes.solids import (
     BRICKS,
     CHECKS,
@@ -26,7 +26,7 @@ from tsuiseki.datamodules.scenes.solids import (
     Solids,
     normals,
 )
-from tsuiseki.tracking.types import BoolArray
+from tsuiseki.tracking.types import BoolArray, IntArray
 
 NOISE_SIZE = 256
 
@@ -104,16 +104,21 @@ def paint(metres: Float32, local: Float32, which: Int32, solids: Solids, look: L
             at = pattern == code
             mix = pattern_value(int(code), u[at], v[at], period[at], phase[at])[:, None]
             colour[at] += mix * (second[at] - colour[at])
-    detail = solids.detail[which]
-    for code, painter in ((HEAD, _paint_head), (TRUNK, _paint_trunk), (PELVIS, _paint_pelvis)):
-        at = detail == code
-        if at.any():
-            painter(colour, np.flatnonzero(at), metres[at], which[at], solids, look)
+    if look is not None:
+        _paint_details(colour, metres, which, solids, look)
     phase = solids.phase[which]
     a, b, c = (metres * np.float32(23.0)).T
     folds = np.sin(a + 1.3 * b + phase) * np.sin(0.6 * c - b + 2 * phase) + np.sin(1.9 * c + a - phase) * 0.5
     colour *= (1 + solids.relief[which] * folds)[:, None]
     return np.clip(colour, 0, 1)
+
+
+def _paint_details(colour: Float32, metres: Float32, which: Int32, solids: Solids, look: Look) -> None:
+    detail = solids.detail[which]
+    head, trunk, pelvis = (np.flatnonzero(detail == code) for code in (HEAD, TRUNK, PELVIS))
+    _paint_head(colour, head, look, metres[head], solids.period[which[head]])
+    _paint_trunk(colour, trunk, look, metres[trunk])
+    _paint_pelvis(colour, pelvis, look, metres[pelvis])
 
 
 def _flat_coordinates(metres: Float32, local: Float32, which: Int32, solids: Solids) -> tuple[Float32, Float32]:
@@ -139,65 +144,61 @@ def pattern_value(code: int, u: Float32, v: Float32, period: Float32, phase: Flo
     """How much of the second colour a pattern shows, ``(n,)`` in [0, 1]."""
     a, b = u / period, v / period + phase
     if code == STRIPES_ACROSS:
-        return (b % 1 < 0.4).astype(np.float32)
+        return np.asarray(b % 1 < 0.4, dtype=np.float32)
     if code == STRIPES_ALONG:
-        return (a % 1 < 0.35).astype(np.float32)
+        return np.asarray(a % 1 < 0.35, dtype=np.float32)
     if code == CHECKS:
-        return np.float32(0.5) * ((a % 1 < 0.5).astype(np.float32) + (b % 1 < 0.5))
+        return np.asarray((a % 1 < 0.5) * 0.5 + (b % 1 < 0.5) * 0.5, dtype=np.float32)
     if code == SPECKLE:
-        return (noise_at(a * 24, b * 24) > 0.6).astype(np.float32)
+        return np.asarray(noise_at(a * 24, b * 24) > 0.6, dtype=np.float32)
     if code == CLOUDS:
-        return np.clip((noise_at(a * 8, b * 8) - np.float32(0.35)) * 4, 0, 1)
+        return np.asarray(np.clip((noise_at(a * 8, b * 8) - np.float32(0.35)) * 4, 0, 1))
     if code == BRICKS:
         row = np.floor(b)
-        return (((b % 1) < 0.15) | (((a / 3 + row / 2) % 1) < 0.05)).astype(np.float32)
+        return np.asarray(((b % 1) < 0.15) | (((a / 3 + row / 2) % 1) < 0.05), dtype=np.float32)
     if code == WINDOWS:
-        return ((np.abs(a % 1 - 0.5) < 0.28) & (np.abs(b % 1 - 0.5) < 0.25)).astype(np.float32)
+        return np.asarray((np.abs(a % 1 - 0.5) < 0.28) & (np.abs(b % 1 - 0.5) < 0.25), dtype=np.float32)
     if code == LEAVES:
         return noise_at(a * 30, b * 30)
     raise ValueError(f"expected a pattern code from {STRIPES_ACROSS} to {LEAVES}, got {code}")
 
 
-def _paint_head(colour: Float32, rows: Int32, metres: Float32, which: Int32, solids: Solids, look: Look | None) -> None:
+def _linear(colour: Colour) -> Float32:
+    return np.square(np.array(colour, dtype=np.float32))
+
+
+def _paint_head(colour: Float32, rows: IntArray, look: Look, metres: Float32, hairline: Float32) -> None:
     """Hair above a line that falls from forehead to neck, a beard, and shade about the eyes."""
     x, y, z = metres.T
-    second, hairline = solids.second[which], solids.period[which]
-    bald = hairline > 0.5
-    hair = (z - 0.8 * y > hairline) & ~bald
-    chin = (z < 0.0) & (y > 0.01) & (look is not None and look.beard)
-    hair_colour = np.square(np.array(look.hair, dtype=np.float32)) if look else second
-    colour[rows] = np.where(hair[:, None], second, np.where(chin[:, None], hair_colour, colour[rows]))
+    hair = (z - 0.8 * y > hairline) & (look.hair_style != "bald")
+    chin = (z < 0.0) & (y > 0.01) & look.beard
+    cover = look.hat if look.hair_style in ("cap", "hat") else look.hair
+    colour[rows[hair]] = _linear(cover)
+    colour[rows[chin & ~hair]] = _linear(look.hair)
     eyes = (np.abs(z - 0.032) < 0.010) & (y > 0.04) & (np.abs(np.abs(x) - 0.03) < 0.018) & ~hair
     colour[rows[eyes]] *= np.float32(0.45)
 
 
-def _paint_trunk(
-    colour: Float32, rows: Int32, metres: Float32, which: Int32, solids: Solids, look: Look | None
-) -> None:
+def _paint_trunk(colour: Float32, rows: IntArray, look: Look, metres: Float32) -> None:
     """An open jacket, a zip, a logo, straps."""
-    if look is None:
-        return
     x, y, z = metres.T
     front = y > 0
-    second = np.square(np.array(look.upper_second, dtype=np.float32))
+    second, strap = _linear(look.upper_second), _linear(look.bag_colour)
     if look.front == "open":
         width = 0.03 + 0.05 * (look.phase * 7 % 1) + 0.12 * np.clip(z - 0.15, 0, None)
-        colour[rows[front & (np.abs(x) < width)]] = np.square(np.array(look.shirt, dtype=np.float32))
+        colour[rows[front & (np.abs(x) < width)]] = _linear(look.shirt)
     elif look.front == "zip":
         colour[rows[front & (np.abs(x) < 0.010)]] = 0.4 * second
     elif look.front == "logo":
         side = front if look.phase % 2 < 1.2 else ~front
         colour[rows[side & (np.abs(x) < 0.085) & (np.abs(z - 0.16) < 0.055)]] = second
-    strap = np.square(np.array(look.bag_colour, dtype=np.float32))
     if look.bag == "backpack":
-        colour[rows[front & (np.abs(np.abs(x) - 0.085) < 0.022)]] = strap
+        colour[rows[front & (np.abs(np.abs(x) - 0.095) < 0.016)]] = strap
     elif look.bag == "cross":
         colour[rows[np.abs(x * look.side * 0.75 + 0.66 * (z - 0.12)) < 0.02]] = strap
 
 
-def _paint_pelvis(
-    colour: Float32, rows: Int32, metres: Float32, which: Int32, solids: Solids, look: Look | None
-) -> None:
+def _paint_pelvis(colour: Float32, rows: IntArray, look: Look, metres: Float32) -> None:
     """A belt."""
-    if look is not None and look.phase % 3 < 1:
+    if look.phase % 3 < 1:
         colour[rows[np.abs(metres[:, 0] - 0.075) < 0.02]] *= np.float32(0.4)

@@ -131,7 +131,7 @@ def cone_spheres(
     z = np.where(length[:, None] > 1e-9, along / np.maximum(length, 1e-9)[:, None], [0.0, 0.0, 1.0])
     y = front - np.einsum("ij,ij->i", front, z)[:, None] * z
     size = np.sqrt(np.einsum("ij,ij->i", y, y))
-    fallback = np.cross(z, np.roll(z, 1, axis=1) + [0.3, 0.1, 0.2])
+    fallback = np.cross(z, np.roll(z, 1, axis=1) + np.array([0.3, 0.1, 0.2]))
     y = np.where((size > 1e-3)[:, None], y, fallback)
     y = y / np.sqrt(np.einsum("ij,ij->i", y, y))[:, None]
     x = np.cross(y, z)

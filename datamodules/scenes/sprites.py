@@ -46,7 +46,7 @@ def draw_alone(
     y, x = at[0] + layer.top - y1 * samples, at[1] + layer.left - x1 * samples
     fine[y, x, :3] = colours
     fine[y, x, 3] = 1
-    return fine.reshape(y2 - y1, samples, x2 - x1, samples, 4).mean(axis=(1, 3))
+    return np.asarray(fine.reshape(y2 - y1, samples, x2 - x1, samples, 4).mean(axis=(1, 3)))
 
 
 def render_person_sprite(

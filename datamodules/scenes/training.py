@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clutter import building, random_clutter
-from tsuiseki.datamodules.scenes.degrade import degrade, random_degradation
+from tsuiseki.datamodules.scenes.degrade import automatic_exposure, degrade, random_degradation
 from tsuiseki.datamodules.scenes.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.person import person_solids, random_person
 from tsuiseki.datamodules.scenes.scene import Sighting, Thing, compose, empty_picture, shadows
@@ -70,7 +70,8 @@ def random_training_scene(
     picture = empty_picture(ground * (1 - dark * sunlit)[:, :, None], settings.samples)
     # One pass: static things and people hide each other alike.
     picture, sightings = compose(picture, people + static, camera, light)
-    image = degrade(picture.colour, random_degradation(rng, settings.degradation), rng)
+    how = random_degradation(rng, settings.degradation)
+    image = degrade(picture.colour, replace(how, exposure=how.exposure * automatic_exposure(picture.colour)), rng)
     boxes, visibility = seen_boxes(sightings[: len(people)], settings.width, settings.height)
     return image, boxes, visibility
 
@@ -109,7 +110,7 @@ def apparent_heights(camera: PinholeCamera, spots: FloatArray) -> FloatArray:
     """Pixels ``(N,)`` between foot and head of a person of 1.7 m at ``spots`` ``(N, 2)``; 0 where that is not seen."""
     foot = np.concatenate([spots, np.zeros((len(spots), 1))], axis=1)
     low, depth = camera.project(np.nan_to_num(foot, nan=-1e6))
-    high, above = camera.project(np.nan_to_num(foot + [0, 0, 1.7], nan=-1e6))
+    high, above = camera.project(np.nan_to_num(foot + np.array([0, 0, 1.7]), nan=-1e6))
     size = np.linalg.norm(low - high, axis=1)
     return np.where((depth > 1.0) & (above > 1.0) & np.isfinite(size), size, 0.0)
 
