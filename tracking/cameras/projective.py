@@ -6,18 +6,19 @@ down. Pixels are continuous and 0-based: the first pixel covers [0, 1) and its c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.cameras.distortion import distort, undistort
 from tsuiseki.tracking.types import FloatArray
 
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """Intrinsics and pose of a camera without lens distortion.
+    """Intrinsics and pose of a camera.
 
     Attributes:
         width: of the image, pixels.
@@ -26,6 +27,7 @@ class PinholeCamera:
         principal_point: ``(2,)`` where the optical axis meets the image, pixels.
         rotation: ``(3, 3)`` turns directions of the world into directions of the camera.
         position: ``(3,)`` of the optical centre in the world, metres.
+        distortion: ``(5,)`` k1, k2, p1, p2, k3 as OpenCV orders them; all zero for an ideal lens.
     """
 
     width: int
@@ -34,9 +36,11 @@ class PinholeCamera:
     principal_point: FloatArray
     rotation: FloatArray
     position: FloatArray
+    distortion: FloatArray = field(default_factory=lambda: np.zeros(5))
 
     def __post_init__(self) -> None:
-        for name, shape in (("focal", (2,)), ("principal_point", (2,)), ("rotation", (3, 3)), ("position", (3,))):
+        shapes = {"focal": (2,), "principal_point": (2,), "rotation": (3, 3), "position": (3,), "distortion": (5,)}
+        for name, shape in shapes.items():
             value = np.asarray(getattr(self, name), dtype=np.float64)
             if value.shape != shape or not np.isfinite(value).all():
                 raise ValueError(f"expected {name} of shape {shape} with finite values, got {value.tolist()}")
@@ -86,17 +90,41 @@ class PinholeCamera:
             position=position,
         )
 
+    @property
+    def matrix(self) -> FloatArray:
+        """``(3, 4)`` projection matrix of the ideal lens: homogeneous world points to homogeneous pixels."""
+        intrinsics = np.diag([self.focal[0], self.focal[1], 1.0])
+        intrinsics[:2, 2] = self.principal_point
+        return np.asarray(intrinsics @ self.rotation @ np.column_stack([np.eye(3), -self.position]))
+
+    def to_camera(self, points: FloatArray) -> FloatArray:
+        """``(N, 3)`` world points in the camera's axes: right, down, along the optical axis; metres."""
+        return np.asarray((np.asarray(points, dtype=np.float64) - self.position) @ self.rotation.T)
+
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pixels ``(N, 2)`` of ``(N, 3)`` points and their depths ``(N,)`` along the optical axis, metres.
 
-        A point at or behind the camera has a depth of at most zero and NaN for its pixel.
+        A point at or behind the camera has a depth of at most zero and NaN for its pixel, and so has one so far off
+        the axis that the lens coefficients do not describe it.
         """
-        local = (np.asarray(points, dtype=np.float64) - self.position) @ self.rotation.T
-        depth = local[:, 2]
+        local = self.to_camera(points)
+        return self.project_local(local), local[:, 2]
+
+    def project_local(self, points: FloatArray) -> FloatArray:
+        """Pixels ``(N, 2)`` of ``(N, 3)`` points in the camera's axes, NaN as in `project`."""
+        depth = points[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            pixels = local[:, :2] / depth[:, None] * self.focal + self.principal_point
+            ideal = points[:, :2] / depth[:, None]
+            if self.distortion.any():
+                ideal = distort(ideal, self.distortion)
+            pixels = ideal * self.focal + self.principal_point
         pixels[depth <= 0] = np.nan
-        return pixels, depth
+        return np.asarray(pixels)
+
+    def normalised(self, pixels: FloatArray) -> FloatArray:
+        """``(N, 2)`` pixels as x/z and y/z in the camera's axes, freed from distortion."""
+        ideal = (np.asarray(pixels, dtype=np.float64) - self.principal_point) / self.focal
+        return undistort(ideal, self.distortion) if self.distortion.any() else ideal
 
     def rays(self, pixels: NDArray[Any]) -> NDArray[Any]:
         """Directions ``(N, 3)`` in the world, of unit length, in which ``(N, 2)`` pixels look.
@@ -106,6 +134,8 @@ class PinholeCamera:
         pixels = np.asarray(pixels)
         kind = pixels.dtype if pixels.dtype == np.float32 else np.dtype(np.float64)
         scaled = (pixels - self.principal_point.astype(kind)) / self.focal.astype(kind)
+        if self.distortion.any():
+            scaled = undistort(scaled, self.distortion).astype(kind)
         rotation = self.rotation.astype(kind)
         directions = scaled @ rotation[:2] + rotation[2]
         return np.asarray(directions / np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None])

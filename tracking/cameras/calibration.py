@@ -1,0 +1,235 @@
+"""Cameras from points whose place is known both in the world and in the image.
+
+The normalised direct linear transform gives the projection matrix of Hartley and Zisserman, *Multiple View Geometry*,
+2nd ed., algorithm 7.1 and section 4.4.4; Levenberg-Marquardt then makes the reprojection error least.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import FloatArray
+
+FEWEST_POINTS = 6
+FLATNESS = 1e-3
+# A second direction that fits this much less badly than the third best means that the points leave the camera open.
+AMBIGUITY = 1e-5
+
+
+@dataclass(frozen=True)
+class Intrinsics:
+    """What a camera keeps when it moves.
+
+    Attributes:
+        width: pixels.
+        height: pixels.
+        focal: ``(2,)`` pixels.
+        principal_point: ``(2,)`` pixels, where the first pixel's centre lies at 0.5.
+        distortion: ``(5,)`` k1, k2, p1, p2, k3.
+    """
+
+    width: int
+    height: int
+    focal: FloatArray
+    principal_point: FloatArray
+    distortion: FloatArray
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A camera and how well it explains its points.
+
+    Attributes:
+        camera: the camera.
+        residuals: ``(N,)`` distances between given and projected pixels.
+        covariance: ``(3, 3)`` of the camera's position, square metres, from the residuals.
+    """
+
+    camera: PinholeCamera
+    residuals: FloatArray
+    covariance: FloatArray
+
+    @property
+    def root_mean_square(self) -> float:
+        """Of the residuals, pixels."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+
+def projection_matrix(points: FloatArray, pixels: FloatArray) -> FloatArray:
+    """``(3, 4)`` matrix that takes ``(N, 3)`` world points to ``(N, 2)`` pixels, by the normalised DLT.
+
+    Its third row gives depths: positive for points before the camera, in the points' unit.
+
+    Raises:
+        RequestError: fewer than six points, points on one line or plane, points and camera on one twisted cubic or
+            another degenerate set, or points on both sides of the camera.
+    """
+    points, pixels = _checked(points, pixels)
+    _refuse_flat(points)
+    world, from_world = _normalise(points)
+    image, from_image = _normalise(pixels)
+    homogeneous = np.column_stack([world, np.ones(len(world))])
+    zeros = np.zeros_like(homogeneous)
+    rows = np.concatenate(
+        [
+            np.hstack([homogeneous, zeros, -image[:, :1] * homogeneous]),
+            np.hstack([zeros, homogeneous, -image[:, 1:] * homogeneous]),
+        ]
+    )
+    _, singular, right = np.linalg.svd(rows)
+    if singular[-2] < AMBIGUITY * singular[0]:
+        raise RequestError(
+            "expected points that leave one camera only, got a degenerate set (points and camera on one curve or "
+            "repeated points): add points elsewhere in the volume"
+        )
+    matrix = np.linalg.inv(from_image) @ right[-1].reshape(3, 4) @ from_world
+    matrix = matrix / np.linalg.norm(matrix[2, :3])
+    if np.linalg.det(matrix[:, :3]) < 0:
+        matrix = -matrix
+    depth = np.column_stack([points, np.ones(len(points))]) @ matrix[2]
+    _refuse_behind(depth)
+    return np.asarray(matrix)
+
+
+def decompose(matrix: FloatArray, width: int, height: int) -> PinholeCamera:
+    """The camera of a ``(3, 4)`` projection matrix; its skew, which `PinholeCamera` does not have, is dropped."""
+    intrinsics, rotation = _rq(matrix[:, :3])
+    intrinsics = intrinsics / intrinsics[2, 2]
+    return PinholeCamera(
+        width=width,
+        height=height,
+        focal=np.array([intrinsics[0, 0], intrinsics[1, 1]]),
+        principal_point=intrinsics[:2, 2],
+        rotation=rotation,
+        position=-np.linalg.solve(matrix[:, :3], matrix[:, 3]),
+    )
+
+
+def calibrate_camera(points: FloatArray, pixels: FloatArray, width: int, height: int) -> Calibration:
+    """The camera of an ideal lens without skew that projects ``points`` ``(N, 3)`` nearest to ``pixels`` ``(N, 2)``.
+
+    Ten numbers are fitted: two focal lengths, the principal point, orientation and position.
+
+    Raises:
+        RequestError: as `projection_matrix`.
+    """
+    points, pixels = _checked(points, pixels)
+    start = decompose(projection_matrix(points, pixels), width, height)
+
+    def camera_of(x: FloatArray) -> PinholeCamera:
+        return replace(_moved(start, x[:6]), focal=start.focal * np.exp(x[6:8]), principal_point=x[8:10])
+
+    return _refine(camera_of, np.concatenate([np.zeros(6), np.zeros(2), start.principal_point]), points, pixels)
+
+
+def locate_camera(points: FloatArray, pixels: FloatArray, intrinsics: Intrinsics) -> Calibration:
+    """Orientation and position of a camera of known ``intrinsics``; points on one plane are enough here.
+
+    Raises:
+        RequestError: fewer than six points, all on one line, pixels that the lens cannot have made, or points behind
+            the camera.
+    """
+    points, pixels = _checked(points, pixels)
+    _refuse_flat(points, smallest=1, shape="line")
+    ideal = PinholeCamera(
+        intrinsics.width,
+        intrinsics.height,
+        intrinsics.focal,
+        intrinsics.principal_point,
+        np.eye(3),
+        np.zeros(3),
+        intrinsics.distortion,
+    )
+    normalised = ideal.normalised(pixels)
+    if not np.isfinite(normalised).all():
+        row = int(np.flatnonzero(~np.isfinite(normalised).all(axis=1))[0])
+        raise RequestError(
+            f"expected pixels within the lens's field, got {pixels[row].tolist()} in point {row + 1}: "
+            "check that the intrinsics belong to this camera and image size"
+        )
+    found, turn, shift = cv2.solvePnP(points, normalised, np.eye(3), np.zeros(5), flags=cv2.SOLVEPNP_SQPNP)
+    if not found:
+        raise RequestError("expected points that fix the camera's pose, got a degenerate set: add points elsewhere")
+    rotation = Rotation.from_rotvec(turn[:, 0]).as_matrix()
+    start = replace(ideal, rotation=rotation, position=-rotation.T @ shift[:, 0])
+    return _refine(lambda x: _moved(start, x), np.zeros(6), points, pixels)
+
+
+def _refine(camera_of, start: FloatArray, points: FloatArray, pixels: FloatArray) -> Calibration:  # type: ignore[no-untyped-def]
+    first = camera_of(start)
+    _refuse_behind(first.project(points)[1])
+
+    def errors(x: FloatArray) -> FloatArray:
+        # A step that puts a point behind the camera must not win; its error is merely large.
+        return np.asarray(np.nan_to_num(camera_of(x).project(points)[0] - pixels, nan=1e4).ravel())
+
+    fit = least_squares(errors, start, method="lm", x_scale="jac")
+    camera = camera_of(fit.x)
+    _refuse_behind(camera.project(points)[1])
+    residuals = np.sqrt(np.square(fit.fun.reshape(-1, 2)).sum(axis=1))
+    spare = max(fit.fun.size - fit.x.size, 1)
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac)[3:6, 3:6] * (fit.fun @ fit.fun) / spare
+    return Calibration(camera, residuals, covariance)
+
+
+def _moved(camera: PinholeCamera, x: FloatArray) -> PinholeCamera:
+    """``camera`` turned by the rotation vector ``x[:3]`` and shifted by ``x[3:6]``."""
+    turn = Rotation.from_rotvec(x[:3]).as_matrix()
+    return replace(camera, rotation=turn @ camera.rotation, position=camera.position + x[3:6])
+
+
+def _checked(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
+    points, pixels = np.asarray(points, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or pixels.shape != (len(points), 2):
+        raise RequestError(f"expected points (N, 3) and pixels (N, 2), got {points.shape} and {pixels.shape}")
+    if len(points) < FEWEST_POINTS:
+        raise RequestError(f"expected at least {FEWEST_POINTS} points a camera, got {len(points)}: measure more points")
+    if not (np.isfinite(points).all() and np.isfinite(pixels).all()):
+        raise RequestError("expected finite coordinates, got NaN or infinity: remove those rows")
+    return points, pixels
+
+
+def _refuse_flat(points: FloatArray, smallest: int = 2, shape: str = "plane") -> None:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[1] < FLATNESS * spread[0]:
+        raise RequestError("expected points in space, got points on one line (collinear): add points off that line")
+    if spread[smallest] < FLATNESS * spread[0]:
+        raise RequestError(
+            f"expected points in space, got points on one {shape} (coplanar): add points off that plane, or give the "
+            "camera's intrinsics"
+        )
+
+
+def _refuse_behind(depth: FloatArray) -> None:
+    behind = np.flatnonzero(depth <= 0)
+    if len(behind):
+        raise RequestError(
+            f"expected all points before the camera, got {len(behind)} of {len(depth)} behind it "
+            f"(first: point {behind[0] + 1}): check the signs and the order of the coordinates"
+        )
+
+
+def _normalise(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Values with zero mean and root-mean-square distance sqrt(dimension), and the matrix that made them so."""
+    size = values.shape[1]
+    mean = values.mean(axis=0)
+    scale = np.sqrt(size) / max(float(np.sqrt(np.mean(np.square(values - mean).sum(axis=1)))), 1e-12)
+    matrix = np.eye(size + 1)
+    matrix[:size, :size] *= scale
+    matrix[:size, size] = -scale * mean
+    return (values - mean) * scale, matrix
+
+
+def _rq(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Upper triangle with positive diagonal times rotation; the determinant of ``matrix`` is positive."""
+    q, r = np.linalg.qr(np.flipud(matrix).T)
+    upper, rotation = np.flipud(np.fliplr(r.T)), np.flipud(q.T)
+    signs = np.diag(np.sign(np.diag(upper)))
+    return upper @ signs, signs @ rotation

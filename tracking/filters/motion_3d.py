@@ -1,0 +1,91 @@
+"""How a point moves in space, for particle filters.
+
+Contract: states are ``(N, 6)``, position (m) and velocity (m/s); ``move(states, seconds, rng)`` returns new states. The
+motion over a longer time has the same law as several shorter ones in a row, so frames may be dropped or uneven.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from tsuiseki.tracking.types import FloatArray
+
+
+class Motion3D(Protocol):
+    """Draws the states ``(N, 6)`` after ``seconds``."""
+
+    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray: ...
+
+
+@dataclass(frozen=True)
+class RandomWalk:
+    """Section 2.1 of the sphere paper: the position takes a random step, the velocity stays zero.
+
+    Attributes:
+        diffusion: standard deviation along each axis after one second, m; it grows with the square root of time.
+    """
+
+    diffusion: float = 0.15
+
+    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        moved = np.zeros_like(states)
+        step = rng.standard_normal((len(states), 3)) * self.diffusion * np.sqrt(seconds)
+        moved[:, :3] = states[:, :3] + step
+        return moved
+
+
+@dataclass(frozen=True)
+class ConstantVelocity:
+    """White-noise acceleration (Bar-Shalom et al., *Estimation with Applications*, 2001, section 6.2.2).
+
+    Attributes:
+        agitation: standard deviation of the velocity gained in one second, m/s.
+    """
+
+    agitation: float = 1.5
+
+    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        first, second = rng.standard_normal((2, len(states), 3)) * self.agitation * np.sqrt(seconds)
+        velocity = states[:, 3:] + first
+        # Integrated white noise over T: variance T^3 / 3, of which the part T / 2 goes with the velocity's.
+        position = states[:, :3] + seconds * (states[:, 3:] + 0.5 * first + second / np.sqrt(12))
+        return np.concatenate([position, velocity], axis=1)
+
+
+@dataclass(frozen=True)
+class Ballistic:
+    """Free flight under gravity that bounces off a level floor, with white-noise acceleration besides.
+
+    Attributes:
+        radius: of the ball: its centre bounces at this height above the floor, m.
+        floor: height of the floor, m.
+        gravity: along -z, m/s^2.
+        restitution: speed after a bounce over the speed before, [0, 1].
+        agitation: as in `ConstantVelocity`, m/s.
+    """
+
+    radius: float
+    floor: float = 0.0
+    gravity: float = 9.81
+    restitution: float = 0.75
+    agitation: float = 1.0
+
+    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        moved = ConstantVelocity(self.agitation)(states, seconds, rng)
+        moved[:, 2] -= 0.5 * self.gravity * seconds**2
+        moved[:, 5] -= self.gravity * seconds
+        lowest = self.floor + self.radius
+        below = (moved[:, 2] < lowest) & (moved[:, 5] < 0)
+        # Energy fixes the speed at the floor however the step was cut: v^2 there is v^2 here - 2 g depth.
+        depth = lowest - moved[below, 2]
+        down = np.sqrt(np.maximum(moved[below, 5] ** 2 - 2 * self.gravity * depth, 0.0))
+        late = np.minimum(2 * depth / np.maximum(down - moved[below, 5], 1e-9), seconds)
+        up = self.restitution * down
+        moved[below, 2] = lowest + np.maximum(up * late - 0.5 * self.gravity * late**2, 0.0)
+        moved[below, 5] = up - self.gravity * late
+        # A ball that has come to rest must not sink through the floor.
+        moved[:, 2] = np.maximum(moved[:, 2], lowest)
+        return moved

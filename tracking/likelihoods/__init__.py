@@ -1,0 +1,1 @@
+"""How well an image or a measurement agrees with each particle."""
