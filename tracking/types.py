@@ -156,3 +156,35 @@ def check_boxes(boxes: FloatArray) -> FloatArray:
     if bad.any():
         raise ValueError(f"expected finite boxes with x1 < x2 and y1 < y2, got {boxes[bad][0].tolist()}")
     return boxes
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where one target is in space at one time, and whether to believe it.
+
+    Attributes:
+        time: seconds.
+        point: ``(3,)`` metres.
+        covariance: ``(3, 3)`` square metres.
+        score: how sure the tracker is, [0, 1].
+        status: ``tracking``, ``searching`` or ``lost``.
+        velocity: ``(3,)`` m/s.
+        open: ``(C,)`` probability that each camera sees the target.
+    """
+
+    time: float
+    point: FloatArray
+    covariance: FloatArray
+    score: float
+    status: Status
+    velocity: FloatArray = field(default_factory=lambda: np.zeros(3))
+    open: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        for name, shape in (("point", (3,)), ("covariance", (3, 3)), ("velocity", (3,))):
+            value = np.asarray(getattr(self, name), dtype=np.float64)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise ValueError(f"expected a finite {name} of shape {shape}, got {value.tolist()}")
+            object.__setattr__(self, name, value)
+        if self.status not in STATUSES:
+            raise ValueError(f"expected a status of {STATUSES}, got {self.status!r}")

@@ -1,0 +1,76 @@
+"""Known points of the world and where cameras see them: a CSV file with a header.
+
+Columns: ``x, y, z`` (metres, z up), ``u, v`` (pixels, the first pixel's centre at 0.5), and optionally ``camera`` (a
+name; rows without it belong to one camera).
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import FloatArray
+
+COLUMNS = ("x", "y", "z", "u", "v")
+
+
+@dataclass(frozen=True)
+class Correspondences:
+    """Points of one camera.
+
+    Attributes:
+        camera: its name.
+        points: ``(N, 3)`` metres.
+        pixels: ``(N, 2)``.
+        lines: ``(N,)`` line of each point in the file, from 1.
+    """
+
+    camera: str
+    points: FloatArray
+    pixels: FloatArray
+    lines: list[int]
+
+
+def read_correspondences(path: Path) -> list[Correspondences]:
+    """The points of each camera, cameras in the order of their first rows.
+
+    Raises:
+        RequestError: the file is missing or lacks a column, or a value is no finite number; the message says where.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RequestError(f"{path}: expected a CSV file with columns {', '.join(COLUMNS)}, cannot read it") from error
+    rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    names = [name.strip() for name in rows.fieldnames or []]
+    rows.fieldnames = names
+    missing = [name for name in COLUMNS if name not in names]
+    if missing:
+        raise RequestError(f"{path}: expected a header with columns {', '.join(COLUMNS)}, found no {missing[0]}")
+    found: dict[str, list[tuple[int, list[float]]]] = {}
+    for row in rows:
+        values = [_number(row[name], name, path, rows.line_num) for name in COLUMNS]
+        found.setdefault((row.get("camera") or "camera1").strip(), []).append((rows.line_num, values))
+    if not found:
+        raise RequestError(f"{path}: expected rows of points, found none")
+    return [_group(name, lines) for name, lines in found.items()]
+
+
+def _group(name: str, rows: list[tuple[int, list[float]]]) -> Correspondences:
+    values = np.array([v for _, v in rows])
+    return Correspondences(name, values[:, :3], values[:, 3:], [line for line, _ in rows])
+
+
+def _number(text: str | None, name: str, path: Path, line: int) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RequestError(f"{path}: line {line}: expected a number in column {name}, got {text!r}")
+    return value
