@@ -97,17 +97,18 @@ def extents(solids: Solids, camera: Camera) -> FloatArray:
     return rects
 
 
-def trace(solids: Solids, camera: Camera, samples: int) -> Layer | None:
+def trace(solids: Solids, camera: Camera, samples: int, beyond: float = 1.0) -> Layer | None:
     """The thing made of ``solids`` on a grid of ``samples`` by ``samples`` rays a pixel, or None where it is not seen.
 
-    The window reaches at most one image size beyond each border.
+    The window reaches at most ``beyond`` image sizes past each border.
     """
     width, height = camera.width * samples, camera.height * samples
     rects = extents(solids, camera)
     seen = np.isfinite(rects).all(axis=1)
     if not seen.any():
         return None
-    low, high = np.array([-width, -height] * 2), np.array([2 * width, 2 * height] * 2)
+    margin = np.array([width, height] * 2) * beyond
+    low, high = -margin, margin + np.array([width, height] * 2)
     windows = np.clip(np.floor(rects[seen] * samples), low, high).astype(np.int64) + np.array([0, 0, 1, 1])
     left, top = windows[:, :2].min(axis=0)
     right, bottom = windows[:, 2:].max(axis=0)
@@ -139,8 +140,9 @@ def ray_grid(camera: Camera, samples: int, left: int, top: int, right: int, bott
     """Directions ``(3, h, w)`` of the centres of the subpixels of a window."""
     x = (np.arange(left, right, dtype=np.float32) + np.float32(0.5)) / np.float32(samples)
     y = (np.arange(top, bottom, dtype=np.float32) + np.float32(0.5)) / np.float32(samples)
-    pixels = np.stack(np.broadcast_arrays(x[None, :], y[:, None]), axis=-1).reshape(-1, 2)
-    return np.ascontiguousarray(camera.rays(pixels).T).reshape(3, len(y), len(x))
+    pixels = np.empty((2, len(y), len(x)), dtype=np.float32)
+    pixels[0], pixels[1] = x[None, :], y[:, None]
+    return np.ascontiguousarray(camera.rays(pixels.reshape(2, -1).T).T).reshape(3, len(y), len(x))
 
 
 def silhouette_box(layer: Layer, samples: int) -> FloatArray:

@@ -11,7 +11,7 @@ from tsuiseki.datamodules.scenes.look import Look
 from tsuiseki.datamodules.scenes.raster import Camera, Layer, silhouette_box, trace
 from tsuiseki.datamodules.scenes.shading import Light, shade
 from tsuiseki.datamodules.scenes.solids import Float32, Solids
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ def compose(
     height, width = picture.distance.shape
     distance = picture.distance.copy()
     owner = np.full(distance.shape, -1, dtype=np.int16)
-    layers = [trace(thing.solids, camera, samples) for thing in things]
+    # Only of people it matters how much lies outside the image.
+    layers = [trace(t.solids, camera, samples, 0.0 if t.look is None else 1.0) for t in things]
     for index, layer in enumerate(layers):
         slices = layer.inside(width, height) if layer else None
         if layer and slices:
@@ -108,17 +109,42 @@ def _draw(
     seen = np.zeros(layer.distance.shape, dtype=np.bool_)
     seen[slices[1]] = owner[slices[0]] == index
     count = int(seen.sum())
-    if count:
-        rows, columns = np.nonzero(seen)
-        values = shade(layer, seen, thing.solids, camera, samples, light, thing.look) / samples**2
-        rows, columns = (rows + layer.top) // samples, (columns + layer.left) // samples
-        top, left = rows[0], columns.min()
-        shape = (rows[-1] - top + 1, columns.max() - left + 1)
-        cell = (rows - top) * shape[1] + columns - left
-        for channel in range(3):
-            sums = np.bincount(cell, values[:, channel], minlength=shape[0] * shape[1])
-            colour[top : top + shape[0], left : left + shape[1], channel] += sums.reshape(shape)
+    if not count:
+        return 0
+    weight = np.full(seen.shape, 1 / samples**2, dtype=np.float32)
+    if thing.look is None:
+        seen, weight = _fewer(layer, seen, samples)
+    rows, columns = np.nonzero(seen)
+    values = shade(layer, seen, thing.solids, camera, samples, light, thing.look) * weight[rows, columns][:, None]
+    rows, columns = (rows + layer.top) // samples, (columns + layer.left) // samples
+    top, left = rows[0], columns.min()
+    shape = (rows[-1] - top + 1, columns.max() - left + 1)
+    cell = (rows - top) * shape[1] + columns - left
+    for channel in range(3):
+        sums = np.bincount(cell, values[:, channel], minlength=shape[0] * shape[1])
+        colour[top : top + shape[0], left : left + shape[1], channel] += sums.reshape(shape)
     return count
+
+
+def _fewer(layer: Layer, seen: BoolArray, samples: int) -> tuple[BoolArray, Float32]:
+    """One subpixel for all those of a pixel that show the same solid, and the weights of the subpixels.
+
+    Edges stay as they are; only the texture is sampled less finely, which things that are nobody can bear.
+    """
+    h, w = seen.shape
+    above, before = layer.top % samples, layer.left % samples
+    rows, columns = -(-(above + h) // samples), -(-(before + w) // samples)
+    padded = np.full((rows * samples, columns * samples), -1, dtype=np.int16)
+    padded[above : above + h, before : before + w] = np.where(seen, layer.solid, np.int16(-1))
+    blocks = padded.reshape(rows, samples, columns, samples)
+    first = blocks[:, :1, :, :1]
+    alike = (blocks == first) & (first >= 0)
+    weight = np.full(blocks.shape, 1 / samples**2, dtype=np.float32)
+    weight[:, 0, :, 0] = alike.sum(axis=(1, 3)) / samples**2
+    alike[:, 0, :, 0] = False
+    kept = (blocks >= 0) & ~alike
+    window = (slice(above, above + h), slice(before, before + w))
+    return kept.reshape(padded.shape)[window], weight.reshape(padded.shape)[window]
 
 
 def _by_pixel(fine: Float32, samples: int) -> Float32:
