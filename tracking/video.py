@@ -7,7 +7,6 @@ which OpenCV from pip can write.
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -278,12 +277,6 @@ class VideoWriter:
     ) -> None:
         if self._writer is not None:
             self._writer.release()
-
-
-def quiet_decoders() -> None:
-    """Keep OpenCV and FFmpeg from writing their own lines to stderr; call it before OpenCV is first used."""
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 def _open_folder(folder: Path, wanted: FrameRange) -> ImageFolder:
