@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.types import Frame, ImageArray, IntArray, Track
-from tsuiseki.tracking.video import VideoWriter
+from tsuiseki.tracking.webm import VideoWriter
 
 GOLDEN_RATIO = 0.6180339887
 TRAIL_SECONDS = 2.0
