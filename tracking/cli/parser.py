@@ -49,7 +49,8 @@ class HelpFormatter(DefaultHelpFormatter):
         return f"{text} (default: {shown})"
 
     def _get_default_metavar_for_optional(self, action: Action) -> str:
-        return METAVARS_BY_NAME.get(action.dest) or metavar(getattr(action, "_typehint", action.type))
+        shown = metavar(getattr(action, "_typehint", action.type))
+        return METAVARS_BY_NAME.get(action.dest, shown) if shown in ("TEXT", "FILE") else shown
 
     def _format_args(self, action: Action, default_metavar: str) -> str:
         # Lists are given as one word, 1,2: jsonargparse would show [ITEM,...].
@@ -91,7 +92,10 @@ def parse(prog: str, function: Callable[..., Any], positional: Sequence[str], wo
         found = parser.parse_args(_normalised(words, parser))
     except ArgumentError as error:
         raise RequestError(friendly(str(error), parser.option_names())) from error
-    values = parser.instantiate(found)
+    try:
+        values = parser.instantiate(found)
+    except ValueError as error:  # a settings dataclass refuses a value
+        raise RequestError(friendly(str(error), parser.option_names())) from error
     return {name: values[name] for name in inspect.signature(function).parameters}
 
 
