@@ -155,9 +155,7 @@ def _add_arcs(solver: min_cost_flow.SimpleMinCostFlow, graph: FlowGraph) -> IntA
     tails = np.concatenate([u, u + 1, 2 * graph.tail.astype(np.int32) + 1, source])
     heads = np.concatenate([u + 1, sink, 2 * graph.head.astype(np.int32), u])
     costs = np.concatenate([graph.observation, graph.exit, graph.transition, graph.entry])
-    arcs = solver.add_arcs_with_capacity_and_unit_cost(
-        tails, heads, np.ones(len(tails), dtype=np.int64), scaled(costs)
-    )
+    arcs = solver.add_arcs_with_capacity_and_unit_cost(tails, heads, np.ones(len(tails), dtype=np.int64), scaled(costs))
     solver.add_arc_with_capacity_and_unit_cost(2 * count + 1, 2 * count, count, 0)
     return np.asarray(arcs, dtype=np.int64)
 

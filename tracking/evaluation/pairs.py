@@ -6,20 +6,43 @@ one for each sequence, in any of the places of `RESULT_PLACES`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.detection import (
+    DetectionScores,
+    LabelledBoxes,
+    evaluate_detections,
+    labelled_boxes,
+)
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
-from tsuiseki.tracking.formats.mot import GroundTruth, find_sequences, read_ground_truth, read_sequence, read_tracks
+from tsuiseki.tracking.formats.mot import (
+    GroundTruth,
+    find_sequences,
+    read_detections,
+    read_ground_truth,
+    read_sequence,
+    read_tracks,
+)
 from tsuiseki.tracking.frame_range import FrameRange
-from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types import Detections, Track
 
 # Where the result of the sequence NAME may lie in a folder of results, the most specific place first.
 RESULT_PLACES = ("{name}/tracks.txt", "{name}.txt", "{name}/{name}.txt", "{name}/gt/gt.txt")
 # Where it may lie when the truth is a single sequence.
 SINGLE_RESULT_PLACES = ("tracks.txt", "gt/gt.txt")
+DETECTION_PLACES = ("{name}/detections.txt", "{name}.txt", "{name}/det/det.txt")
+SINGLE_DETECTION_PLACES = ("detections.txt", "det/det.txt")
+
+
+@dataclass(frozen=True)
+class DetectionEvaluation:
+    """Scores of detections on every sequence, and on the images of all of them."""
+
+    sequences: Mapping[str, DetectionScores]
+    combined: DetectionScores
 
 
 @dataclass(frozen=True)
@@ -70,9 +93,51 @@ def match_results(truths: Sequence[Truth], result: Path, frames: FrameRange | No
     """
     pairs = []
     for truth in truths:
-        tracks = read_tracks(_result_file(truth.name, result, single=len(truths) == 1))
+        tracks = read_tracks(_result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES))
         pairs.append(SequencePair(truth.name, truth.labels, _cut(tracks, frames), truth.length))
     return pairs
+
+
+def evaluate_detection_files(
+    truths: Sequence[Truth],
+    result: Path,
+    frames: FrameRange | None = None,
+    iou: float = 0.5,
+    score_range: tuple[float, float] = (0.0, 1.0),
+) -> DetectionEvaluation:
+    """Average precision of detections in files.
+
+    Args:
+        truths: the labels, already cut to ``frames``.
+        result: a text file where there is one truth, or a folder.
+        frames: the stretch to score.
+        iou: overlap from which a detection is right.
+        score_range: smallest and largest score to expect.
+
+    Raises:
+        RequestError: a sequence has no detections, or they are broken.
+    """
+    images: dict[str, tuple[list[LabelledBoxes], list[Detections]]] = {}
+    for truth in truths:
+        file = _result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
+        found = read_detections(file, truth.length, score_range)
+        last = max(int(truth.labels.frames[-1]), len(found) - 1)
+        wanted = (frames or FrameRange()).within(truth.length or last + 1)
+        assert wanted.last is not None
+        numbers = range(wanted.first, wanted.last + 1)
+        none = Detections.empty()
+        images[truth.name] = (
+            labelled_boxes(truth.labels, numbers),
+            [found[n] if n < len(found) else none for n in numbers],
+        )
+    return DetectionEvaluation(
+        {name: evaluate_detections(boxes, found, iou) for name, (boxes, found) in images.items()},
+        evaluate_detections(
+            [image for boxes, _ in images.values() for image in boxes],
+            [image for _, found in images.values() for image in found],
+            iou,
+        ),
+    )
 
 
 def _of_file(path: Path) -> tuple[str, Path, int]:
@@ -101,16 +166,16 @@ def _cut(tracks: list[Track], frames: FrameRange | None) -> list[Track]:
     return restrict(tracks, frames.first, latest if frames.last is None else frames.last)
 
 
-def _result_file(name: str, result: Path, *, single: bool) -> Path:
+def _result_file(name: str, result: Path, single: bool, places: Sequence[str], single_places: Sequence[str]) -> Path:
+    """The file of sequence ``name``; ``single`` says that there is no other sequence."""
     if result.is_file():
         if not single:
             raise RequestError(f"expected a folder with the results of several sequences, got the file {result}")
         return result
     if not result.is_dir():
         raise RequestError(f"expected a result file or a folder of results, found no {result}")
-    places = [place.format(name=name) for place in RESULT_PLACES]
-    places += SINGLE_RESULT_PLACES if single else ()
-    for place in places:
+    tried = [*(place.format(name=name) for place in places), *(single_places if single else ())]
+    for place in tried:
         if (result / place).is_file():
             return result / place
-    raise RequestError(f"{result}: expected the result of {name} as {' or '.join(places)}, found none")
+    raise RequestError(f"{result}: expected the result of {name} as {' or '.join(tried)}, found none")

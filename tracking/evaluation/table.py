@@ -6,12 +6,15 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from tsuiseki.tracking.evaluation.detection import DetectionScores
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
+from tsuiseki.tracking.evaluation.pairs import DetectionEvaluation
 
 # Heading and field of every column, and whether it is a share or a count.
 COLUMNS = (
@@ -76,3 +79,38 @@ def people_values(results: Mapping[str, PeopleEvaluation]) -> dict[str, Any]:
         }
         for name, evaluation in results.items()
     }
+
+
+def detection_table(results: Mapping[str, DetectionEvaluation], iou: float) -> Table:
+    """The average precision of several results by sequence and combined, as a table for `rich`."""
+    sequences = list(next(iter(results.values())).sequences)
+    headings = (f"AP{100 * iou:.0f}", "Best F1", "at score", "Boxes")
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("Sequence", no_wrap=True)
+    table.add_column("Result", no_wrap=True)
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for sequence in [*sequences, *([COMBINED] if len(sequences) > 1 else [])]:
+        for number, (name, evaluation) in enumerate(results.items()):
+            scores = evaluation.combined if sequence == COMBINED else evaluation.sequences[sequence]
+            values = (scores.average_precision, scores.best_f1, scores.best_threshold)
+            first = Text("" if number else sequence)
+            table.add_row(first, Text(name), *(f"{value:.3f}" for value in values), str(scores.boxes))
+        table.add_section()
+    return table
+
+
+def detection_values(results: Mapping[str, DetectionEvaluation]) -> dict[str, Any]:
+    """The scores as nested mappings for a JSON file: result, then sequence or ``combined``, then score."""
+    return {
+        name: {
+            "sequences": {sequence: _plain(scores) for sequence, scores in evaluation.sequences.items()},
+            COMBINED: _plain(evaluation.combined),
+        }
+        for name, evaluation in results.items()
+    }
+
+
+def _plain(scores: DetectionScores) -> dict[str, Any]:
+    values = dataclasses.asdict(scores)
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
