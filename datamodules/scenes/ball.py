@@ -138,13 +138,20 @@ def film(scene: BallScene, seed: int) -> Iterator[list[ImageArray]]:
         things = _things(scene, float(time))
         images = []
         for k, (camera, room) in enumerate(zip(scene.cameras, scene.rooms, strict=True)):
-            covered = any(c.camera == k and c.first <= index <= c.last for c in scene.settings.covers)
-            present = [*things, _board(camera)] if covered else things
+            if any(c.camera == k and c.first <= index <= c.last for c in scene.settings.covers):
+                images.append(covered_image(scene, k, rng))
+                continue
             dark = shadows(things, camera, LIGHT, softness=2.5)
             lit = replace(room.picture, colour=room.picture.colour - room.direct * dark[:, :, None])
-            picture, _ = compose(lit, present, camera, LIGHT)
+            picture, _ = compose(lit, things, camera, LIGHT)
             images.append(expose(picture.colour, scene.settings.noise, rng))
         yield images
+
+
+def covered_image(scene: BallScene, camera: int, rng: np.random.Generator) -> ImageArray:
+    """What a camera shows while a board covers its view: nothing of the scene."""
+    picture, _ = compose(scene.rooms[camera].picture, [_board(scene.cameras[camera])], scene.cameras[camera], LIGHT)
+    return expose(picture.colour, scene.settings.noise, rng)
 
 
 def backgrounds(scene: BallScene, seed: int) -> list[ImageArray]:

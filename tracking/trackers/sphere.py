@@ -9,7 +9,7 @@ leaves open: cameras are multiplied (as it says for 2.2.1), and a covered camera
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -22,7 +22,7 @@ from tsuiseki.tracking.filters.views import Covering, open_after, weigh_views
 from tsuiseki.tracking.filters.weights import probabilities, weighted_covariance, weighted_mean
 from tsuiseki.tracking.likelihoods.background import colour_difference
 from tsuiseki.tracking.likelihoods.sphere import ContourSettings, outline_support, polar_maps
-from tsuiseki.tracking.types import FloatArray, ImageArray, Position, Status
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray, Position, Status
 
 Views = Sequence[ImageArray | None]
 """One image a camera; None where it has no frame now."""
@@ -136,6 +136,21 @@ class SphereState:
 
 
 @dataclass(frozen=True)
+class SphereInfo:
+    """What came of one step.
+
+    Attributes:
+        position: the estimate.
+        ancestors: ``(N,)`` index of each particle's parent, for smoothing.
+        deviation: standard deviation of the position along its least known direction, m.
+    """
+
+    position: Position
+    ancestors: IntArray
+    deviation: float
+
+
+@dataclass(frozen=True)
 class SphereTracker:
     """The filter of the sphere paper.
 
@@ -218,7 +233,7 @@ class SphereTracker:
         states[:, 3:] = rng.standard_normal((particles, 3)) * 0.3
         return self._state(states, glance.time, len(glance.views))
 
-    def step(self, state: SphereState, glance: Glance, rng: np.random.Generator) -> tuple[SphereState, Position]:
+    def step(self, state: SphereState, glance: Glance, rng: np.random.Generator) -> tuple[SphereState, SphereInfo]:
         """One look further: the state after it and the estimate."""
         seconds = max(glance.time - state.time, 0.0)
         fresh = np.array([view is not None for view in glance.views])
@@ -229,7 +244,7 @@ class SphereTracker:
             del observation
             return self.motion(particles, seconds, rng), np.zeros(len(particles))
 
-        after, _ = ParticleFilter(move, weigher).step(state.particles, glance, rng)
+        after, info = ParticleFilter(move, weigher).step(state.particles, glance, rng)
         weights = probabilities(after.log_weights)
         opened = open_after(weigher.ratios, before, weights) if self.covering else before
         opened = np.where(fresh, opened, before)
@@ -241,7 +256,7 @@ class SphereTracker:
         status: Status = "tracking" if known else "searching" if unseen <= self.patience else "lost"
         score = float(np.mean(opened)) * float(np.exp(-deviation / self.largest_deviation))
         position = Position(glance.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
-        return SphereState(after, glance.time, opened, unseen), position
+        return SphereState(after, glance.time, opened, unseen), SphereInfo(position, info.ancestors, deviation)
 
     def _state(self, states: FloatArray, time: float, views: int) -> SphereState:
         particles = ParticleState(states, np.full(len(states), -np.log(len(states))))
@@ -261,7 +276,3 @@ class _Weigher:
         weighed = self.ratios if self._open is None else weigh_views(self.ratios, self._open)
         return np.asarray(weighed.sum(axis=1))
 
-
-def restarted(state: SphereState, found: SphereState) -> SphereState:
-    """``found`` with the time that the ball has been unseen so far."""
-    return replace(found, unseen=state.unseen)

@@ -1,0 +1,50 @@
+"""Where in space cameras can see a ball together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import BoolArray, FloatArray
+
+SMALLEST_RADIUS = 4.0
+FARTHEST = 15.0
+
+
+def in_sight(camera: PinholeCamera, points: FloatArray) -> BoolArray:
+    """``(N,)`` whether ``camera`` has the ``(N, 3)`` points before it and within its image."""
+    pixels, depth = camera.project(points)
+    with np.errstate(invalid="ignore"):
+        inside = (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+    return np.asarray(inside & (depth > 0))
+
+
+def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 2) -> FloatArray:
+    """``(2, 3)`` corners of a box, above z = 0, with all places where at least ``views`` cameras see the ball well.
+
+    Well means a radius of at least four pixels and at most a quarter of the image height.
+
+    Raises:
+        RequestError: there is no such place.
+    """
+    places = np.stack([camera.position for camera in cameras])
+    low, high = places.min(axis=0) - FARTHEST, places.max(axis=0) + FARTHEST
+    low[2], high[2] = 0.0, min(high[2], places[:, 2].max() + 3.0)
+    axes = [np.linspace(a, b, 40) for a, b in zip(low, high, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    seen = np.zeros(len(grid), dtype=np.int64)
+    for camera in cameras:
+        depth = np.maximum(camera.to_camera(grid)[:, 2], 1e-9)
+        size = camera.focal.mean() * radius / depth
+        seen += in_sight(camera, grid) & (size >= SMALLEST_RADIUS) & (size <= camera.height / 4)
+    good = grid[seen >= views]
+    if len(good) == 0:
+        raise RequestError(
+            f"expected cameras that can see a ball of {radius:g} m together above z = 0, found no such place; check the "
+            "camera file and the radius, or give --volume"
+        )
+    step = np.array([axis[1] - axis[0] for axis in axes])
+    return np.stack([np.maximum(good.min(axis=0) - step / 2, low), np.minimum(good.max(axis=0) + step / 2, high)])

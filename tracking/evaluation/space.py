@@ -1,0 +1,78 @@
+"""How far positions in space lie from the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.formats.track3d import Path3D
+from tsuiseki.tracking.types import FloatArray
+
+
+@dataclass(frozen=True)
+class DistanceScores:
+    """Summary of distances, metres.
+
+    Attributes:
+        mean: of all.
+        maximum: of all.
+        deviation: standard deviation.
+        median: of all.
+        count: how many.
+    """
+
+    mean: float
+    maximum: float
+    deviation: float
+    median: float
+    count: int
+
+
+def distance_scores(distances: FloatArray) -> DistanceScores:
+    """The summary of distances ``(T,)``.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if len(distances) == 0:
+        raise ValueError("expected at least one distance, got none")
+    return DistanceScores(
+        float(distances.mean()),
+        float(distances.max()),
+        float(distances.std()),
+        float(np.median(distances)),
+        len(distances),
+    )
+
+
+def distance_to_position(track: Path3D, truth: Path3D) -> FloatArray:
+    """``(T,)`` distances to the true position at the same time, interpolated; NaN outside the truth's times."""
+    expected = np.stack([np.interp(track.times, truth.times, axis) for axis in truth.points.T], axis=1)
+    slack = 1e-6
+    inside = (track.times >= truth.times[0] - slack) & (track.times <= truth.times[-1] + slack)
+    distances = np.sqrt(np.square(track.points - expected).sum(axis=1))
+    return np.where(inside, distances, np.nan)
+
+
+def distance_to_path(points: FloatArray, path: FloatArray) -> FloatArray:
+    """``(T,)`` least distances of ``points`` ``(T, 3)`` to the line through ``path`` ``(K, 3)``.
+
+    The error of section 3 of the sphere paper: it forgives being early or late along the path.
+    """
+    if len(path) == 1:
+        return np.asarray(np.sqrt(np.square(points - path[0]).sum(axis=1)))
+    start, along = path[:-1], np.diff(path, axis=0)
+    length = np.maximum(np.einsum("kj,kj->k", along, along), 1e-18)
+    away = points[:, None] - start
+    share = np.clip(np.einsum("tkj,kj->tk", away, along) / length, 0.0, 1.0)
+    gap = away - share[:, :, None] * along
+    return np.asarray(np.sqrt(np.einsum("tkj,tkj->tk", gap, gap).min(axis=1)))
+
+
+def acceleration(times: FloatArray, points: FloatArray, step: float) -> float:
+    """Root-mean-square acceleration over all three neighbours ``step`` seconds apart, m/s^2; NaN if there are none."""
+    even = np.abs(np.diff(times) - step) < 0.01 * step
+    triples = even[1:] & even[:-1] & np.isfinite(points[2:] + points[1:-1] + points[:-2]).all(axis=1)
+    second = (points[2:] - 2 * points[1:-1] + points[:-2])[triples] / step**2
+    return float(np.sqrt(np.mean(np.square(second).sum(axis=1)))) if len(second) else float("nan")

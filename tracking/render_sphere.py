@@ -1,0 +1,59 @@
+"""The ball's estimated outline drawn into each camera's video."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.cameras.outline import sphere_outlines
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.types import FloatArray, ImageArray, Position
+
+STATUS_COLOURS = {"tracking": (40, 230, 90), "searching": (255, 190, 40), "lost": (255, 70, 60)}
+POINTS = 48
+# Fractions of a pixel that OpenCV draws to.
+SHIFT = 4
+
+
+def draw_sphere(
+    image: ImageArray, camera: PinholeCamera, position: Position, radius: float, view: int, trail: FloatArray
+) -> ImageArray:
+    """A copy of ``image`` with the outline, its centre, the way there and the status.
+
+    Args:
+        image: ``(H, W, 3)`` uint8 RGB.
+        camera: that took it.
+        position: the estimate.
+        radius: of the ball, m.
+        view: number of the camera, from 0; a dashed outline says that it does not contribute.
+        trail: ``(T, 3)`` recent positions, m.
+    """
+    drawn = image.copy()
+    colour = STATUS_COLOURS[position.status]
+    way, _ = camera.project(trail.reshape(-1, 3))
+    way = way[np.isfinite(way).all(axis=1)]
+    if len(way) > 1:
+        cv2.polylines(drawn, [_fixed(way)], False, colour, 1, cv2.LINE_AA, SHIFT)
+    outlines = sphere_outlines(camera, position.point[None], radius)
+    points = outlines.points(POINTS)[0]
+    used = len(position.open) <= view or position.open[view] > 0.5
+    if np.isfinite(points).all() and np.abs(points).max() < 1e4:
+        ring = _fixed(np.concatenate([points, points[:1]]))
+        parts = [ring] if used else [ring[k : k + 2] for k in range(0, len(ring) - 1, 2)]
+        cv2.polylines(drawn, parts, False, colour, 2, cv2.LINE_AA, SHIFT)
+        cv2.drawMarker(drawn, _whole(outlines.centre[0]), colour, cv2.MARKER_CROSS, 7, 1, cv2.LINE_AA)
+    x, y, z = position.point
+    text = f"{position.time:6.2f} s   x {x:+.2f}  y {y:+.2f}  z {z:+.2f} m   {position.status}"
+    text += "" if used else ", this camera is covered"
+    cv2.rectangle(drawn, (0, 0), (10 + 8 * len(text), 22), (20, 20, 20), cv2.FILLED)
+    cv2.putText(drawn, text, (6, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    return drawn
+
+
+def _fixed(points: FloatArray) -> np.ndarray:  # type: ignore[type-arg]
+    # OpenCV counts from the first pixel's centre.
+    return np.round((points - 0.5) * 2**SHIFT).astype(np.int32)
+
+
+def _whole(point: FloatArray) -> tuple[int, int]:
+    return round(float(point[0] - 0.5)), round(float(point[1] - 0.5))
