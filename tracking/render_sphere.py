@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -50,9 +51,9 @@ def draw_sphere(
     return drawn
 
 
-def _fixed(points: FloatArray) -> np.ndarray:  # type: ignore[type-arg]
+def _fixed(points: FloatArray) -> NDArray[np.int32]:
     # OpenCV counts from the first pixel's centre.
-    return np.round((points - 0.5) * 2**SHIFT).astype(np.int32)
+    return np.asarray(np.round((points - 0.5) * 2**SHIFT), dtype=np.int32)
 
 
 def _whole(point: FloatArray) -> tuple[int, int]:

@@ -6,6 +6,7 @@ The normalised direct linear transform gives the projection matrix of Hartley an
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -108,7 +109,7 @@ def decompose(matrix: FloatArray, width: int, height: int) -> PinholeCamera:
         focal=np.array([intrinsics[0, 0], intrinsics[1, 1]]),
         principal_point=intrinsics[:2, 2],
         rotation=rotation,
-        position=-np.linalg.solve(matrix[:, :3], matrix[:, 3]),
+        position=np.asarray(-np.linalg.solve(matrix[:, :3], matrix[:, 3]), dtype=np.float64),
     )
 
 
@@ -162,7 +163,9 @@ def locate_camera(points: FloatArray, pixels: FloatArray, intrinsics: Intrinsics
     return _refine(lambda x: _moved(start, x), np.zeros(6), points, pixels)
 
 
-def _refine(camera_of, start: FloatArray, points: FloatArray, pixels: FloatArray) -> Calibration:  # type: ignore[no-untyped-def]
+def _refine(
+    camera_of: Callable[[FloatArray], PinholeCamera], start: FloatArray, points: FloatArray, pixels: FloatArray
+) -> Calibration:
     first = camera_of(start)
     _refuse_behind(first.project(points)[1])
 

@@ -51,7 +51,7 @@ def largest_radius(coefficients: FloatArray) -> float:
     """The ideal radius up to which the radial polynomial grows; infinite when it always does."""
     k1, k2, _, _, k3 = coefficients
     # d/dr of r (1 + k1 r^2 + k2 r^4 + k3 r^6), as a polynomial in r^2.
-    roots = np.roots(np.trim_zeros([7 * k3, 5 * k2, 3 * k1, 1.0], "f"))
+    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
     real = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)].real
     return float(np.sqrt(real.min())) if len(real) else float("inf")
 

@@ -61,7 +61,7 @@ def read_cameras(path: Path) -> list[PlacedCamera]:
     """The cameras of a `cameras.yaml`, in order.
 
     Raises:
-        RequestError: the file is missing or no YAML, or an entry lacks a field or has a wrong one; the message names it.
+        RequestError: the file is missing or no YAML, or an entry lacks a field or has a wrong one, which is named.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -169,7 +169,8 @@ def _numbers(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
 
 
 def _rounded(array: FloatArray) -> list[Any]:
-    return np.round(array, 12).tolist()
+    rounded: list[Any] = np.round(array, 12).tolist()
+    return rounded
 
 
 def _plain_json(path: Path) -> tuple[FloatArray | None, FloatArray | None, tuple[int, int] | None]:

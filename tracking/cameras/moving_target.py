@@ -89,7 +89,9 @@ def calibrate_by_path(
     normalised = ideal.normalised(pixels)
     explained, start, offset = 0.0, ideal, 0.0
     for candidate in offsets:
-        share, camera = _explained(trajectory, span, frames / frame_rate + candidate, normalised, ideal, tolerance * scale)
+        share, camera = _explained(
+            trajectory, span, frames / frame_rate + candidate, normalised, ideal, tolerance * scale
+        )
         if share > explained:
             explained, start, offset = share, camera, float(candidate)
     if explained < 1 / 3:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray
 
 # Rays that meet at less than this angle (radians) leave the distance open.
 SMALLEST_ANGLE = 2e-3
@@ -52,7 +52,7 @@ def triangulate(
     return points, covariance
 
 
-def _nearest_to_rays(origins: FloatArray, rays: FloatArray, seen: np.ndarray) -> tuple[FloatArray, np.ndarray]:  # type: ignore[type-arg]
+def _nearest_to_rays(origins: FloatArray, rays: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
     """``(N, 3)`` points of least summed squared distance to their rays, and where the rays fix one."""
     directions = np.where(seen[..., None], rays, 0.0)
     across = seen[..., None, None] * np.eye(3) - directions[..., :, None] * directions[..., None, :]
@@ -68,7 +68,7 @@ def _nearest_to_rays(origins: FloatArray, rays: FloatArray, seen: np.ndarray) ->
 def _normal_equations(
     cameras: Sequence[PinholeCamera],
     pixels: FloatArray,
-    seen: np.ndarray,  # type: ignore[type-arg]
+    seen: BoolArray,
     points: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gauss-Newton steps ``(N, 3)``, information ``(N, 3, 3)`` for unit sigma, depths ``(N, C)``."""

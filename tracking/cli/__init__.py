@@ -52,7 +52,10 @@ COMMANDS: Tree = {
     "demo": Command("run the whole path on a generated labelled clip and write a report", "demo", "demo"),
     "simulate": Group(
         "make labelled video with exact truth",
-        {"street": Command("people on a street before a fixed camera", "simulate", "street")},
+        {
+            "street": Command("people on a street before a fixed camera", "simulate", "street"),
+            "sphere": Command("a ball carried through a room before several cameras", "simulate_sphere", "sphere"),
+        },
     ),
     "train": Group(
         "fit a model to labelled video (needs the train extra)",
@@ -69,15 +72,29 @@ COMMANDS: Tree = {
             "appearance": Command("from a checkpoint", "export", "appearance"),
         },
     ),
+    "calibrate": Group(
+        "find out where cameras are and how they see",
+        {"points": Command("from known points in space", "calibrate", "points", ("file",))},
+    ),
     "track": Group(
         "follow something through a video with exported models",
-        {"people": Command("everyone in view, each with an id", "track", "people", ("source",))},
+        {
+            "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
+            "sphere": Command("a ball in space, from calibrated cameras", "sphere", "sphere", ("source",)),
+        },
     ),
     "evaluate": Group(
         "score results against labels",
         {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
+        },
+    ),
+    "reproduce": Group(
+        "run a paper's experiment and put its figures beside the paper's",
+        {
+            "stereo-sphere": Command("a ball in space from two cameras", "reproduce_sphere", "stereo_sphere"),
+            "multiview-drone": Command("a drone in space from measured pixels", "reproduce_sphere", "multiview_drone"),
         },
     ),
 }

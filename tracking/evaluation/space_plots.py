@@ -110,9 +110,7 @@ def _view(
             axes.plot(points[which, a], points[which, b], ".", markersize=3.5, color=colour, label=status)
 
 
-def _cameras(
-    axes: Axes, cameras: Sequence[PlacedCamera], pair: tuple[int, int], points: FloatArray, ink: str
-) -> None:
+def _cameras(axes: Axes, cameras: Sequence[PlacedCamera], pair: tuple[int, int], points: FloatArray, ink: str) -> None:
     a, b = pair
     for placed in cameras:
         place = placed.camera.position

@@ -1,9 +1,9 @@
 """Weighing particles by several views, each of which may be covered.
 
-A view c gives every particle i the log-ratio l_ci of what it shows given the particle to what it would show anyway. If
-the view is open with probability v_c, its weight for the particle is ``v_c exp(l_ci) + 1 - v_c``: a view that speaks
-against all particles at once ends up weighing them alike, and no longer pulls the estimate away. v_c follows a two-state
-Markov chain and is updated by Bayes' rule.
+A view c gives every particle i the log-ratio l_ci of what it shows given the particle to what it would show anyway.
+If the view is open with probability v_c, its weight for the particle is ``v_c exp(l_ci) + 1 - v_c``: a view that
+speaks against all particles at once ends up weighing them alike, and no longer pulls the estimate away. v_c follows
+a two-state Markov chain and is updated by Bayes' rule.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The background difference of section 2.2.1 of the sphere paper, the baseline: anything that moves looks like the ball."""
+"""The background difference of section 2.2.1 of the sphere paper, the baseline: whatever moves looks like the ball."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.cameras.volume import in_sight
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 
 def colour_difference(
     camera: PinholeCamera, image: ImageArray, background: ImageArray, points: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, BoolArray]:
     """How far the colour at each projected point lies from the background's.
 
     Args:
@@ -25,8 +26,7 @@ def colour_difference(
         elsewhere the difference is zero.
     """
     pixels, _ = camera.project(points)
-    inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
-    inside[inside] &= (pixels[inside] < [camera.width, camera.height]).all(axis=1)
+    inside = in_sight(camera, points)
     maps = np.where(inside[:, None], pixels - 0.5, 0.0).astype(np.float32)[:, None]
     colours = [
         cv2.remap(picture, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1, 3)

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, Motion3D
@@ -24,8 +25,8 @@ from tsuiseki.tracking.likelihoods.background import colour_difference
 from tsuiseki.tracking.likelihoods.sphere import ContourSettings, outline_support, polar_maps
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray, Position, Status
 
-Views = Sequence[ImageArray | None]
-"""One image a camera; None where it has no frame now."""
+Views: TypeAlias = Sequence[NDArray[Any] | None]
+"""One image ``(H, W, 3)`` uint8, or one measured pixel ``(2,)``, a camera; None where it has nothing now."""
 
 OPEN = 0.5
 
@@ -36,11 +37,11 @@ class Glance:
 
     Attributes:
         time: seconds, not before the last one.
-        views: C images, or C measured pixels ``(2,)``; None where a camera has nothing now.
+        views: of C cameras.
     """
 
     time: float
-    views: Sequence[ImageArray | FloatArray | None]
+    views: Views
 
 
 class ViewLikelihood(Protocol):
@@ -49,7 +50,7 @@ class ViewLikelihood(Protocol):
     Zero where a view says nothing: no frame, or the particle is out of its sight.
     """
 
-    def __call__(self, positions: FloatArray, views: Sequence[ImageArray | FloatArray | None]) -> FloatArray: ...
+    def __call__(self, positions: FloatArray, views: Views) -> FloatArray: ...
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class PointLikelihood:
     cameras: Sequence[PinholeCamera]
     sigma: FloatArray
 
-    def __call__(self, positions: FloatArray, views: Sequence[FloatArray | None]) -> FloatArray:
+    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
         ratios = np.zeros((len(positions), len(self.cameras)))
         for k, (camera, pixel) in enumerate(zip(self.cameras, views, strict=True)):
             if pixel is None:
@@ -275,4 +276,3 @@ class _Weigher:
         self.ratios = self._likelihood(particles[:, :3], self._glance.views)
         weighed = self.ratios if self._open is None else weigh_views(self.ratios, self._open)
         return np.asarray(weighed.sum(axis=1))
-

@@ -6,7 +6,7 @@ same for all seeds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -92,7 +92,10 @@ def configurations() -> list[Configuration]:
 
 
 def run_film(
-    seed: int, settings: BallSettings, rows: Sequence[Configuration], watch: Callable[[Iterator], Iterator] = iter  # type: ignore[type-arg]
+    seed: int,
+    settings: BallSettings,
+    rows: Sequence[Configuration],
+    watch: Callable[[Iterable[list[ImageArray]]], Iterable[list[ImageArray]]] = iter,
 ) -> list[Outcome]:
     """The outcome of every configuration on the film of ``seed``.
 
@@ -149,7 +152,9 @@ class _Run:
 
 def over_seeds(outcomes: Mapping[int, Sequence[Outcome]], row: int) -> tuple[DistanceScores, DistanceScores]:
     """Mean over the seeds of the mean, deviation and median, and the greatest maximum; to position and to path."""
-    return _pooled([o[row].to_position for o in outcomes.values()]), _pooled([o[row].to_path for o in outcomes.values()])
+    return _pooled([o[row].to_position for o in outcomes.values()]), _pooled(
+        [o[row].to_path for o in outcomes.values()]
+    )
 
 
 def _pooled(scores: Sequence[DistanceScores]) -> DistanceScores:

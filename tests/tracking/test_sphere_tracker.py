@@ -1,0 +1,161 @@
+"""The ball tracker on small exact images: found, followed, and not pulled away by a covered camera."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.cameras.files import PlacedCamera
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.triangulation import triangulate
+from tsuiseki.tracking.cameras.volume import common_volume, in_sight
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.filters.smoothing import Lineage
+from tsuiseki.tracking.trackers.sphere import ContourLikelihood, Glance, PointLikelihood, SphereTracker
+from tsuiseki.tracking.trackers.sphere_run import check_lengths, check_start
+
+RADIUS = 0.1
+CAMERAS = [
+    PinholeCamera.look_at(np.array(place), np.array([0.0, 0.0, 1.0]), 200.0, 240, 180)
+    for place in ([2.6, 0.6, 1.3], [0.4, -2.6, 1.5], [-2.0, 1.6, 1.4])
+]
+TIMES = np.arange(24) / 15
+PATH = np.column_stack([0.4 * np.cos(2 * TIMES), 0.4 * np.sin(2 * TIMES), 1.0 + 0.2 * np.sin(3 * TIMES)])
+
+
+def picture(camera, centre, rng):
+    """Speckled wall with an exact silhouette of the ball on it."""
+    clean = np.full((180, 240, 3), 105.0)
+    at = (np.arange(480) + 0.5) / 2, (np.arange(360) + 0.5) / 2
+    rays = camera.rays(np.stack(np.meshgrid(*at), axis=-1).reshape(-1, 2))
+    toward = centre - camera.position
+    hit = (toward @ toward - (rays @ toward) ** 2 < RADIUS**2).reshape(360, 480).astype(np.float32)
+    share = cv2.resize(hit, (240, 180), interpolation=cv2.INTER_AREA)[:, :, None]
+    clean = clean * (1 - share) + share * [190, 70, 50]
+    return np.clip(clean + rng.normal(0, 3, clean.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def film():
+    rng = np.random.default_rng(0)
+    return [[picture(camera, point, rng) for camera in CAMERAS] for point in PATH]
+
+
+def follow(film, change=lambda k, views: views, cameras=2, seed=0, particles=400):
+    tracker = SphereTracker(ContourLikelihood(CAMERAS[:cameras], RADIUS))
+    rng = np.random.default_rng(seed)
+    state = tracker.start_at(PATH[0], 0.03, particles, cameras, rng, TIMES[0])
+    found = []
+    for k, time in enumerate(TIMES):
+        state, info = tracker.step(state, Glance(time, change(k, list(film[k][:cameras]))), rng)
+        found.append(info.position)
+    return found
+
+
+def errors(positions):
+    return np.linalg.norm([p.point for p in positions] - PATH[: len(positions)], axis=1)
+
+
+def test_two_cameras_follow_the_ball_to_a_fraction_of_a_pixel(film):
+    found = follow(film)
+    # A pixel is 1.3 cm here; the outline of 15 pixels averages it down.
+    assert errors(found).mean() < 0.010
+    assert all(p.status == "tracking" for p in found)
+    assert all((p.open > 0.9).all() for p in found)
+
+
+def test_the_stated_covariance_holds_the_truth(film):
+    found = follow(film)
+    away = [p.point - t for p, t in zip(found, PATH, strict=True)]
+    square = [a @ np.linalg.solve(p.covariance, a) for a, p in zip(away, found, strict=True)]
+    # The 99.9 % quantile of chi-square with 3 degrees of freedom is 16; the filter may be cautious but not blind.
+    assert np.median(square) < 16
+
+
+def test_the_same_seed_gives_the_same_track(film):
+    first, second = follow(film, seed=3), follow(film, seed=3)
+    np.testing.assert_array_equal([p.point for p in first], [p.point for p in second])
+    assert not np.array_equal(first[-1].point, follow(film, seed=4)[-1].point)
+
+
+def test_a_covered_camera_stops_contributing_and_comes_back(film):
+    board = np.random.default_rng(9).integers(60, 120, (180, 240, 3), dtype=np.uint8)
+
+    def cover(k, views):
+        return [board, *views[1:]] if 8 <= k < 16 else views
+
+    found = follow(film, cover, cameras=3)
+    assert errors(found).max() < 0.03
+    assert all(p.open[0] < 0.5 for p in found[9:16])
+    assert found[-1].open[0] > 0.9
+
+
+def test_dropped_frames_are_bridged(film):
+    def drop(k, views):
+        return [None if (k + camera) % 3 == 0 else view for camera, view in enumerate(views)]
+
+    assert errors(follow(film, drop)).mean() < 0.02
+
+
+def test_without_any_image_the_ball_is_searched_then_lost(film):
+    found = follow(film, lambda k, views: [None, None] if k > 2 else views)
+    statuses = [p.status for p in found]
+    assert statuses[0] == "tracking"
+    assert "searching" in statuses
+    assert statuses[-1] == "lost" if TIMES[-1] > 2 else statuses[-1] in ("searching", "lost")
+
+
+def test_the_whole_volume_is_searched(film):
+    tracker = SphereTracker(ContourLikelihood(CAMERAS, RADIUS))
+    volume = np.array([[-1.0, -1.0, 0.3], [1.0, 1.0, 1.8]])
+    glance = Glance(0.0, film[0])
+    state = tracker.search(volume, glance, 400, np.random.default_rng(0), candidates=8000)
+    _, info = tracker.step(state, glance, np.random.default_rng(1))
+    assert np.linalg.norm(info.position.point - PATH[0]) < 0.03
+
+
+def test_point_measurements_agree_with_triangulation():
+    point = np.array([[0.2, -0.1, 1.1]])
+    pixels = np.stack([c.project(point)[0] for c in CAMERAS], axis=1)
+    tracker = SphereTracker(PointLikelihood(CAMERAS, np.full(3, 1.0)))
+    rng = np.random.default_rng(0)
+    state = tracker.start_at(point[0] + 0.03, 0.05, 4000, 3, rng, speed=0.01)
+    for _ in range(3):
+        state, info = tracker.step(state, Glance(0.0, list(pixels[0])), rng)
+    _, covariance = triangulate(CAMERAS, pixels)
+    assert np.linalg.norm(info.position.point - point[0]) < 0.01
+    # Three looks at the same pixels hold a third of the variance of one.
+    assert np.trace(info.position.covariance) == pytest.approx(np.trace(covariance[0]) / 3, rel=0.25)
+
+
+def test_a_lineage_keeps_the_ancestors_of_the_survivors():
+    rows = np.arange(4.0)[:, None]
+    lineage = Lineage().extended(np.arange(4), rows, 0.0, 0.2)
+    lineage = lineage.extended(np.array([1, 1, 3, 3]), 10 + rows, 0.1, 0.2)
+    lineage = lineage.extended(np.array([0, 0, 0, 2]), 20 + rows, 0.2, 0.2)
+    np.testing.assert_array_equal(lineage.states[0][:, 0], [1, 1, 1, 3])
+    np.testing.assert_array_equal(lineage.states[1][:, 0], [10, 10, 10, 12])
+    assert lineage.extended(np.arange(4), rows, 0.3, 0.2).times == (0.1, 0.2, 0.3)
+
+
+def test_the_volume_holds_what_two_cameras_see_and_refuses_cameras_that_share_nothing():
+    low, high = common_volume(CAMERAS, RADIUS)
+    assert ((PATH > low) & (PATH < high)).all()
+    away = [PinholeCamera.look_at(np.array([x, 0.0, 1.0]), np.array([9 * x, 0.0, 1.0]), 200.0, 240, 180) for x in (-9, 9)]
+    with pytest.raises(RequestError, match="no such place"):
+        common_volume(away, 0.01)
+    assert in_sight(CAMERAS[0], PATH).all()
+
+
+def test_a_start_behind_or_beside_the_cameras_is_refused():
+    placed = [PlacedCamera(f"camera{k + 1}", c) for k, c in enumerate(CAMERAS[:2])]
+    check_start(PATH[0], placed)
+    with pytest.raises(RequestError, match="lies behind camera1"):
+        check_start(np.array([9.0, 2.0, 2.0]), placed)
+    with pytest.raises(RequestError, match="in 0 of 2 images"):
+        check_start(np.array([0.0, 0.0, 30.0]), placed)
+
+
+def test_videos_of_different_length_are_refused():
+    check_lengths([np.arange(30) / 15, np.arange(31) / 15], ["a", "b"])
+    with pytest.raises(RequestError, match="a ends at 1.93 s and b at 3.93 s"):
+        check_lengths([np.arange(30) / 15, np.arange(60) / 15], ["a", "b"])
