@@ -12,7 +12,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.degrade import Degradation, automatic_exposure, degrade
 from tsuiseki.datamodules.scenes.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.person import person_solids
-from tsuiseki.datamodules.scenes.scene import Picture, Thing, compose, empty_picture, shadows
+from tsuiseki.datamodules.scenes.scene import Picture, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.shading import Light, random_light
 from tsuiseki.datamodules.scenes.solids import Float32
 from tsuiseki.datamodules.scenes.staging import (
@@ -32,7 +32,7 @@ from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 CAMERAS = 300
 # Share of the image in which people have a wanted size, at least.
-WALKABLE = 0.35
+WALKABLE = 0.45
 LARGEST = 0.05
 # Share of a person's box that lies inside the image, at least, for a row of the truth.
 INSIDE = 0.1
@@ -88,13 +88,21 @@ class StreetSettings:
             (self.people >= 1 and self.occluders >= 0, "people >= 1, occluders >= 0", (self.people, self.occluders)),
             (0 < self.camera_height[0] <= self.camera_height[1], "camera_height as (low, high)", self.camera_height),
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
+            (
+                all(0 <= p <= 1 for p in (self.groups, self.pauses, self.look_alikes)),
+                "groups, pauses and look_alikes in [0, 1]",
+                (self.groups, self.pauses, self.look_alikes),
+            ),
             (1 <= self.jpeg <= 100 and 1 <= self.samples <= 8, "jpeg 1-100, samples 1-8", (self.jpeg, self.samples)),
             (self.speed[0] > 0 and self.speed[1] >= 0, "a positive mean speed", self.speed),
-            (min(self.noise, self.blur, self.exposure_drift) >= 0, "no negative noise, blur or drift", "one"),
+            (min(self._lens()) >= 0, "no negative noise, blur or drift", self._lens()),
         )
         for holds, what, got in expected:
             if not holds:
                 raise RequestError(f"street clip: expected {what}, got {got}")
+
+    def _lens(self) -> tuple[float, float, float]:
+        return self.noise, self.blur, self.exposure_drift
 
 
 @dataclass(frozen=True)
@@ -137,10 +145,8 @@ def plan_street(settings: StreetSettings, seed: int) -> Street:
     middles = [t.solids.start[0, :2].astype(np.float64) for t in static]
     obstacles = [[*m, reach_of(t.solids, m)] for m, t in zip(middles, static, strict=True)]
     static += buildings_behind(rng, int(rng.integers(1, 4)), float(np.linalg.norm(spots, axis=1).max()))
-    dark = shadows(static, camera, light, 1.0)
-    background, _ = compose(
-        empty_picture(ground * (1 - dark * sunlit)[:, :, None], settings.samples), static, camera, light
-    )
+    bare, sunlit = darken(empty_picture(ground, settings.samples), static, camera, light, sunlit, 1.0)
+    background, _ = compose(bare, static, camera, light)
     walkers = crowd(
         rng,
         CrowdSettings(settings.people, settings.groups, settings.pauses, settings.speed, settings.look_alikes),
@@ -161,8 +167,7 @@ def plan_street(settings: StreetSettings, seed: int) -> Street:
     seconds = np.arange(settings.frames) / settings.frame_rate
     waves = zip(rng.uniform(0.02, 0.3, 3), rng.uniform(0, 2 * np.pi, 3), strict=True)
     drift = np.exp(settings.exposure_drift * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
-    open_sun = sunlit * (1 - dark) * background.open_ground
-    return Street(settings, seed, camera, light, background, open_sun, walkers, lens, np.asarray(drift))
+    return Street(settings, seed, camera, light, background, sunlit, walkers, lens, np.asarray(drift))
 
 
 def draw_street(street: Street, frame: int) -> tuple[ImageArray, FrameTruth]:
@@ -174,8 +179,7 @@ def draw_street(street: Street, frame: int) -> tuple[ImageArray, FrameTruth]:
         t = frame - walker.first
         solids = person_solids(walker.person, walker.pose(frame), walker.positions[t], float(walker.headings[t]))
         things.append(Thing(solids, walker.person.look))
-    dark = shadows(things, camera, street.light, 1.0)
-    picture = replace(street.background, colour=street.background.colour * (1 - dark * street.sunlit)[:, :, None])
+    picture, _ = darken(street.background, things, camera, street.light, street.sunlit, 1.0)
     picture, sightings = compose(picture, things, camera, street.light)
     rng = np.random.default_rng([street.seed, 1, frame])
     image = degrade(picture.colour, replace(street.lens, exposure=street.lens.exposure * street.drift[frame]), rng)
@@ -239,7 +243,8 @@ def _camera(rng: np.random.Generator, settings: StreetSettings) -> tuple[Pinhole
         camera = random_camera(rng, settings.width, settings.height, settings.camera_height)
         spots = camera.ground(feet)[:, :2]
         apparent = apparent_heights(camera, spots)
-        good = (apparent > low) & (apparent < high)
+        heads, _ = camera.project(np.nan_to_num(np.insert(spots, 2, 1.8, axis=1)))
+        good = (apparent > low) & (apparent < high) & (heads[:, 1] > 0)
         if good.mean() >= WALKABLE:
             return camera, spots[good]
     raise RequestError(
