@@ -6,13 +6,14 @@ underscores, as the function's parameters do.
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import inspect
 import re
 import shutil
 from argparse import SUPPRESS, Action
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
 from jsonargparse import ArgumentError, ArgumentParser, DefaultHelpFormatter, Namespace
 from jsonargparse._actions import ActionConfigFile, _ActionConfigLoad
@@ -92,6 +93,9 @@ def parse(prog: str, function: Callable[..., Any], positional: Sequence[str], wo
         found = parser.parse_args(_normalised(words, parser))
     except ArgumentError as error:
         raise RequestError(friendly(str(error), parser.option_names())) from error
+    for name, kind in inspect.get_annotations(function, eval_str=True).items():
+        if dataclasses.is_dataclass(kind) and not isinstance(found[name], Namespace):
+            raise RequestError(f"{name}: expected options of its own below it, got {found[name]!r}")
     try:
         values = parser.instantiate(found)
     except ValueError as error:  # a settings dataclass refuses a value
@@ -131,7 +135,7 @@ def metavar(kind: Any) -> str:
     arguments = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
     if arguments and all(isinstance(a, str) for a in arguments):
         return "{" + ",".join(arguments) + "}"
-    if _is_several(kind):
+    if getattr(kind, "__origin__", None) in (tuple, list):
         several = [metavar(a) for a in arguments if a is not Ellipsis]
         return ",".join(several if len(several) > 1 else [*several, "…"])
     if arguments:
@@ -159,13 +163,16 @@ def friendly(message: str, options: Iterable[str]) -> str:
 
 
 def _expectation(text: str) -> str:
+    """What a value should have been and what it was."""
+    text = text[:1].lower() + text[1:]
+    text = re.sub(r"\. Got value: (.*)$", r", got '\1'", text)
     text = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", text)
-    text = re.sub(r"^Expected a tuple with (\d+) elements", r"expected \1 values separated by commas", text)
-    for name, words in KIND_NAMES.items():
-        text = re.sub(rf"^Expected an? {name}\b", f"expected {words}", text)
+    text = re.sub(r"^expected an? ", "expected ", text)
     text = re.sub(r"(?:typing\.)?Literal\[(.*?)\]", r"one of \1", text)
-    text = re.sub(r"^Expected an? ", "expected ", text)
-    return re.sub(r"\. Got value: (.*)$", r", got '\1'", text)
+    text = re.sub(r"^expected tuple with (\d+) elements", r"expected \1 values separated by commas", text)
+    for name, words in KIND_NAMES.items():
+        text = re.sub(rf"^expected {name}\b", f"expected {words}", text)
+    return text
 
 
 def _unknown(name: str, options: Iterable[str]) -> str:
@@ -202,7 +209,10 @@ def _normalised(words: Sequence[str], parser: Parser) -> list[str]:
 
 
 def _is_several(kind: Any) -> bool:
-    return getattr(kind, "__origin__", None) in (tuple, list)
+    """Whether ``kind`` is a list or tuple, maybe an optional one."""
+    parts = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
+    origin = getattr(kind, "__origin__", None)
+    return origin in (tuple, list) or (origin not in (Literal,) and len(parts) == 1 and _is_several(parts[0]))
 
 
 def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> None:
