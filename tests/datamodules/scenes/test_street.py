@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -75,12 +76,33 @@ def test_an_interrupted_run_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
     assert list(tmp_path.iterdir()) == []
 
 
+def test_overwriting_replaces_the_clip_and_nothing_else(tmp_path: Path) -> None:
+    folder = write_street(tmp_path / "clip", SETTINGS, 0)
+    (folder / "mine.txt").write_text("precious")
+    write_street(folder, replace(SETTINGS, frames=2), 1, overwrite=True)
+    assert read_sequence(folder).length == 2
+    assert len(list((folder / "img1").iterdir())) == 2
+    assert (folder / "mine.txt").read_text() == "precious"
+    assert [p.name for p in tmp_path.iterdir()] == ["clip"]
+
+
 def test_an_existing_clip_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "mine.txt").write_text("precious")
-    with pytest.raises(RequestError, match="overwrite"):
+    with pytest.raises(RequestError, match="already holds files"):
         write_street(tmp_path / "clip", SETTINGS, 0)
     assert (tmp_path / "clip" / "mine.txt").read_text() == "precious"
+    with pytest.raises(RequestError, match="is a file"):
+        write_street(tmp_path / "clip" / "mine.txt", SETTINGS, 0)
+    with pytest.raises(RequestError, match="cannot write"):
+        write_street(tmp_path / "clip" / "mine.txt" / "below", SETTINGS, 0)
+
+
+def test_an_empty_folder_is_filled_and_the_name_can_be_given(tmp_path: Path) -> None:
+    (tmp_path / "work").mkdir()
+    folder = write_street(tmp_path / "work", SETTINGS, 0, name="Corner")
+    assert read_sequence(folder).name == "Corner"
+    assert [p.name for p in tmp_path.iterdir()] == ["work"]
 
 
 @pytest.mark.parametrize(
