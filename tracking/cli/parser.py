@@ -164,9 +164,11 @@ def friendly(message: str, options: Iterable[str]) -> str:
 
 def _expectation(text: str) -> str:
     """What a value should have been and what it was."""
-    text = text[:1].lower() + text[1:]
+    text = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", text[:1].lower() + text[1:])
+    # An option that may be left out is a union with None in jsonargparse's words.
+    optional = r"^does not validate against any of the Union subtypes Subtypes: \[(.*), NoneType\].*Given value: (.*)$"
+    text = re.sub(optional, r"expected \1. Got value: \2", text)
     text = re.sub(r"\. Got value: (.*)$", r", got '\1'", text)
-    text = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", text)
     text = re.sub(r"^expected an? ", "expected ", text)
     text = re.sub(r"(?:typing\.)?Literal\[(.*?)\]", r"one of \1", text)
     text = re.sub(r"^expected tuple with (\d+) elements", r"expected \1 values separated by commas", text)

@@ -41,6 +41,7 @@ def command(
     score_range: tuple[float, float] = (0.0, 1.0),
     dry_run: bool = False,
     model: Path | None = None,
+    limit: float | None = None,
     filter: Filter = FILTER,
 ) -> None:
     """Do something.
@@ -54,6 +55,7 @@ def command(
         score_range: limits.
         dry_run: only say it.
         model: a file.
+        limit: at most.
         filter: settings of the filter.
     """
 
@@ -89,6 +91,7 @@ def test_words_become_typed_values() -> None:
         "score_range": (-1.0, 2.5),
         "dry_run": True,
         "model": Path("m.onnx"),
+        "limit": None,
         "filter": Filter(max_age=9),
     }
 
@@ -127,6 +130,7 @@ def test_the_printed_configuration_can_be_read_back(tmp_path: Path, capsys: pyte
         ("in a --out o --zzzzz", "unknown option --zzzzz; --help lists them"),
         ("in a --out o --seed four", "--seed: expected a whole number, got 'four'"),
         ("in a --out o --seed 1.5", "--seed: expected a whole number, got '1.5'"),
+        ("in a --out o --limit low", "--limit: expected a number, got 'low'"),
         ("in a --out o --seed", "argument --seed: expected one argument"),
         ("in a --out o --method best", "--method: expected one of 'fast', 'good', got 'best'"),
         ("in a --out o --score-range 1", "--score-range: expected 2 values separated by commas"),
