@@ -47,11 +47,13 @@ class Decision:
         used: ``(K,)`` whether they belong to a track.
         follower: ``(K,)`` number of the next detection of the track, -1 where there is none. It may not be decided
             itself yet; that it follows is final.
+        cost: ``(K,)`` observation cost and cost of the transition to the follower; 0 where not used.
     """
 
     numbers: IntArray
     used: BoolArray
     follower: IntArray
+    cost: FloatArray
 
 
 class WindowedFlow:
@@ -133,24 +135,27 @@ class WindowedFlow:
         if self.longest is not None and len(self._frames) and self._undecided_span(done, last_frame) > self.longest:
             self.exact = False
             done = ~frontier
-        return self._forget(done, solution)
+        decision = self._decision(done, solution)
+        self._forget(done, solution)
+        return decision
 
-    def finish(self) -> Decision:
-        """Decide all that is left: the video has ended."""
-        return self._forget(np.ones(len(self._frames), dtype=np.bool_), solve(self._graph, self._inflow))
+    def remainder(self) -> Decision:
+        """All that is not decided, as it is if the video ends here; nothing is forgotten."""
+        return self._decision(np.ones(len(self._frames), dtype=np.bool_), solve(self._graph, self._inflow))
 
     def _undecided_span(self, done: BoolArray, last_frame: int) -> int:
         return 0 if done.all() else last_frame + 1 - int(self._frames[~done].min())
 
-    def _forget(self, done: BoolArray, solution: FlowSolution) -> Decision:
-        follower, graph = solution.follower, self._graph
-        linked = follower >= 0
-        decision = Decision(
-            self._numbers[done],
-            solution.used[done],
-            np.where(linked, self._numbers[follower], -1)[done] if len(done) else np.empty(0, np.int64),
-        )
-        self._inflow[follower[done & linked]] = True
+    def _decision(self, done: BoolArray, solution: FlowSolution) -> Decision:
+        used, follower = solution.used[done], solution.follower[done]
+        # Index -1, a track's end, picks the appended -1.
+        following = np.append(self._numbers, -1)[follower]
+        cost = np.where(used, self._graph.observation[done] + solution.link[done], 0.0)
+        return Decision(self._numbers[done], used, following, cost)
+
+    def _forget(self, done: BoolArray, solution: FlowSolution) -> None:
+        graph = self._graph
+        self._inflow[solution.follower[done & (solution.follower >= 0)]] = True
         rest = ~done
         position = np.cumsum(rest) - 1
         arcs = rest[graph.tail] & rest[graph.head]
@@ -163,7 +168,6 @@ class WindowedFlow:
             graph.transition[arcs],
         )
         self._numbers, self._frames, self._inflow = self._numbers[rest], self._frames[rest], self._inflow[rest]
-        return decision
 
 
 def _with_predecessors(done: BoolArray, solution: FlowSolution) -> BoolArray:
@@ -193,7 +197,7 @@ def _safe_detections(
     unsafe = low != high
     unsafe[1::2] |= frontier
     least.spread_to_tails(unsafe, low, np.maximum(low, high))
-    return ~(unsafe[0::2] | unsafe[1::2])
+    return np.asarray(~(unsafe[0::2] | unsafe[1::2]))
 
 
 class _Residual:
@@ -239,7 +243,7 @@ class _Residual:
         return distance
 
     def spread_to_tails(self, marked: BoolArray, low: IntArray, high: IntArray) -> None:
-        """Mark every node with an arc to a marked one that some dual solution between ``low`` and ``high`` has tight."""
+        """Mark all nodes with a path to a marked one along arcs that some dual from ``low`` to ``high`` has tight."""
         tight = low[self._tails] + self._costs <= high[self._heads]
         tails, heads = self._tails[tight], self._heads[tight]
         while True:
