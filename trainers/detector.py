@@ -16,9 +16,9 @@ from torchvision.ops import batched_nms
 from tsuiseki.datamodules.detection import DetectionBatch
 from tsuiseki.models.anchors import VARIANCES, decode
 from tsuiseki.models.backbones import TrunkName, build_trunk
-from tsuiseki.models.detector import Detector, OneClass, people_detector, ssd300, ssd512, ssdlite320
+from tsuiseki.models.detector import Detector, people_detector, ssd300, ssd512, ssdlite320
 from tsuiseki.models.losses import IGNORED, PADDING, MultiBoxLoss
-from tsuiseki.models.pretrained import coco_person_detector
+from tsuiseki.models.pretrained import coco_start
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.onnx import ModelCard
@@ -34,7 +34,7 @@ STREET_ANCHORS: list[list[tuple[float, float]]] = [
     [(52.0, 132.0), (78.0, 190.0)],
     [(120.0, 280.0)],
 ]
-_FIXED_SIDES = {"ssdlite320": 320, "ssd300": 300, "ssd512": 512}
+FIXED_SIDES = {"ssdlite320": 320, "ssd300": 300, "ssd512": 512}
 _IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 # torchvision trained these with their own normalisation.
 _NORMALISATION = {
@@ -51,13 +51,13 @@ def build_detector(
     size: tuple[int, int],
     anchors: list[list[tuple[float, float]]],
     channels: int,
-) -> Detector | OneClass:
+) -> Detector:
     """The person detector that a configuration names.
 
     Raises:
         RequestError: the parts do not fit together, or weights cannot be downloaded.
     """
-    side = _FIXED_SIDES.get(architecture)
+    side = FIXED_SIDES.get(architecture)
     if side is not None and size != (side, side):
         raise RequestError(f"{architecture} takes {side}x{side} images, got height {size[0]} and width {size[1]}")
     if weights == "coco" and architecture not in ("ssdlite320", "ssd300"):
@@ -66,7 +66,7 @@ def build_detector(
         raise RequestError(f"weights imagenet are for people and ssd512; {architecture} takes weights coco or null")
     try:
         if weights == "coco":
-            return coco_person_detector("ssd300" if architecture == "ssd300" else "ssdlite320")
+            return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
         start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
         if architecture == "people":
             return people_detector(build_trunk(trunk, start), size, anchors, channels)

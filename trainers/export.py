@@ -1,4 +1,4 @@
-"""From a trained network to an ONNX file that runs without torch, and the proof that both give the same."""
+"""`tsuiseki export`: from a trained network to an ONNX file that runs without torch, and the proof that both agree."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import contextlib
 import dataclasses
 import io
 import logging
+import pickle
 import warnings
 from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar
 
+import lightning
 import numpy as np
 import onnx
 import onnxruntime
@@ -19,9 +21,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from tsuiseki.tracking.errors import RunError
+from tsuiseki.models.detector import Detector, OneClass
+from tsuiseki.models.pretrained import CocoArchitecture, coco_person_detector
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
+from tsuiseki.trainers.detector import FIXED_SIDES, DetectorTraining, detector_card
 
 # Largest difference to torch, relative to the largest value of an output. Float32 sums in another order differ by a
 # few 1e-6 a layer; weights rounded to float16 by 5e-4 each, which some sixty layers add up to.
@@ -30,6 +35,8 @@ FLOAT16_TOLERANCE = 3e-2
 _PARITY_BATCHES = (1, 3)
 # Tensors smaller than this stay float32: biases and scales matter more than their bytes.
 _SMALLEST_HALVED = 512
+
+Module = TypeVar("Module", bound=lightning.LightningModule)
 
 
 def export_onnx(
@@ -71,6 +78,92 @@ def export_onnx(
         entry.key, entry.value = METADATA_KEY, card.to_json()
         onnx.save(model, work)
         return check_parity(module, work, example, FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE)
+
+
+class RawHeads(nn.Module):
+    """A detector with its anchors as a third output, as the exported file has it."""
+
+    def __init__(self, detector: Detector | OneClass) -> None:
+        super().__init__()
+        self.detector = detector
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """``(B, 3, H, W)`` to logits ``(B, A, 2)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
+        logits, offsets = self.detector(images)
+        return logits, offsets, self.detector.anchors
+
+
+def export_detector(
+    checkpoint: Path | None,
+    weights: Literal["coco"] | None,
+    architecture: CocoArchitecture,
+    out: Path,
+    training_data: str = "",
+    float16: bool = False,
+    overwrite: bool = False,
+    state: Path | None = None,
+) -> float:
+    """Write a trained detector, or torchvision's COCO-trained one reduced to people, as ONNX.
+
+    Args:
+        checkpoint: of `tsuiseki train detector`; or None with ``weights``.
+        weights: ``coco``; or None with ``checkpoint``.
+        architecture: of the COCO weights.
+        out: the file to write.
+        training_data: for the card, in words.
+        float16: store weights as float16.
+        overwrite: replace an existing file.
+        state: file of torchvision's state dict, for a machine that cannot download it.
+
+    Returns:
+        The largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: not exactly one of checkpoint and weights, a missing or foreign file, no connection.
+        RunError: the exported file does not give what torch gives.
+    """
+    if (checkpoint is None) == (weights is None):
+        raise RequestError("expected either --checkpoint FILE or --weights coco")
+    network: Detector | OneClass
+    if checkpoint is not None:
+        module = load_module(DetectorTraining, checkpoint)
+        network, card = module.network, module.card
+    else:
+        network, card = _coco(architecture, state)
+        training_data = training_data or "COCO 2017, torchvision's weights"
+    card = dataclasses.replace(card, training_data=training_data)
+    network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    outputs = ("logits", "offsets", "anchors")
+    return export_onnx(RawHeads(network), card, out, example, outputs, float16, overwrite)
+
+
+def load_module(kind: type[Module], checkpoint: Path) -> Module:
+    """The LightningModule in ``checkpoint``; nothing but tensors and plain values is unpickled.
+
+    Raises:
+        RequestError: the file is missing, no checkpoint, or of another module.
+    """
+    if not checkpoint.is_file():
+        raise RequestError(f"expected a checkpoint at {checkpoint}, found none; `tsuiseki train` writes best.ckpt")
+    try:
+        # What the training started from is overwritten here; without it nothing is downloaded.
+        module = kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, weights=None)
+    except (RuntimeError, KeyError, TypeError, AttributeError, EOFError, pickle.UnpicklingError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise RequestError(f"{checkpoint}: expected a checkpoint of {kind.__name__}, got: {reason}") from error
+    return module.eval()
+
+
+def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[OneClass, ModelCard]:
+    if state is not None and not state.is_file():
+        raise RequestError(f"expected a state dict at {state}, found none")
+    try:
+        network = coco_person_detector(architecture, state)
+    except (ConnectionError, ValueError, pickle.UnpicklingError) as error:
+        raise RequestError(str(error)) from error
+    side = FIXED_SIDES[architecture]
+    return network.eval(), detector_card(architecture, f"{architecture}-coco", (side, side), "stretch")
 
 
 def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float) -> float:

@@ -46,6 +46,15 @@ def fit_detector(arguments: Sequence[str]) -> Path:
     return fit(Task("detector", DetectorTraining, DetectionData, "val/ap50", links), arguments)
 
 
+def fit_appearance(arguments: Sequence[str]) -> Path:
+    """Train an appearance network as the command line ``arguments`` say; see `fit`."""
+    from tsuiseki.datamodules.appearance import AppearanceData
+    from tsuiseki.trainers.appearance import AppearanceTraining
+
+    links = ("height", "width")
+    return fit(Task("appearance", AppearanceTraining, AppearanceData, "val/map", links), arguments)
+
+
 def fit(task: Task, arguments: Sequence[str]) -> Path:
     """Train as the command line ``arguments`` say.
 
