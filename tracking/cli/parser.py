@@ -28,6 +28,7 @@ KIND_NAMES = {
     "float": "a number",
     "bool": "true or false",
 }
+HELP_ALL = "--help-all"
 CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
 PRINT_HELP = "print all options as YAML, as a start for --config, and exit"
 
@@ -46,6 +47,10 @@ class HelpFormatter(DefaultHelpFormatter):
         default = action.default
         if not action.option_strings or default in (None, SUPPRESS) or isinstance(default, bool | Namespace):
             return text
+        if isinstance(default, dict):
+            name, value = next(iter(default.items()))
+            option = f"{action.dest}.{name}".replace("_", "-")
+            return f"{text} (such as --{option} {value})"
         shown = ",".join(map(str, default)) if isinstance(default, tuple | list) else default
         return f"{text} (default: {shown})"
 
@@ -88,7 +93,8 @@ def parse(prog: str, function: Callable[..., Any], positional: Sequence[str], wo
         RequestError: an unknown option, a wrong type, a missing option, a broken YAML file.
         SystemExit: help was asked for.
     """
-    parser = build_parser(prog, function, positional)
+    # jsonargparse also leaves out of --print-config what its help does not show: hide options for --help alone.
+    parser = build_parser(prog, function, positional, every_option=not {"-h", "--help"} & set(words))
     try:
         found = parser.parse_args(_normalised(words, parser))
     except ArgumentError as error:
@@ -103,8 +109,13 @@ def parse(prog: str, function: Callable[..., Any], positional: Sequence[str], wo
     return {name: values[name] for name in inspect.signature(function).parameters}
 
 
-def build_parser(prog: str, function: Callable[..., Any], positional: Sequence[str]) -> Parser:
-    """A parser whose options are the parameters of ``function``."""
+def build_parser(
+    prog: str, function: Callable[..., Any], positional: Sequence[str], every_option: bool = False
+) -> Parser:
+    """A parser whose options are the parameters of ``function``.
+
+    The options of its dataclass parameters are shown in the help only with ``every_option``.
+    """
     description, places = _documentation(function)
     parser = Parser(
         prog=prog,
@@ -122,8 +133,25 @@ def build_parser(prog: str, function: Callable[..., Any], positional: Sequence[s
         parser.add_argument(name, type=kind, nargs="+" if many else None, metavar=shown, help=places.get(name))
     parser.add_function_arguments(function, as_group=False, skip=set(positional), sub_configs=False)
     parser.add_argument("--config", action=ActionConfigFile, metavar="FILE", help=CONFIG_HELP)
+    groups = [n for n, kind in hints.items() if dataclasses.is_dataclass(kind)]
+    if groups:
+        parser.add_argument(
+            "--help_all", action="help", help=f"also show {', '.join(f'--{name}.*' for name in groups)}"
+        )
     _show_as_typed(parser._actions, parser._option_string_actions)
+    if not every_option:
+        for action in parser._actions:
+            action.help = SUPPRESS if "." in action.dest else action.help
+    required = [f"--{name} {METAVARS_BY_NAME.get(name, 'VALUE')}" for name in _required(function, positional)]
+    several = [n.upper() + (" …" if getattr(hints[n], "__origin__", None) is list else "") for n in positional]
+    parser.usage = " ".join([prog, *several, *required, "[options]"])
     return parser
+
+
+def _required(function: Callable[..., Any], positional: Sequence[str]) -> list[str]:
+    """Options without a default."""
+    parameters = inspect.signature(function).parameters.values()
+    return [p.name for p in parameters if p.default is p.empty and p.name not in positional]
 
 
 def metavar(kind: Any) -> str:
@@ -222,7 +250,7 @@ def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> N
     for action in actions:
         if action.dest == "help":
             action.help = "show this help and exit"
-        elif isinstance(action, _ActionConfigLoad):
+        elif action.dest.endswith(".help") or isinstance(action, _ActionConfigLoad):
             action.help = SUPPRESS
         elif "print_config" in action.dest:
             action.help = PRINT_HELP

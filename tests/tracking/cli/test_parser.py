@@ -170,15 +170,25 @@ def test_mistakes_in_yaml_get_one_line(tmp_path: Path, yaml: str, line: str) -> 
     assert "\n" not in str(caught.value)
 
 
+def help_text(*words: str) -> str:
+    """The help as one line."""
+    text = build_parser("tsuiseki do", command, ("source", "results"), every_option=bool(words)).format_help()
+    return " ".join(text.split())
+
+
 def test_help_names_every_option_with_its_default() -> None:
-    text = " ".join(build_parser("tsuiseki do", command, ("source", "results")).format_help().split())
+    text = help_text()
+    assert text.startswith("usage: tsuiseki do SOURCE RESULTS … --out DIR [options] Do something.")
     for part in ("SOURCE what with", "--out DIR where to (required)", "--seed N of chance (default: 0)"):
         assert part in text
-    for part in (
-        "--dry-run only say it --",
-        "--score-range X,X limits (default: 0.0,1.0)",
-        "--filter.max-age N frames",
-    ):
+    for part in ("--dry-run only say it --", "--score-range X,X limits (default: 0.0,1.0)", "--help-all"):
         assert part in text
     assert "type:" not in text
     assert "null" not in text
+
+
+def test_settings_are_shown_when_everything_is_asked_for() -> None:
+    assert "--filter.max-age" not in help_text()
+    assert "--filter.max-age N frames (default: 3)" in help_text("--help-all")
+    with pytest.raises(SystemExit):
+        parsed("--help-all")
