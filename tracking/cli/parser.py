@@ -22,7 +22,7 @@ from tsuiseki.tracking.errors import RequestError
 
 METAVARS = {"int": "N", "float": "X", "str": "TEXT", "Path": "FILE"}
 # What a value means says more than its type.
-METAVARS_BY_NAME = {"out": "DIR", "frames": "FIRST-LAST"}
+METAVARS_BY_NAME = {"frames": "FIRST-LAST"}
 KIND_NAMES = {
     "int": "a whole number",
     "float": "a number",
@@ -41,11 +41,11 @@ class HelpFormatter(DefaultHelpFormatter):
         super().__init__(prog, max_help_position=30, width=width)  # type: ignore[no-untyped-call]
 
     def _get_help_string(self, action: Action) -> str:
-        text = (action.help or "").removesuffix(".")
+        text = (action.help or "").removesuffix(".").replace("``", "")
         if action.required and action.option_strings:
             return f"{text} (required)"
         default = action.default
-        if not action.option_strings or default in (None, SUPPRESS) or isinstance(default, bool | Namespace):
+        if not action.option_strings or default in (None, "", SUPPRESS) or isinstance(default, bool | Namespace):
             return text
         if isinstance(default, dict):
             name, value = next(iter(default.items()))
@@ -55,8 +55,7 @@ class HelpFormatter(DefaultHelpFormatter):
         return f"{text} (default: {shown})"
 
     def _get_default_metavar_for_optional(self, action: Action) -> str:
-        shown = metavar(getattr(action, "_typehint", action.type))
-        return METAVARS_BY_NAME.get(action.dest, shown) if shown in ("TEXT", "FILE") else shown
+        return shown_value(action.dest, getattr(action, "_typehint", action.type), action.help or "")
 
     def _format_args(self, action: Action, default_metavar: str) -> str:
         # Lists are given as one word, 1,2: jsonargparse would show [ITEM,...].
@@ -142,7 +141,8 @@ def build_parser(
     if not every_option:
         for action in parser._actions:
             action.help = SUPPRESS if "." in action.dest else action.help
-    required = [f"--{name} {METAVARS_BY_NAME.get(name, 'VALUE')}" for name in _required(function, positional)]
+    needed = _required(function, positional)
+    required = [f"--{name} {shown_value(name, hints[name], places.get(name, ''))}" for name in needed]
     several = [n.upper() + (" …" if getattr(hints[n], "__origin__", None) is list else "") for n in positional]
     parser.usage = " ".join([prog, *several, *required, "[options]"])
     return parser
@@ -152,6 +152,14 @@ def _required(function: Callable[..., Any], positional: Sequence[str]) -> list[s
     """Options without a default."""
     parameters = inspect.signature(function).parameters.values()
     return [p.name for p in parameters if p.default is p.empty and p.name not in positional]
+
+
+def shown_value(name: str, kind: Any, description: str) -> str:
+    """What stands for the value of the option ``name`` in the help."""
+    shown = metavar(kind)
+    if shown == "FILE" and description.startswith("folder"):
+        return "DIR"
+    return METAVARS_BY_NAME.get(name, shown) if shown == "TEXT" else shown
 
 
 def metavar(kind: Any) -> str:
@@ -267,6 +275,6 @@ def _documentation(function: Callable[..., Any]) -> tuple[str, dict[str, str]]:
     from docstring_parser import parse as parse_docstring
 
     found = parse_docstring(inspect.getdoc(function) or "")
-    text = [found.short_description or "", found.long_description or ""]
+    text = [(part or "").replace("``", "") for part in (found.short_description, found.long_description)]
     parameters = {p.arg_name: " ".join((p.description or "").split()) for p in found.params}
     return "\n\n".join(part for part in text if part), parameters

@@ -27,8 +27,7 @@ def affinity(words: Sequence[str]) -> int:
     """Fit the costs of the flow to labelled video."""
     with needs_train_extra():
         from tsuiseki.trainers.affinity import fit_affinity
-    fit_affinity(**parse("tsuiseki train affinity", fit_affinity, [], words))
-    return 0
+    return _fit(lambda given: fit_affinity(**parse("tsuiseki train affinity", fit_affinity, (), given)), words)
 
 
 def _fit(function: Callable[[Sequence[str]], Any], words: Sequence[str]) -> int:

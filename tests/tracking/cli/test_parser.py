@@ -49,7 +49,7 @@ def command(
     Args:
         source: what with.
         results: what else.
-        out: where to.
+        out: folder to write to.
         method: how.
         seed: of chance.
         score_range: limits.
@@ -179,7 +179,7 @@ def help_text(*words: str) -> str:
 def test_help_names_every_option_with_its_default() -> None:
     text = help_text()
     assert text.startswith("usage: tsuiseki do SOURCE RESULTS … --out DIR [options] Do something.")
-    for part in ("SOURCE what with", "--out DIR where to (required)", "--seed N of chance (default: 0)"):
+    for part in ("SOURCE what with", "--out DIR folder to write to (required)", "--seed N of chance (default: 0)"):
         assert part in text
     for part in ("--dry-run only say it --", "--score-range X,X limits (default: 0.0,1.0)", "--help-all"):
         assert part in text
