@@ -6,11 +6,13 @@ A learnt affinity and the hand-set costs share one interface, ``TransitionCost``
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from tsuiseki.tracking.association.gating import GateSettings, pairs_by_gap
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -75,6 +77,35 @@ def pair_features(
         dw=change[:, 0],
         dh=change[:, 1],
     )
+
+
+def priced_pairs(
+    frames: IntArray,
+    boxes: FloatArray,
+    features: FloatArray | None,
+    gate: GateSettings,
+    transition: TransitionCost,
+    miss: float,
+    first_head: int = 0,
+) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Tails, heads and costs of all plausible transitions, one gap at a time.
+
+    Args:
+        frames: ``(N,)`` frame numbers.
+        boxes: ``(N, 4)`` pixels.
+        features: ``(N, D)`` unit length, or None.
+        gate: which pairs are plausible.
+        transition: prices them.
+        miss: added for every frame in between.
+        first_head: only pairs whose later detection has at least this index.
+    """
+    for tail, head, gap in pairs_by_gap(frames, boxes, gate):
+        if first_head:
+            wanted = head >= first_head
+            tail, head = tail[wanted], head[wanted]
+        if len(tail):
+            pairs = pair_features(boxes, features, tail, head, np.full(len(tail), gap))
+            yield tail, head, transition(pairs) + miss * (gap - 1)
 
 
 def cosine_distances(features: FloatArray | None, i: IntArray, j: IntArray) -> FloatArray:

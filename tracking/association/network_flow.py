@@ -128,7 +128,7 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     if count == 0:
         return FlowSolution(np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64), np.zeros(0), 0.0)
     solver = min_cost_flow.SimpleMinCostFlow()
-    arcs = _add_arcs(solver, graph)
+    arcs = add_arcs(solver, graph)
     if inflow is not None and inflow.any():
         continued = np.flatnonzero(inflow)
         solver.set_nodes_supplies(
@@ -141,7 +141,7 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     return _solution(graph, flows)
 
 
-def _add_arcs(solver: min_cost_flow.SimpleMinCostFlow, graph: FlowGraph) -> IntArray:
+def add_arcs(solver: min_cost_flow.SimpleMinCostFlow, graph: FlowGraph) -> IntArray:
     """Fill the solver; returns the numbers of the observation, exit and transition arcs, then the entry arcs.
 
     Node 2i is u_i, node 2i + 1 is v_i; then come the source and the sink.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost, TransitionCost, pair_features
-from tsuiseki.tracking.association.gating import GateSettings, pairs_by_gap
+from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost, TransitionCost, priced_pairs
+from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.association.interpolation import GapSettings, SmoothingSettings, fill_gaps, smooth
 from tsuiseki.tracking.association.network_flow import build_graph
 from tsuiseki.tracking.association.tracklets import JoinSettings, Pieces, join, make_tracklets
@@ -120,22 +120,20 @@ class FlowTracker:
         new = _rows_of(self._waiting, start, count)
         self._waiting = []
         self._rows.append(replace(new, features=None))
-        self._open = _joined([self._open, new])
-        transitions = self._transitions(count)
-        observation = self._observation(new.scores)
-        graph = build_graph(observation, transitions, self.settings.entry, self.settings.exit)
+        old = len(self._open)
+        self._open = rows = _joined([self._open, new])
+        pairs = priced_pairs(
+            rows.frames,
+            rows.boxes,
+            rows.features,
+            self.settings.gate,
+            self._transition,
+            self.settings.miss,
+            first_head=old,
+        )
+        transitions = ((rows.numbers[tail], rows.numbers[head], cost) for tail, head, cost in pairs)
+        graph = build_graph(self._observation(new.scores), transitions, self.settings.entry, self.settings.exit)
         self._flow.extend(new.frames, graph)
-
-    def _transitions(self, first_new: int) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-        """Numbers and costs of the links that end at a new detection, one gap at a time."""
-        rows = self._open
-        for tail, head, gap in pairs_by_gap(rows.frames, rows.boxes, self.settings.gate):
-            ends_new = rows.numbers[head] >= first_new
-            tail, head = tail[ends_new], head[ends_new]
-            if len(tail):
-                pairs = pair_features(rows.boxes, rows.features, tail, head, np.full(len(tail), gap))
-                cost = self._transition(pairs) + self.settings.miss * (gap - 1)
-                yield rows.numbers[tail], rows.numbers[head], cost
 
     def _add(self, pieces: Pieces, decision: Decision) -> None:
         features = self._open.features
