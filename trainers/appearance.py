@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
 from typing import Literal
 
 import lightning
@@ -22,7 +20,6 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import Retrieval, evaluate_retrieval
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.trainers.detector import decay_groups, warmup_cosine
-from tsuiseki.trainers.export import export_onnx
 
 LossName = Literal["softmax", "triplet", "contrastive"]
 LOSSES = {"softmax": softmax_contrastive_loss, "triplet": triplet_loss, "contrastive": contrastive_loss}
@@ -138,45 +135,3 @@ class AppearanceTraining(lightning.LightningModule):
         total = max(int(self.trainer.estimated_stepping_batches), self.warmup_steps + 1)
         schedule = LambdaLR(optimiser, lambda step: warmup_cosine(step, self.warmup_steps, total, self.final_share))
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
-
-
-def load_appearance(checkpoint: Path) -> AppearanceTraining:
-    """The training in ``checkpoint``, on the CPU; nothing is unpickled but tensors and plain values.
-
-    Raises:
-        RequestError: there is no such file, or it is no checkpoint of an appearance network.
-    """
-    if not checkpoint.is_file():
-        raise RequestError(f"expected a checkpoint at {checkpoint}, found none")
-    try:
-        return AppearanceTraining.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, weights=None)
-    except Exception as error:
-        raise RequestError(
-            f"{checkpoint}: expected a checkpoint of `tsuiseki train appearance`, got a {type(error).__name__}"
-        ) from error
-
-
-def export_appearance(
-    checkpoint: Path, out: Path, training_data: str = "", float16: bool = True, overwrite: bool = False
-) -> float:
-    """Export the network of a checkpoint to ONNX.
-
-    Args:
-        checkpoint: of `tsuiseki train appearance`.
-        out: ONNX file to write.
-        training_data: what it was fitted to, in words; goes into the file.
-        float16: store weights as float16; computation stays float32.
-        overwrite: replace an existing file.
-
-    Returns:
-        The largest difference between torch and onnxruntime, relative to the largest value.
-
-    Raises:
-        RequestError: the checkpoint is not usable, or the file exists.
-        RunError: onnxruntime and torch disagree.
-    """
-    training = load_appearance(checkpoint)
-    card = replace(training.card, training_data=training_data)
-    example = torch.randn(1, 3, card.input_height, card.input_width, generator=torch.Generator().manual_seed(0))
-    network = training.network.to(memory_format=torch.contiguous_format)
-    return export_onnx(network, card, out, example, ["features"], float16, overwrite)
