@@ -25,7 +25,7 @@ WIDTH, HEIGHT = 800, 600
 FIELD = np.deg2rad(60.0)
 # Directions in which the cameras stand, seen from the room's middle, in the order in which they are used.
 AZIMUTHS = np.deg2rad([-38.0, 38.0, 100.0, -100.0, 0.0, 180.0])
-DISTANCES = (4.0, 4.1, 4.2, 4.2, 3.9, 4.2)
+DISTANCES = (4.0, 4.0, 3.9, 3.85, 3.9, 4.1)
 HEIGHTS = (1.5, 1.7, 2.0, 2.0, 2.3, 2.2)
 AIM = (0.0, 0.0, 0.95)
 
