@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
@@ -34,7 +35,7 @@ def sphere(
     from tsuiseki.datamodules.scenes.ball import BallSettings, Cover
     from tsuiseki.datamodules.scenes.ball_files import write_ball
     from tsuiseki.tracking.cli.progress import progress
-    from tsuiseki.tracking.output import check_output_folder
+    from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
 
     covers: tuple[Cover, ...] = ()
     if cover is not None:
@@ -46,5 +47,7 @@ def sphere(
         settings = BallSettings(cameras, frames, frame_rate, radius, noise=noise, covers=covers)
     except ValueError as error:
         raise RequestError(str(error)) from error
-    folder = write_ball(out, settings, seed, overwrite, lambda items: progress(items, "filming", frames))
-    print(f"{frames} frames of {cameras} cameras: {folder}")
+    with output_folder(out, overwrite) as work:
+        write_ball(work, settings, seed, lambda items: progress(items, "filming", frames))
+        RunRecord(("tsuiseki", "simulate", "sphere"), dataclasses.asdict(settings), seed).write(work)
+    print(f"{frames} frames of {cameras} cameras: {out}")
