@@ -141,7 +141,7 @@ def film(scene: BallScene, seed: int) -> Iterator[list[ImageArray]]:
             if any(c.camera == k and c.first <= index <= c.last for c in scene.settings.covers):
                 images.append(covered_image(scene, k, rng))
                 continue
-            dark = shadows(things, camera, LIGHT, softness=2.5)
+            dark = shadows(things, camera, LIGHT.direction, softness=2.5)
             lit = replace(room.picture, colour=room.picture.colour - room.direct * dark[:, :, None])
             picture, _ = compose(lit, things, camera, LIGHT)
             images.append(expose(picture.colour, scene.settings.noise, rng))

@@ -64,7 +64,7 @@ def draw_room(camera: Camera, light: Light, furniture: list[Thing], samples: int
     facing = np.maximum(normals @ light.direction, 0)[face][:, None] * light.sun
     colour = _by_pixel(albedo * (ambient + facing), camera, samples)
     direct = _by_pixel(albedo * facing * upward[:, None], camera, samples)
-    shade = shadows(furniture, camera, light, softness=2.0)
+    shade = shadows(furniture, camera, light.direction, softness=2.0)
     picture, _ = compose(empty_picture(colour - direct * shade[:, :, None], samples), furniture, camera, light)
     # Shadows of what moves must not darken furniture, nor the floor where it is dark already.
     return Room(picture, direct * (picture.open_ground * (1 - shade))[:, :, None])
