@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,7 @@ def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path) -> 
         group = COMMANDS[kind]
         assert isinstance(group, Group)
         command = group.commands[what]
-        for option, value in zip(words, words[1:], strict=False):
+        for option, value in itertools.pairwise(words):
             assert option != "--config" or Path(value).is_file()
             made |= {Path(value).name} if option == "--out" else set()
         if not command.forwarded:
