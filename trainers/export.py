@@ -27,7 +27,7 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
 from tsuiseki.trainers.appearance import AppearanceTraining
-from tsuiseki.trainers.detector import FIXED_SIDES, DetectorTraining, detector_card
+from tsuiseki.trainers.detector import COCO_NORMALISATIONS, FIXED_SIDES, DetectorTraining, detector_card
 
 # Largest difference to torch, relative to the largest value of an output. Float32 sums in another order differ by a
 # few 1e-6 a layer; weights rounded to float16 by 5e-4 each, which some sixty layers add up to.
@@ -190,7 +190,8 @@ def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[OneClass,
     except (ConnectionError, ValueError, pickle.UnpicklingError) as error:
         raise RequestError(str(error)) from error
     side = FIXED_SIDES[architecture]
-    return network.eval(), detector_card(architecture, f"{architecture}-coco", (side, side), "stretch")
+    card = detector_card(f"{architecture}-coco", (side, side), "stretch", COCO_NORMALISATIONS[architecture])
+    return network.eval(), card
 
 
 def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float) -> float:
