@@ -173,7 +173,7 @@ class HandSetCost:
     spread: float = 1.0
     size: float = 0.09
     tails: float = 5.0
-    appearance: float = 12.0
+    appearance: float = 14.0
     neutral: float = 0.27
 
     def __call__(self, pairs: PairFeatures) -> FloatArray:

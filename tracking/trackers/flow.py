@@ -39,7 +39,7 @@ class FlowSettings:
         longest: most frames that the sliding window may hold; None lets it grow until every decision is exact.
     """
 
-    gate: GateSettings = field(default_factory=lambda: GateSettings(window=3))
+    gate: GateSettings = field(default_factory=lambda: GateSettings(window=5))
     entry: float = 2.0
     exit: float = 2.0
     miss: float = 0.1
