@@ -65,7 +65,10 @@ def simulate_detections(
         doubled = found & (rng.random(len(rows)) < faults.doubled)
         extra = _moved(rows.boxes[doubled], rng.normal(0, 0.35, (int(doubled.sum()), 4)))
         false = _false_boxes(rng, false, people.boxes, width, height, faults)
-        scores = [_scores(rng, rows.visibility[found], 4.5), _scores(rng, np.zeros(len(extra) + len(false)), 2.0)]
+        scores = [
+            _scores(rng, 3.5 - 3 * (1 - rows.visibility[found])),
+            _scores(rng, np.full(len(extra) + len(false), 1.5)),
+        ]
         result.append(_inside(np.concatenate([boxes[found], extra, false]), np.concatenate(scores), width, height))
     return result
 
@@ -97,10 +100,9 @@ def _false_boxes(
     return np.concatenate([kept, np.concatenate([corner - size / 2, corner + size / 2], axis=1)])
 
 
-def _scores(rng: np.random.Generator, visibility: FloatArray, clear: float) -> FloatArray:
-    """Scores in (0.3, 1): a logistic function of ``clear`` where all is visible and less where not."""
-    logit = rng.normal(clear - 3 * (1 - visibility) * (clear > 3), 1.3)
-    return 0.3 + 0.7 / (1 + np.exp(-logit))
+def _scores(rng: np.random.Generator, clear: FloatArray) -> FloatArray:
+    """Scores in (0.3, 1), a noisy logistic function of how ``clear`` a detection is."""
+    return np.asarray(0.3 + 0.7 / (1 + np.exp(-rng.normal(clear, 1.5))))
 
 
 def _inside(boxes: FloatArray, scores: FloatArray, width: int, height: int) -> Detections:

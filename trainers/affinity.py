@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet
+from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet, LooksEvidence
 from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
@@ -38,6 +38,7 @@ from tsuiseki.trainers.affinity_samples import (
     PairSamples,
     join_samples,
     label_detections,
+    looks_samples,
     pair_samples,
 )
 from tsuiseki.trainers.export_affinity import export_affinity
@@ -45,6 +46,8 @@ from tsuiseki.trainers.export_affinity import export_affinity
 # More of it makes two people alike less alike for no feature but the gap.
 FALLING = {"iou": 1, "appearance": -1, "width": -1, "height": -1, "x": -1, "y": -1, "gap": 0}
 GROUPS = 5
+WINDOW = 10
+LEAST_PIECES = 10
 UNKNOWN_SHARE = 0.1
 
 
@@ -120,7 +123,8 @@ def fit_affinity(
         appearance: exported appearance network; without one the appearance counts as unknown.
         cross_fit: exported appearance networks, one a stretch, in place of ``appearance``.
         features: ``thesis``: overlap and appearance distance; ``extended``: also gap, size and motion.
-        gate: which pairs to learn from; by default those that the flow tracker asks about by default.
+        gate: which pairs to learn from; by default as the flow tracker asks, up to 10 frames apart. The tracker
+            takes the largest gap over from the file.
         skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
         boosting: settings of the trees.
         faults: of simulated detections.
@@ -131,7 +135,7 @@ def fit_affinity(
     Raises:
         RequestError: unusable folders or models, no pairs of both kinds, or the file exists.
     """
-    gate, boosting = gate or FlowSettings().gate, boosting or BoostingSettings()
+    gate, boosting = gate or replace(FlowSettings().gate, window=WINDOW), boosting or BoostingSettings()
     check_output_file(out, overwrite)
     models = [Appearance(path) for path in (cross_fit or ([appearance] if appearance else []))]
     find = Detector(detector) if detector is not None else detections
@@ -153,13 +157,16 @@ def fit_affinity(
     samples = _with_unknown(samples, FEATURE_SETS[features].index("appearance"), rng)
     trees, report = fit_transition(samples, FEATURE_SETS[features], boosting, seed)
     observation = fit_observation(found, b)
-    card = _card(features, gate, observation, report, folders, frames)
+    looks = fit_looks(found)
+    card = _card(features, gate, observation, looks, report, folders, frames)
     export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, overwrite)
     print(f"{out}: {report.pairs} pairs, {report.positives} of the same person")
     print(
         f"on unseen stretches AUC {report.auc:.4f}, log loss {report.log_loss:.4f}; logit scaled by {report.scale:.2f}"
     )
     print(f"observation cost {observation.b:g} {observation.alpha:+.2f} {observation.beta:+.2f} * score")
+    if looks is not None:
+        print(f"looks of pieces of tracks: {looks.weight:.2f} * (distance - {looks.neutral:.3f})")
     return out
 
 
@@ -279,6 +286,20 @@ def fit_observation(found: Sequence[LabelledDetections], b: float) -> Observatio
     return ObservationCost(alpha=-float(fitted.intercept_[0]), beta=-float(fitted.coef_[0, 0]), b=b)
 
 
+def fit_looks(found: Sequence[LabelledDetections]) -> LooksEvidence | None:
+    """What the mean features of pieces of tracks say: logistic regression with both classes weighing the same.
+
+    Returns None where the features are not known, or too few pieces are there, or they say nothing.
+    """
+    samples = [looks_samples(part) for part in found]
+    distances, same = (np.concatenate(part) for part in zip(*samples, strict=True))
+    if min(same.sum(), (~same).sum()) < LEAST_PIECES:
+        return None
+    fitted = LogisticRegression(C=1e2, class_weight="balanced").fit(distances[:, None], ~same)
+    weight, offset = float(fitted.coef_[0, 0]), float(fitted.intercept_[0])
+    return LooksEvidence(weight, -offset / weight) if weight > 0 else None
+
+
 def _check_kinds(samples: PairSamples) -> None:
     positives = int(samples.same.sum())
     if positives == 0 or positives == len(samples.same):
@@ -307,6 +328,7 @@ def _card(
     features: FeatureSet,
     gate: GateSettings,
     observation: ObservationCost,
+    looks: LooksEvidence | None,
     report: AffinityReport,
     folders: Sequence[Path],
     frames: tuple[int, int] | None,
@@ -323,6 +345,7 @@ def _card(
             "alpha": observation.alpha,
             "beta": observation.beta,
             "b": observation.b,
+            **({} if looks is None else {"looks_weight": looks.weight, "looks_neutral": looks.neutral}),
             "pairs": report.pairs,
             "positives": report.positives,
             "auc": report.auc,

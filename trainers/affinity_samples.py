@@ -145,3 +145,34 @@ def join_samples(parts: Sequence[PairSamples]) -> PairSamples:
         np.concatenate([part.gap for part in parts]),
         np.concatenate(groups),
     )
+
+
+def looks_samples(found: LabelledDetections, length: int = 10, window: int = 60) -> tuple[FloatArray, BoolArray]:
+    """Cosine distances ``(P,)`` of the mean features of pieces of people's tracks, and whether both are one person's.
+
+    Args:
+        found: described detections.
+        length: detections of a piece.
+        window: most frames between the middles of two pieces.
+    """
+    if found.features is None:
+        return np.empty(0), np.empty(0, dtype=np.bool_)
+    known = np.flatnonzero((found.ids != NOBODY) & ~np.isnan(found.features).any(axis=1))
+    order = known[np.lexsort((found.frames[known], found.ids[known]))]
+    names, start = np.unique(found.ids[order], return_index=True)
+    pieces = [
+        piece
+        for track in np.split(order, start[1:])
+        for piece in np.split(track, np.arange(length, len(track), length))
+        if len(piece) == length
+    ]
+    if len(pieces) < 2 or len(names) < 2:
+        return np.empty(0), np.empty(0, dtype=np.bool_)
+    means = np.stack([found.features[piece].mean(axis=0) for piece in pieces])
+    means /= np.linalg.norm(means, axis=1, keepdims=True)
+    middle = np.array([found.frames[piece].mean() for piece in pieces])
+    name = np.array([found.ids[piece[0]] for piece in pieces])
+    i, j = np.triu_indices(len(pieces), 1)
+    near = np.abs(middle[i] - middle[j]) <= window
+    i, j = i[near], j[near]
+    return 1 - np.einsum("pd,pd->p", means[i], means[j]), name[i] == name[j]

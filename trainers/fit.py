@@ -149,9 +149,10 @@ class TaskCLI(LightningCLI):
                 filename="best",
                 monitor=self.task.monitor,
                 mode="max",
-                save_last=True,
                 enable_version_counter=False,
             ),
+            # By itself: save_last of the one above would only follow the best.
+            ModelCheckpoint(self.out / "checkpoints", filename="last", enable_version_counter=False),
             LearningRateMonitor(logging_interval="epoch"),
         ]
         self.trainer_defaults["callbacks"] = callbacks if on_terminal else [*callbacks, EpochLines()]
