@@ -25,7 +25,7 @@ def test_the_heads_apply_it_to_the_logit_of_the_score() -> None:
     class Fixed(torch.nn.Module):
         anchors = torch.zeros(2, 4)
 
-        def forward(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        def forward(self, _: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
             return torch.tensor([[[0.5, 1.5], [2.0, -1.0]]]), torch.zeros(1, 2, 4)
 
     logits, _, _ = RawHeads(Fixed(), (2.0, 1.0))(torch.zeros(1, 3, 4, 4))  # type: ignore[arg-type]
