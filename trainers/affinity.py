@@ -7,8 +7,7 @@ weighted, and the trees' overconfidence is measured on stretches they were not f
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -19,26 +18,24 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import log_loss
 from threadpoolctl import threadpool_limits
 
-from tsuiseki.datamodules.identity_crops import read_image
-from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet, LooksEvidence
+from tsuiseki.datamodules.simulated_detections import DetectorFaults
+from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet
 from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc
-from tsuiseki.tracking.features.networks import Appearance, Detector, stream
-from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
-from tsuiseki.tracking.formats.mot import find_sequences, read_detections, read_ground_truth
+from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.formats.mot import find_sequences
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.tracking.trackers.flow import FlowSettings
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.trainers.affinity_samples import (
     LabelledDetections,
     PairSamples,
+    every_nth,
     join_samples,
-    label_detections,
-    looks_samples,
+    labelled_parts,
     pair_samples,
 )
 from tsuiseki.trainers.export_affinity import export_affinity
@@ -47,7 +44,6 @@ from tsuiseki.trainers.export_affinity import export_affinity
 FALLING = {"iou": 1, "appearance": -1, "width": -1, "height": -1, "x": -1, "y": -1, "gap": 0}
 GROUPS = 5
 WINDOW = 10
-LEAST_PIECES = 10
 UNKNOWN_SHARE = 0.1
 
 
@@ -144,7 +140,7 @@ def fit_affinity(
         part
         for folder in folders
         for sequence in find_sequences(folder)
-        for part in _described(sequence, frames, find, models, faults or DetectorFaults(), rng)
+        for part in labelled_parts(sequence, frames, find, models, faults or DetectorFaults(), rng)
     ]
     samples = join_samples(
         [
@@ -157,67 +153,14 @@ def fit_affinity(
     samples = _with_unknown(samples, FEATURE_SETS[features].index("appearance"), rng)
     trees, report = fit_transition(samples, FEATURE_SETS[features], boosting, seed)
     observation = fit_observation(found, b)
-    looks = fit_looks(found)
-    card = _card(features, gate, observation, looks, report, folders, frames)
+    card = _card(features, gate, observation, report, folders, frames)
     export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, overwrite)
     print(f"{out}: {report.pairs} pairs, {report.positives} of the same person")
     print(
         f"on unseen stretches AUC {report.auc:.4f}, log loss {report.log_loss:.4f}; logit scaled by {report.scale:.2f}"
     )
     print(f"observation cost {observation.b:g} {observation.alpha:+.2f} {observation.beta:+.2f} * score")
-    if looks is not None:
-        print(f"looks of pieces of tracks: {looks.weight:.2f} * (distance - {looks.neutral:.3f})")
     return out
-
-
-def _described(
-    sequence: VideoSequence,
-    frames: tuple[int, int] | None,
-    find: Detector | Literal["given", "simulated"],
-    models: Sequence[Appearance],
-    faults: DetectorFaults,
-    rng: np.random.Generator,
-) -> Iterator[LabelledDetections]:
-    """The labelled detections of a sequence, one stretch for every appearance network."""
-    truth = read_ground_truth(sequence.ground_truth_path)
-    first, last = (1, sequence.length) if frames is None else frames
-    first, last = max(first, 1) - 1, min(last, sequence.length) - 1
-    if first > last:
-        raise RequestError(f"{sequence.folder}: no frame lies within {frames}; it has {sequence.length}")
-    given: list[Detections] | Detector
-    if find == "given":
-        given = read_detections(sequence.detections_path, sequence.length)
-    elif find == "simulated":
-        given = simulate_detections(rng, truth, sequence.length, sequence.width, sequence.height, faults)
-    else:
-        given = find
-    borders = np.linspace(first, last + 1, max(len(models), 1) + 1).round().astype(int)
-    for k, (start, stop) in enumerate(itertools.pairwise(borders.tolist())):
-        if isinstance(given, list) and not models:
-            found = given[start:stop]
-        else:
-            found = [d for _, d in stream(_frames(sequence, start, stop), given, models[k] if models else None)]
-        yield label_detections(found, truth, start)
-
-
-def _frames(sequence: VideoSequence, start: int, stop: int) -> Iterator[Frame]:
-    if not sequence.images:
-        raise RequestError(f"{sequence.folder}: expected images in img1/, found none; the appearance needs them")
-    for index in range(start, stop):
-        yield Frame(index, index / sequence.frame_rate, read_image(sequence.images[index]))
-
-
-def every_nth(found: LabelledDetections, skip: int) -> LabelledDetections:
-    """The detections of every ``skip``-th frame, as of a video with that much fewer frames."""
-    kept = found.frames % skip == 0
-    return LabelledDetections(
-        found.frames[kept] // skip,
-        found.boxes[kept],
-        found.scores[kept],
-        None if found.features is None else found.features[kept],
-        found.ids[kept],
-        found.right[kept],
-    )
 
 
 # OpenMP threads that wait for each other on a busy machine cost minutes; one alone needs seconds.
@@ -286,20 +229,6 @@ def fit_observation(found: Sequence[LabelledDetections], b: float) -> Observatio
     return ObservationCost(alpha=-float(fitted.intercept_[0]), beta=-float(fitted.coef_[0, 0]), b=b)
 
 
-def fit_looks(found: Sequence[LabelledDetections]) -> LooksEvidence | None:
-    """What the mean features of pieces of tracks say: logistic regression with both classes weighing the same.
-
-    Returns None where the features are not known, or too few pieces are there, or they say nothing.
-    """
-    samples = [looks_samples(part) for part in found]
-    distances, same = (np.concatenate(part) for part in zip(*samples, strict=True))
-    if min(same.sum(), (~same).sum()) < LEAST_PIECES:
-        return None
-    fitted = LogisticRegression(C=1e2, class_weight="balanced").fit(distances[:, None], ~same)
-    weight, offset = float(fitted.coef_[0, 0]), float(fitted.intercept_[0])
-    return LooksEvidence(weight, -offset / weight) if weight > 0 else None
-
-
 def _check_kinds(samples: PairSamples) -> None:
     positives = int(samples.same.sum())
     if positives == 0 or positives == len(samples.same):
@@ -328,7 +257,6 @@ def _card(
     features: FeatureSet,
     gate: GateSettings,
     observation: ObservationCost,
-    looks: LooksEvidence | None,
     report: AffinityReport,
     folders: Sequence[Path],
     frames: tuple[int, int] | None,
@@ -345,7 +273,6 @@ def _card(
             "alpha": observation.alpha,
             "beta": observation.beta,
             "b": observation.b,
-            **({} if looks is None else {"looks_weight": looks.weight, "looks_neutral": looks.neutral}),
             "pairs": report.pairs,
             "positives": report.positives,
             "auc": report.auc,

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.affinity import FeatureSet, feature_rows
 from tsuiseki.tracking.association.costs import pair_features
 from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
-from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks import Appearance, Detector, stream
+from tsuiseki.tracking.formats.mot import GroundTruth, read_detections, read_ground_truth
+from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, IntArray
 
 NOBODY = -1
 RIGHT_OVERLAP = 0.5
@@ -147,32 +154,51 @@ def join_samples(parts: Sequence[PairSamples]) -> PairSamples:
     )
 
 
-def looks_samples(found: LabelledDetections, length: int = 10, window: int = 60) -> tuple[FloatArray, BoolArray]:
-    """Cosine distances ``(P,)`` of the mean features of pieces of people's tracks, and whether both are one person's.
+def labelled_parts(
+    sequence: VideoSequence,
+    frames: tuple[int, int] | None,
+    find: Detector | Literal["given", "simulated"],
+    models: Sequence[Appearance],
+    faults: DetectorFaults,
+    rng: np.random.Generator,
+) -> Iterator[LabelledDetections]:
+    """The labelled detections of a sequence, one stretch for every appearance network."""
+    truth = read_ground_truth(sequence.ground_truth_path)
+    first, last = (1, sequence.length) if frames is None else frames
+    first, last = max(first, 1) - 1, min(last, sequence.length) - 1
+    if first > last:
+        raise RequestError(f"{sequence.folder}: no frame lies within {frames}; it has {sequence.length}")
+    given: list[Detections] | Detector
+    if find == "given":
+        given = read_detections(sequence.detections_path, sequence.length)
+    elif find == "simulated":
+        given = simulate_detections(rng, truth, sequence.length, sequence.width, sequence.height, faults)
+    else:
+        given = find
+    borders = np.linspace(first, last + 1, max(len(models), 1) + 1).round().astype(int)
+    for k, (start, stop) in enumerate(itertools.pairwise(borders.tolist())):
+        if isinstance(given, list) and not models:
+            found = given[start:stop]
+        else:
+            found = [d for _, d in stream(_frames(sequence, start, stop), given, models[k] if models else None)]
+        yield label_detections(found, truth, start)
 
-    Args:
-        found: described detections.
-        length: detections of a piece.
-        window: most frames between the middles of two pieces.
-    """
-    if found.features is None:
-        return np.empty(0), np.empty(0, dtype=np.bool_)
-    known = np.flatnonzero((found.ids != NOBODY) & ~np.isnan(found.features).any(axis=1))
-    order = known[np.lexsort((found.frames[known], found.ids[known]))]
-    names, start = np.unique(found.ids[order], return_index=True)
-    pieces = [
-        piece
-        for track in np.split(order, start[1:])
-        for piece in np.split(track, np.arange(length, len(track), length))
-        if len(piece) == length
-    ]
-    if len(pieces) < 2 or len(names) < 2:
-        return np.empty(0), np.empty(0, dtype=np.bool_)
-    means = np.stack([found.features[piece].mean(axis=0) for piece in pieces])
-    means /= np.linalg.norm(means, axis=1, keepdims=True)
-    middle = np.array([found.frames[piece].mean() for piece in pieces])
-    name = np.array([found.ids[piece[0]] for piece in pieces])
-    i, j = np.triu_indices(len(pieces), 1)
-    near = np.abs(middle[i] - middle[j]) <= window
-    i, j = i[near], j[near]
-    return 1 - np.einsum("pd,pd->p", means[i], means[j]), name[i] == name[j]
+
+def _frames(sequence: VideoSequence, start: int, stop: int) -> Iterator[Frame]:
+    if not sequence.images:
+        raise RequestError(f"{sequence.folder}: expected images in img1/, found none; the appearance needs them")
+    for index in range(start, stop):
+        yield Frame(index, index / sequence.frame_rate, read_image(sequence.images[index]))
+
+
+def every_nth(found: LabelledDetections, skip: int) -> LabelledDetections:
+    """The detections of every ``skip``-th frame, as of a video with that much fewer frames."""
+    kept = found.frames % skip == 0
+    return LabelledDetections(
+        found.frames[kept] // skip,
+        found.boxes[kept],
+        found.scores[kept],
+        None if found.features is None else found.features[kept],
+        found.ids[kept],
+        found.right[kept],
+    )

@@ -6,7 +6,6 @@ between; what frames without a detection cost is the flow's own affair.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -60,21 +59,6 @@ def transition_cost(probability: FloatArray) -> FloatArray:
     return -np.log(np.clip(probability, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY))
 
 
-@dataclass(frozen=True)
-class LooksEvidence:
-    """What the distance of the mean features of two pieces of tracks says.
-
-    Two people are ``exp(weight * (distance - neutral))`` times likelier than one.
-
-    Attributes:
-        weight: of the cosine distance.
-        neutral: cosine distance that speaks neither for nor against.
-    """
-
-    weight: float
-    neutral: float
-
-
 class Affinity:
     """A learnt transition cost and the observation cost learnt with it; a `TransitionCost`.
 
@@ -82,7 +66,6 @@ class Affinity:
         card: what the file says of itself.
         window: largest gap in frames it was learnt on.
         observation: c_obsv of eq. 2.12-2.13.
-        looks: for pieces of tracks; None where it was learnt without appearance.
 
     Args:
         path: the ONNX file.
@@ -105,8 +88,6 @@ class Affinity:
         try:
             self.window = int(settings["window"])
             self.observation = ObservationCost(*(float(settings[name]) for name in ("alpha", "beta", "b")))
-            looks = [float(settings[name]) for name in ("looks_weight", "looks_neutral") if name in settings]
-            self.looks = LooksEvidence(*looks) if len(looks) == 2 else None
         except (KeyError, TypeError, ValueError) as error:
             raise RequestError(
                 f"{path}: expected numbers window, alpha, beta and b in the metadata, got {error!r}; "
