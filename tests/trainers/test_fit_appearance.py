@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks import Appearance, crop_boxes
 from tsuiseki.trainers.appearance import AppearanceTraining
 from tsuiseki.trainers.export import export_appearance, load_module
-from tsuiseki.trainers.fit import fit_appearance
+from tsuiseki.trainers.fit import APPEARANCE, TaskCLI, fit_appearance
 
 
 def options(folder: Path, *more: str) -> list[str]:
@@ -73,6 +74,17 @@ def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: 
     with torch.no_grad():
         expected = network(torch.from_numpy(crop_boxes(image, boxes, 64, 32))).numpy()
     np.testing.assert_allclose(features, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["appearance_scenes", "appearance_mot", "appearance_wideresnet"])
+def test_configurations_build_what_they_say(name: str, tmp_path: Path) -> None:
+    config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
+    cli = TaskCLI(APPEARANCE, ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu"])
+    images = torch.zeros(2, *cli.datamodule.size, 3, dtype=torch.uint8)
+    with torch.no_grad():
+        features = cli.model.eval()(images)
+    assert features.shape == (2, cli.model.card.feature_length)
+    assert (cli.model.card.input_height, cli.model.card.input_width) == cli.datamodule.size
 
 
 def test_request_errors(tmp_path: Path) -> None:
