@@ -87,7 +87,9 @@ class LabelledMultiBernoulliFilter:
         nothing = np.empty(0)
         hidden = BornParticles(np.empty((0, columns)), nothing, np.empty(0, dtype=np.int64))
         shape = (0, self.particles)
-        return LabelledState(np.empty(0, dtype=np.int64), nothing, np.empty((*shape, columns)), np.empty(shape), hidden, 1)
+        return LabelledState(
+            np.empty(0, dtype=np.int64), nothing, np.empty((*shape, columns)), np.empty(shape), hidden, 1
+        )
 
     def step(
         self, state: LabelledState, observation: FloatArray, rng: np.random.Generator
@@ -193,9 +195,7 @@ class LabelledMultiBernoulliFilter:
         particles, log_weights = state.particles.copy(), state.log_weights.copy()
         particles[uneven] = particles[uneven[:, None], drawn]
         log_weights[uneven] = -np.log(self.particles)
-        return LabelledState(
-            state.labels, state.existence, particles, log_weights, state.hidden, state.next_label
-        )
+        return LabelledState(state.labels, state.existence, particles, log_weights, state.hidden, state.next_label)
 
 
 def _draw_by_measurement(

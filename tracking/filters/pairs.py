@@ -44,7 +44,6 @@ class Pairs:
             return np.zeros((0, *values.shape[1:]))
         return np.asarray(np.add.reduceat(values, self.starts, axis=0))
 
-
     def by_measurement(self, values: FloatArray, count: int) -> FloatArray:
         """Sums ``(count,)`` over the entries of each measurement."""
         return np.bincount(self.measurement, values, minlength=count).astype(np.float64)
