@@ -1,1 +1,1 @@
-"""Synthetic labelled video with exact truth; no torch."""
+"""Synthetic labelled video with exact truth: articulated people over a textured ground, seen by a camera."""

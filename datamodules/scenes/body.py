@@ -7,7 +7,7 @@ Drillis and Contini, *Body Segment Parameters*, 1966.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -93,6 +93,18 @@ class Pose:
     lift: float = 0.0
 
 
+def blend(a: Pose, b: Pose, part: float) -> Pose:
+    """The pose ``part`` of the way from ``a`` to ``b``, angle by angle."""
+    values: dict[str, float | Pair] = {}
+    for name in (f.name for f in fields(Pose)):
+        x, y = getattr(a, name), getattr(b, name)
+        if isinstance(x, tuple):
+            values[name] = (x[0] + part * (y[0] - x[0]), x[1] + part * (y[1] - x[1]))
+        else:
+            values[name] = x + part * (y - x)
+    return Pose(**values)  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
 class Skeleton:
     """Joints in the world, metres; each limb's row 0 is the left one, row 1 the right one.
@@ -124,7 +136,7 @@ class Skeleton:
 
 
 def turn(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> FloatArray:
-    """``(3, 3)`` rotation: first ``roll`` about x to the right, then ``pitch`` about y forward, then ``yaw`` about z."""
+    """``(3, 3)`` rotation: ``roll`` about x, then ``pitch`` about y (forward), then ``yaw`` about z."""
     cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (math.cos, math.sin))
     about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -159,8 +171,22 @@ def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> Ske
     shoulder, elbow, wrist, fingers, hip, knee, ankle, toe = (np.stack(pair) for pair in zip(*limbs, strict=True))
     rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
     root = np.array([position[0], position[1], pose.lift - rest])
-    joints = (shoulder, elbow, wrist, fingers, hip, knee, ankle, toe)
-    return Skeleton(root, chest + root, head + root, *(j + root for j in joints), pelvis_axes, trunk_axes, head_axes)
+    return Skeleton(
+        pelvis=root,
+        chest=chest + root,
+        head=head + root,
+        shoulder=shoulder + root,
+        elbow=elbow + root,
+        wrist=wrist + root,
+        fingers=fingers + root,
+        hip=hip + root,
+        knee=knee + root,
+        ankle=ankle + root,
+        toe=toe + root,
+        pelvis_axes=pelvis_axes,
+        trunk_axes=trunk_axes,
+        head_axes=head_axes,
+    )
 
 
 def _limbs(

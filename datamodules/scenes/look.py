@@ -192,5 +192,5 @@ def look_alike(rng: np.random.Generator, look: Look) -> Look:
     chosen = rng.choice(len(changes), size=int(rng.integers(2, 4)), replace=False)
     result = replace(look, skin=other.skin, phase=other.phase, beard=other.beard)
     for index in chosen:
-        result = replace(result, **changes[index])  # type: ignore[arg-type]
+        result = replace(result, **changes[index])
     return result

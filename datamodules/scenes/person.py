@@ -115,15 +115,11 @@ def _head(flesh: _Flesh, person: Person, s: Skeleton) -> None:
     look, h, size = person.look, person.build.height, person.build.head
     up, front = s.head_axes[:, 2], s.head_axes[:, 0]
     low, high = s.head - up * 0.023 * h * size, s.head + up * 0.021 * h * size
-    cover = look.hat if look.hair_style in ("cap", "hat") else look.hair
     style = look.hair_style
     # The hairline sits in the period of the head's surface: the height where hair begins at the temples.
-    hairline = {"bald": 1.0, "hat": 0.016}.get(style, 0.030) * h
-    lower_face = look.hair if look.beard else look.skin
-    flesh.add(
-        low, high, (0.037 * size, 0.044 * size), front, 1.2, look.skin, cover if style != "bald" else lower_face,
-        period=hairline, relief=0.06, detail=HEAD,
-    )  # fmt: skip
+    hairline = (0.016 if style == "hat" else 0.030) * h
+    radius = (0.037 * size, 0.044 * size)
+    flesh.add(low, high, radius, front, 1.2, look.skin, period=hairline, relief=0.06, detail=HEAD)
     back = s.head - front * 0.02 * h
     if style == "long":
         end = s.chest - front * 0.035 * h - s.trunk_axes[:, 2] * 0.02 * h

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.solids import Float32, Solids, intersect, intersect_box
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray
 
 NEAREST = 0.2
 
@@ -74,8 +74,6 @@ def extents(solids: Solids, camera: Camera) -> FloatArray:
     ends = solids.start[:, None].astype(np.float64) + np.stack(
         [np.zeros_like(axes[:, :, 2]), axes[:, :, 2] * solids.length[:, None]], axis=1
     )
-    if solids.box.any():
-        corner = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     count = len(solids)
     steps = np.concatenate([axes, -axes], axis=2).transpose(0, 2, 1)
     points = ends[:, :, None] + steps[:, None] * solids.radius[:, :, None, None]
@@ -86,9 +84,10 @@ def extents(solids: Solids, camera: Camera) -> FloatArray:
     # The square root is exact for the affine part of the projection; the margin covers the rest of it.
     half = 1.1 * half + 1.0
     rects = np.concatenate([(centre - half).min(axis=1), (centre + half).max(axis=1)], axis=1)
-    hidden = (depth.reshape(count, -1) < NEAREST).any(axis=1)
+    hidden: BoolArray = np.any(depth.reshape(count, -1) < NEAREST, axis=1)
     if solids.box.any():
         which = np.flatnonzero(solids.box)
+        corner = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
         corners = solids.start[which, None] + np.einsum("kij,cj->kci", axes[which], corner)
         flat, far = camera.project(corners.reshape(-1, 3))
         flat = flat.reshape(len(which), 8, 2)
@@ -98,18 +97,19 @@ def extents(solids: Solids, camera: Camera) -> FloatArray:
     return rects
 
 
-def trace(solids: Solids, camera: Camera, samples: int) -> Layer | None:
+def trace(solids: Solids, camera: Camera, samples: int, beyond: float = 1.0) -> Layer | None:
     """The thing made of ``solids`` on a grid of ``samples`` by ``samples`` rays a pixel, or None where it is not seen.
 
-    The window reaches at most one image size beyond each border.
+    The window reaches at most ``beyond`` image sizes past each border.
     """
     width, height = camera.width * samples, camera.height * samples
     rects = extents(solids, camera)
     seen = np.isfinite(rects).all(axis=1)
     if not seen.any():
         return None
-    low, high = np.array([-width, -height] * 2), np.array([2 * width, 2 * height] * 2)
-    windows = np.clip(np.floor(rects[seen] * samples), low, high).astype(np.int64) + [0, 0, 1, 1]
+    margin = np.array([width, height] * 2) * beyond
+    low, high = -margin, margin + np.array([width, height] * 2)
+    windows = np.clip(np.floor(rects[seen] * samples), low, high).astype(np.int64) + np.array([0, 0, 1, 1])
     left, top = windows[:, :2].min(axis=0)
     right, bottom = windows[:, 2:].max(axis=0)
     if right <= 0 or bottom <= 0 or left >= width or top >= height:
@@ -118,7 +118,7 @@ def trace(solids: Solids, camera: Camera, samples: int) -> Layer | None:
     distance = np.full((bottom - top, right - left), np.inf, dtype=np.float32)
     solid = np.zeros(distance.shape, dtype=np.int16)
     origins = np.einsum("kij,kj->ki", solids.to_local, camera.position.astype(np.float32) - solids.start)
-    for k, (x1, y1, x2, y2) in zip(np.flatnonzero(seen), windows - [left, top, left, top], strict=True):
+    for k, (x1, y1, x2, y2) in zip(np.flatnonzero(seen), windows - np.array([left, top, left, top]), strict=True):
         part = rays[:, y1:y2, x1:x2]
         if part.size == 0:
             continue
@@ -140,8 +140,9 @@ def ray_grid(camera: Camera, samples: int, left: int, top: int, right: int, bott
     """Directions ``(3, h, w)`` of the centres of the subpixels of a window."""
     x = (np.arange(left, right, dtype=np.float32) + np.float32(0.5)) / np.float32(samples)
     y = (np.arange(top, bottom, dtype=np.float32) + np.float32(0.5)) / np.float32(samples)
-    pixels = np.stack(np.broadcast_arrays(x[None, :], y[:, None]), axis=-1).reshape(-1, 2)
-    return np.ascontiguousarray(camera.rays(pixels).T).reshape(3, len(y), len(x))
+    pixels = np.empty((2, len(y), len(x)), dtype=np.float32)
+    pixels[0], pixels[1] = x[None, :], y[:, None]
+    return np.ascontiguousarray(camera.rays(pixels.reshape(2, -1).T).T).reshape(3, len(y), len(x))
 
 
 def silhouette_box(layer: Layer, samples: int) -> FloatArray:

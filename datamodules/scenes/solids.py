@@ -131,7 +131,7 @@ def cone_spheres(
     z = np.where(length[:, None] > 1e-9, along / np.maximum(length, 1e-9)[:, None], [0.0, 0.0, 1.0])
     y = front - np.einsum("ij,ij->i", front, z)[:, None] * z
     size = np.sqrt(np.einsum("ij,ij->i", y, y))
-    fallback = np.cross(z, np.roll(z, 1, axis=1) + [0.3, 0.1, 0.2])
+    fallback = np.cross(z, np.roll(z, 1, axis=1) + np.array([0.3, 0.1, 0.2]))
     y = np.where((size > 1e-3)[:, None], y, fallback)
     y = y / np.sqrt(np.einsum("ij,ij->i", y, y))[:, None]
     x = np.cross(y, z)
@@ -168,9 +168,7 @@ def boxes(
     )
 
 
-def intersect(
-    directions: Float32, origin: Float32, length: float, radii: tuple[float, float]
-) -> Float32:
+def intersect(directions: Float32, origin: Float32, length: float, radii: tuple[float, float]) -> Float32:
     """Distances ``(N,)`` at which rays enter a cone-sphere, infinite where they miss it.
 
     Args:
@@ -225,18 +223,18 @@ def intersect_box(directions: Float32, origin: Float32) -> Float32:
     return np.where((near <= far) & (near > 0), near, np.float32(np.inf))
 
 
-def normals(local: Float32, which: Int32, solids: Solids) -> Float32:
-    """World unit normals ``(N, 3)`` at surface points ``local`` ``(N, 3)`` in the axes of solids ``which`` ``(N,)``."""
-    length, radius = solids.length[which], solids.radius[which]
-    slope = np.divide(radius[:, 0] - radius[:, 1], length, out=np.zeros_like(length), where=length > 0)
-    # The nearest of the spheres that sweep the cone has its centre at z minus the axial part of the normal.
-    rho = np.sqrt(local[:, 0] ** 2 + local[:, 1] ** 2)
-    axial = local[:, 2] - rho * slope / np.sqrt(np.maximum(1 - slope**2, 1e-6))
+def inner_normals(local: Float32, solids: Solids, k: int) -> Float32:
+    """Normals ``(3, N)`` of any length in the axes of solid ``k`` at its surface points ``local`` ``(3, N)``.
+
+    The transposed `to_local` turns them into the world.
+    """
+    size = np.abs(local)
+    if solids.box[k]:
+        return np.where(size >= size.max(axis=0), local, np.float32(0))
+    # The sphere that touches the cone here, of all those that sweep it, has its centre this far along the axis.
+    length, radius = float(solids.length[k]), solids.radius[k]
+    slope = float(radius[0] - radius[1]) / length if length > 0 else 0.0
+    ratio = np.float32(slope / max(1 - slope**2, 1e-6) ** 0.5)
     inner = local.copy()
-    inner[:, 2] -= np.clip(axial, 0, length)
-    box = solids.box[which]
-    if box.any():
-        faces = local[box]
-        inner[box] = np.where(np.abs(faces) >= np.abs(faces).max(axis=1, keepdims=True), faces, 0)
-    world = np.matmul(inner[:, None, :], solids.to_local[which])[:, 0]
-    return np.asarray(world / np.maximum(np.sqrt(np.einsum("ij,ij->i", world, world)), 1e-9)[:, None])
+    inner[2] -= np.clip(local[2] - ratio * np.sqrt(local[0] ** 2 + local[1] ** 2), 0, np.float32(length))
+    return inner

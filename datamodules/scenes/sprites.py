@@ -32,7 +32,9 @@ def view_from(tilt: float, height_px: float, person_height: float, distance: flo
     return PinholeCamera.look_at(position, middle, height_px * distance / apparent, size, size)
 
 
-def draw_alone(layer: Layer, solids: Solids, camera: PinholeCamera, samples: int, light: Light, person: Person) -> Float32:
+def draw_alone(
+    layer: Layer, solids: Solids, camera: PinholeCamera, samples: int, light: Light, person: Person
+) -> Float32:
     """``(h, w, 4)`` linear colour times coverage and coverage of a layer, by pixels, tight about it."""
     mask = layer.mask
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
@@ -44,7 +46,7 @@ def draw_alone(layer: Layer, solids: Solids, camera: PinholeCamera, samples: int
     y, x = at[0] + layer.top - y1 * samples, at[1] + layer.left - x1 * samples
     fine[y, x, :3] = colours
     fine[y, x, 3] = 1
-    return fine.reshape(y2 - y1, samples, x2 - x1, samples, 4).mean(axis=(1, 3))
+    return np.asarray(fine.reshape(y2 - y1, samples, x2 - x1, samples, 4).mean(axis=(1, 3)))
 
 
 def render_person_sprite(

@@ -105,10 +105,11 @@ class PinholeCamera:
         """
         pixels = np.asarray(pixels)
         kind = pixels.dtype if pixels.dtype == np.float32 else np.dtype(np.float64)
-        scaled = (pixels - self.principal_point.astype(kind)) / self.focal.astype(kind)
-        rotation = self.rotation.astype(kind)
-        directions = scaled @ rotation[:2] + rotation[2]
-        return np.asarray(directions / np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None])
+        local = np.ones((3, len(pixels)), dtype=kind)
+        for axis in (0, 1):
+            local[axis] = (pixels[:, axis] - kind.type(self.principal_point[axis])) / kind.type(self.focal[axis])
+        local /= np.sqrt(local[0] ** 2 + local[1] ** 2 + 1)
+        return (self.rotation.T.astype(kind) @ local).T
 
     def ground(self, pixels: FloatArray, height: float = 0.0) -> FloatArray:
         """Where the rays of ``(N, 2)`` pixels meet the plane z = ``height``: ``(N, 3)``, NaN where they do not."""

@@ -1,1 +1,156 @@
-"""The command line, `tsuiseki`."""
+"""The command line, `tsuiseki`: one tree of commands, each a typed function.
+
+A command's module is imported when the command is chosen, and what it needs when it runs, so that help is quick and
+the commands that track never import torch.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from tsuiseki.tracking.errors import RequestError, RunError
+
+DONE, FAILED, WRONG_REQUEST, INTERRUPTED = 0, 1, 2, 130
+
+
+@dataclass(frozen=True)
+class Command:
+    """A function of the command line.
+
+    Attributes:
+        summary: one line for the list of commands.
+        module: the file in this package that holds it.
+        function: its name there.
+        positional: parameters given by place instead of by name; a list takes all that follow.
+        forwarded: the function takes the words as they are, for a parser of its own.
+    """
+
+    summary: str
+    module: str
+    function: str
+    positional: tuple[str, ...] = ()
+    forwarded: bool = False
+
+
+@dataclass(frozen=True)
+class Group:
+    """Commands of one kind."""
+
+    summary: str
+    commands: Mapping[str, Command]
+
+
+Tree: TypeAlias = Mapping[str, Command | Group]
+
+COMMANDS: Tree = {
+    "demo": Command("run the whole path on a generated labelled clip and write a report", "demo", "demo"),
+    "simulate": Group(
+        "make labelled video with exact truth",
+        {"street": Command("people on a street before a fixed camera", "simulate", "street")},
+    ),
+    "train": Group(
+        "fit a model to labelled video (needs the train extra)",
+        {
+            "detector": Command("where people are", "train", "detector", forwarded=True),
+            "appearance": Command("what they look like", "train", "appearance", forwarded=True),
+            "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
+        },
+    ),
+    "export": Group(
+        "turn a trained model into ONNX (needs the train extra)",
+        {
+            "detector": Command("from a checkpoint, or from torchvision's COCO weights", "export", "detector"),
+            "appearance": Command("from a checkpoint", "export", "appearance"),
+        },
+    ),
+    "track": Group(
+        "follow something through a video with exported models",
+        {"people": Command("everyone in view, each with an id", "track", "people", ("source",))},
+    ),
+    "evaluate": Group(
+        "score results against labels",
+        {
+            "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
+            "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
+        },
+    ),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``tsuiseki`` with ``argv`` (by default the process's words); returns the exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _dispatch(words, "tsuiseki", COMMANDS)
+    except RequestError as error:
+        return _complain(error, WRONG_REQUEST)
+    except RunError as error:
+        return _complain(error, FAILED)
+    except BrokenPipeError:
+        sys.stderr.close()
+        return FAILED
+    except OSError as error:
+        place = f" ({error.filename})" if error.filename else ""
+        return _complain(f"{error.strerror or error}{place}", FAILED)
+    except KeyboardInterrupt:
+        return _complain("interrupted; nothing was written", INTERRUPTED)
+
+
+def _dispatch(words: list[str], typed: str, tree: Tree) -> int:
+    if not words or words[0] in ("-h", "--help"):
+        print(_overview(typed, tree))
+        return DONE if words else WRONG_REQUEST
+    if words[0] == "--version" and tree is COMMANDS:
+        from importlib import metadata
+
+        print(f"tsuiseki {metadata.version('tsuiseki')}")
+        return DONE
+    entry = tree.get(words[0])
+    if entry is None:
+        close = difflib.get_close_matches(words[0], list(tree), n=1)
+        hint = f"did you mean {close[0]}?" if close else f"expected one of {', '.join(tree)}"
+        raise RequestError(f"unknown command `{typed} {words[0]}`; {hint}")
+    typed, rest = f"{typed} {words[0]}", words[1:]
+    return _dispatch(rest, typed, entry.commands) if isinstance(entry, Group) else _run(entry, typed, rest)
+
+
+def _run(command: Command, typed: str, words: list[str]) -> int:
+    # OpenCV and FFmpeg write lines of their own to stderr; errors are worded here.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    function = getattr(importlib.import_module(f"tsuiseki.tracking.cli.{command.module}"), command.function)
+    if command.forwarded:
+        return int(function(words) or DONE)
+    from tsuiseki.tracking.cli.parser import parse
+
+    try:
+        arguments = parse(typed, function, command.positional, words)
+    except SystemExit as done:
+        return int(done.code or DONE)
+    return int(function(**arguments) or DONE)
+
+
+def _overview(typed: str, tree: Tree) -> str:
+    """What follows ``typed``, one line each."""
+    width = max(len(name) for name in tree)
+    heading = "Track people and objects in video." if tree is COMMANDS else ""
+    if isinstance(group := COMMANDS.get(typed.split()[-1]), Group):
+        heading = f"{group.summary[:1].upper()}{group.summary[1:]}."
+    lines = [f"usage: {typed} {'COMMAND' if tree is COMMANDS else 'WHAT'} …", "", heading, ""]
+    lines += [f"  {name:{width}}  {entry.summary}" for name, entry in tree.items()]
+    example = f"{typed} {next(iter(tree))}" if tree is not COMMANDS else "tsuiseki track people"
+    lines += ["", f"`{example} --help` lists the options of one."]
+    if tree is COMMANDS:
+        lines += ["To see it all at work: tsuiseki demo"]
+    return "\n".join(lines)
+
+
+def _complain(message: object, status: int) -> int:
+    print(f"tsuiseki: {' '.join(str(message).split())}", file=sys.stderr)
+    return status

@@ -275,11 +275,11 @@ def read_tracks(path: str | Path) -> list[Track]:
         return []
     rows = _read_rows(path, {6, 7, 8, 9, 10}, "tracks")
     frames, ids = rows[:, 0].astype(np.int64) - 1, rows[:, 1].astype(np.int64)
-    _refuse_repeated(path, frames, ids, "id")
     if ids.min() < 0:
         raise RequestError(
             f"{path}:{int(np.argmin(ids)) + 1}: expected ids of tracks, got {ids.min()}; are these detections?"
         )
+    _refuse_repeated(path, frames, ids, "id")
     ids = ids + (1 if ids.min() == 0 else 0)
     boxes = _boxes(rows)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))

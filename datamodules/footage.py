@@ -1,0 +1,115 @@
+"""Labelled images held for training, and what composing people onto a fixed camera's frames needs. No torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.augmentation import Example
+from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, fit_size_by_row, median_image
+from tsuiseki.datamodules.readers.mot import labelled_images
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import ImageArray
+
+# Most bytes of decoded images kept of one source; beyond it they are decoded anew each time.
+_MEMORY = 1 << 30
+
+
+@dataclass(frozen=True)
+class Source:
+    """Labelled video to learn from or to validate on.
+
+    Attributes:
+        folder: a MOTChallenge sequence, or a folder of sequences.
+        frames: first and last frame of each sequence, 1-based and both included; null for all.
+        share: how often examples come from here, relative to the other sources.
+        fixed_camera: the camera stands still in each sequence, so that people can be cut out and pasted.
+    """
+
+    folder: str
+    frames: tuple[int, int] | None = None
+    share: float = 1.0
+    fixed_camera: bool = False
+
+
+@dataclass(frozen=True)
+class FixedView:
+    """What a fixed camera's sequence gives for composing.
+
+    Attributes:
+        background: the scene without people.
+        cutouts: for each frame and box the person cut out, or None.
+        sizes: how tall people are by row.
+    """
+
+    background: ImageArray
+    cutouts: list[list[Cutout | None]]
+    sizes: SizeByRow
+
+    def people(self) -> list[Cutout]:
+        """All the people that could be cut out."""
+        return [person for frame in self.cutouts for person in frame if person is not None]
+
+
+class Footage:
+    """The labelled images of one source.
+
+    Raises:
+        RequestError: the source has no usable labelled image, or an image cannot be read.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.labels = labelled_images(source.folder, source.frames)
+        first = read_image(self.labels[0].path)
+        self._decoded: list[ImageArray] | None = None
+        if first.nbytes * len(self.labels) <= _MEMORY:
+            self._decoded = [read_image(label.path) for label in self.labels]
+        self.views: list[FixedView] = []
+        self._place: list[tuple[int, int]] = []
+        if source.fixed_camera:
+            self._study_views()
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def example(self, index: int) -> Example:
+        """The labelled image at ``index``."""
+        label = self.labels[index]
+        image = read_image(label.path) if self._decoded is None else self._decoded[index]
+        return Example(image, label.boxes, label.ignored)
+
+    def view(self, index: int) -> FixedView | None:
+        """The fixed view that image ``index`` belongs to, if the source says that the camera stands still."""
+        return self.views[self._place[index][0]] if self.views else None
+
+    def cutouts(self, index: int) -> list[Cutout | None]:
+        """The people cut out of image ``index``, one entry a box."""
+        view, frame = self._place[index]
+        return self.views[view].cutouts[frame]
+
+    def _study_views(self) -> None:
+        names = [label.sequence for label in self.labels]
+        for number, name in enumerate(dict.fromkeys(names)):
+            members = [i for i, other in enumerate(names) if other == name]
+            examples = [self.example(i) for i in members]
+            background = median_image([e.image for e in examples])
+            boxes = np.concatenate([e.boxes[~e.ignored] for e in examples])
+            cutouts = [cut_out_people(e, background) for e in examples]
+            self.views.append(FixedView(background, cutouts, fit_size_by_row(boxes)))
+            self._place += [(number, frame) for frame in range(len(members))]
+
+
+def read_image(path: Path) -> ImageArray:
+    """``(H, W, 3)`` uint8 RGB.
+
+    Raises:
+        RequestError: the file is no image.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if image is None:
+        raise RequestError(f"expected an image at {path}, got something that cannot be decoded; replace or remove it")
+    return np.asarray(image, dtype=np.uint8)

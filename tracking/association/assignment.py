@@ -1,0 +1,40 @@
+"""Matching two sets one to one at the least cost: the Hungarian step of SORT and DeepSORT."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+NOTHING = np.empty(0, dtype=np.int64)
+
+
+def assign(costs: FloatArray, limit: float) -> tuple[IntArray, IntArray]:
+    """Match rows to columns one to one: as many pairs within the limit as possible, at the least total cost.
+
+    A cost above the limit counts as infinite (thesis 2.3.2: c > ε becomes ∞), and so does NaN.
+
+    Args:
+        costs: ``(N, M)``.
+        limit: the gate ε; a pair of a higher cost is never matched.
+
+    Returns:
+        Indices of the matched rows, increasing, and of their columns.
+
+    >>> assign(np.array([[0.1, 0.2], [0.15, 0.9]]), limit=0.5)
+    (array([0, 1]), array([1, 0]))
+    """
+    if costs.size == 0:
+        return NOTHING, NOTHING
+    barred = ~(costs <= limit)
+    if barred.all():
+        return NOTHING, NOTHING
+    if not barred.any():
+        rows, columns = linear_sum_assignment(costs)
+        return rows, columns
+    # One barred pair is dearer than any matching of allowed ones, so it is taken only where nothing else is left.
+    lowest = min(float(costs[~barred].min()), 0.0)
+    rows, columns = linear_sum_assignment(np.where(barred, (limit - lowest + 1.0) * (min(costs.shape) + 1), costs))
+    allowed = ~barred[rows, columns]
+    return rows[allowed], columns[allowed]

@@ -1,0 +1,135 @@
+"""`tsuiseki evaluate`: results against labels."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.frame_range import parse_frames
+
+USUAL_NAMES = ("tracks.txt", "det.txt", "gt.txt")
+
+
+def people(
+    truth: Path,
+    results: list[Path],
+    frames: str | None = None,
+    names: list[str] | None = None,
+    json: Path | None = None,
+    plot: Path | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Score tracked people against ground truth: HOTA, DetA, AssA, MOTA, MOTP, IDF1, switches, errors.
+
+    Args:
+        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences.
+        results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
+            (for a single sequence also tracks.txt); several are compared.
+        frames: score this stretch only, counted from 1 with both ends, such as 301-400.
+        names: of the results in the table, separated by commas; by default their files' or folders'.
+        json: write all scores to this file.
+        plot: write a comparison plot to this file (PNG, SVG or PDF).
+        overwrite: replace existing files.
+    """
+    from tsuiseki.tracking.evaluation.multi import evaluate_people
+    from tsuiseki.tracking.evaluation.pairs import match_results, read_truths
+    from tsuiseki.tracking.evaluation.plots import save_comparison
+    from tsuiseki.tracking.evaluation.table import people_table, people_values, show
+    from tsuiseki.tracking.output import check_output_file, output_file
+
+    stretch = parse_frames(frames) if frames else None
+    shown = _result_names(results, names)
+    for path in (json, plot):
+        if path is not None:
+            check_output_file(path, overwrite)
+    _check_plot(plot)
+    truths = read_truths(truth, stretch)
+    scores = {
+        name: evaluate_people(match_results(truths, result, stretch))
+        for name, result in zip(shown, results, strict=True)
+    }
+    show(people_table(scores))
+    if json is not None:
+        _write_json(json, people_values(scores), overwrite)
+    if plot is not None:
+        with output_file(plot, overwrite) as work:
+            save_comparison(scores, work)
+
+
+def detection(
+    truth: Path,
+    results: list[Path],
+    frames: str | None = None,
+    iou: float = 0.5,
+    score_range: tuple[float, float] = (0.0, 1.0),
+    json: Path | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Score detections against ground truth: average precision, and the threshold of the best F1.
+
+    Args:
+        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences.
+        results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
+            NAME/detections.txt for each sequence NAME.
+        frames: score this stretch only, counted from 1 with both ends, such as 301-400.
+        iou: overlap from which a detection is right.
+        score_range: smallest and largest score that the detections may have.
+        json: write the scores to this file, with recall and precision at every detection.
+        overwrite: replace existing files.
+    """
+    from tsuiseki.tracking.evaluation.pairs import evaluate_detection_files, read_truths
+    from tsuiseki.tracking.evaluation.table import detection_table, detection_values, show
+    from tsuiseki.tracking.output import check_output_file
+
+    if not 0 < iou <= 1:
+        raise RequestError(f"--iou: expected an overlap above 0 and up to 1, got {iou:g}")
+    stretch = parse_frames(frames) if frames else None
+    if json is not None:
+        check_output_file(json, overwrite)
+    truths = read_truths(truth, stretch)
+    scores = {
+        name: evaluate_detection_files(truths, result, stretch, iou, score_range)
+        for name, result in zip(_result_names(results, None), results, strict=True)
+    }
+    show(detection_table(scores, iou))
+    if json is not None:
+        _write_json(json, detection_values(scores), overwrite)
+
+
+def _result_names(results: list[Path], names: list[str] | None) -> list[str]:
+    """One name a result, as short as tells them apart."""
+    if names is not None:
+        if len(names) != len(results) or len(set(names)) != len(names):
+            raise RequestError(f"--names: expected {len(results)} different names, one a result, got {','.join(names)}")
+        return names
+    parts = [_telling_parts(path.resolve()) for path in results]
+    if len(set(parts)) != len(parts):
+        raise RequestError("expected different results to compare, got one twice")
+    depths = range(1, max(map(len, parts)) + 1)
+    candidates = (["/".join(path[-depth:]) for path in parts] for depth in depths)
+    return next(shown for shown in candidates if len(set(shown)) == len(shown))
+
+
+def _telling_parts(path: Path) -> tuple[str, ...]:
+    """The parts of ``path`` without what all results are called."""
+    if path.is_file():
+        path = path.parent if path.name in USUAL_NAMES else path.with_suffix("")
+    return path.parts
+
+
+def _check_plot(plot: Path | None) -> None:
+    if plot is not None and plot.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise RequestError(f"--plot: expected a file name ending in .png, .svg or .pdf, got {plot}")
+
+
+def _write_json(path: Path, values: dict[str, Any], overwrite: bool) -> None:
+    from tsuiseki.tracking.output import output_file
+
+    with output_file(path, overwrite) as work:
+        work.write_text(_json_text(values), encoding="utf-8")
+
+
+def _json_text(values: dict[str, Any]) -> str:
+    return json.dumps(values, indent=1) + "\n"

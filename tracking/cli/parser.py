@@ -1,0 +1,228 @@
+"""From a typed function to its options: jsonargparse, with the help and the errors worded for people.
+
+Options are shown with dashes and taken with dashes or underscores; a switch needs no value. In a YAML file they carry
+underscores, as the function's parameters do.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import re
+import shutil
+from argparse import SUPPRESS, Action
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NoReturn
+
+from jsonargparse import ArgumentError, ArgumentParser, DefaultHelpFormatter, Namespace
+from jsonargparse._actions import ActionConfigFile, _ActionConfigLoad
+
+from tsuiseki.tracking.errors import RequestError
+
+METAVARS = {"int": "N", "float": "X", "str": "TEXT", "Path": "FILE"}
+# What a value means says more than its type.
+METAVARS_BY_NAME = {"out": "DIR", "frames": "FIRST-LAST"}
+KIND_NAMES = {
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+}
+CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
+PRINT_HELP = "print all options as YAML, as a start for --config, and exit"
+
+
+class HelpFormatter(DefaultHelpFormatter):
+    """Options with dashes, their kind in place of their name, and defaults only where there is one."""
+
+    def __init__(self, prog: str) -> None:
+        width = min(100, shutil.get_terminal_size().columns - 2)
+        super().__init__(prog, max_help_position=30, width=width)  # type: ignore[no-untyped-call]
+
+    def _get_help_string(self, action: Action) -> str:
+        text = (action.help or "").removesuffix(".")
+        if action.required and action.option_strings:
+            return f"{text} (required)"
+        default = action.default
+        if not action.option_strings or default in (None, SUPPRESS) or isinstance(default, bool | Namespace):
+            return text
+        shown = ",".join(map(str, default)) if isinstance(default, tuple | list) else default
+        return f"{text} (default: {shown})"
+
+    def _get_default_metavar_for_optional(self, action: Action) -> str:
+        return METAVARS_BY_NAME.get(action.dest) or metavar(getattr(action, "_typehint", action.type))
+
+    def _format_args(self, action: Action, default_metavar: str) -> str:
+        # Lists are given as one word, 1,2: jsonargparse would show [ITEM,...].
+        several = _is_several(getattr(action, "_typehint", None)) and action.option_strings
+        return default_metavar if several else super()._format_args(action, default_metavar)
+
+
+class Parser(ArgumentParser):
+    """A jsonargparse parser that fails with `RequestError` and takes ``--some-option`` for ``some_option``."""
+
+    def error(self, message: str, ex: Exception | None = None) -> NoReturn:
+        raise RequestError(friendly(message, self.option_names())) from ex
+
+    def option_names(self) -> list[str]:
+        """All options as they are shown, ``--seed`` and so on."""
+        return [name for action in self._actions for name in action.option_strings if name.startswith("--")]
+
+    def of_kind(self, matches: Callable[[Any], bool]) -> set[str]:
+        """Options whose type ``matches``, as they are shown."""
+        hinted = [action for action in self._actions if matches(getattr(action, "_typehint", None))]
+        return {name for action in hinted for name in action.option_strings}
+
+
+def parse(prog: str, function: Callable[..., Any], positional: Sequence[str], words: Sequence[str]) -> dict[str, Any]:
+    """The arguments of ``function`` from the words of a command line.
+
+    Args:
+        prog: what the user typed so far, for the help.
+        function: typed, with Google-style docstring.
+        positional: parameters given by place; a list takes all that follow.
+        words: the rest of the command line.
+
+    Raises:
+        RequestError: an unknown option, a wrong type, a missing option, a broken YAML file.
+        SystemExit: help was asked for.
+    """
+    parser = build_parser(prog, function, positional)
+    try:
+        found = parser.parse_args(_normalised(words, parser))
+    except ArgumentError as error:
+        raise RequestError(friendly(str(error), parser.option_names())) from error
+    values = parser.instantiate(found)
+    return {name: values[name] for name in inspect.signature(function).parameters}
+
+
+def build_parser(prog: str, function: Callable[..., Any], positional: Sequence[str]) -> Parser:
+    """A parser whose options are the parameters of ``function``."""
+    description, places = _documentation(function)
+    parser = Parser(
+        prog=prog,
+        description=description,
+        formatter_class=HelpFormatter,
+        exit_on_error=False,
+        print_config="--print_config",
+        allow_abbrev=False,
+    )
+    hints = inspect.get_annotations(function, eval_str=True)
+    for name in positional:
+        many = getattr(hints[name], "__origin__", None) is list
+        kind = hints[name].__args__[0] if many else hints[name]
+        shown = name.upper()
+        parser.add_argument(name, type=kind, nargs="+" if many else None, metavar=shown, help=places.get(name))
+    parser.add_function_arguments(function, as_group=False, skip=set(positional), sub_configs=False)
+    parser.add_argument("--config", action=ActionConfigFile, metavar="FILE", help=CONFIG_HELP)
+    _show_as_typed(parser._actions, parser._option_string_actions)
+    return parser
+
+
+def metavar(kind: Any) -> str:
+    """What to show for a value of type ``kind``.
+
+    >>> metavar(float | None)
+    'X'
+    """
+    arguments = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
+    if arguments and all(isinstance(a, str) for a in arguments):
+        return "{" + ",".join(arguments) + "}"
+    if _is_several(kind):
+        several = [metavar(a) for a in arguments if a is not Ellipsis]
+        return ",".join(several if len(several) > 1 else [*several, "…"])
+    if arguments:
+        return metavar(arguments[0])
+    return METAVARS.get(getattr(kind, "__name__", ""), "VALUE")
+
+
+def friendly(message: str, options: Iterable[str]) -> str:
+    """One line that says which option is wrong and what it takes, from a message of jsonargparse."""
+    text = " ".join(message.split())
+    if match := re.search(r"[Pp]arser key \"(.+?)\": (.*)", text):
+        return f"{_option(match[1])}: {_expectation(match[2])}"
+    if match := re.search(r"Group '(.+?)' does not accept option '(.+?)'", text):
+        return _unknown(f"{match[1]}.{match[2]}", options)
+    if match := re.search(r"Option '(.+?)' is not accepted", text):
+        return _unknown(match[1], options)
+    if match := re.search(r"unrecognized arguments: (\S+)", text, re.IGNORECASE):
+        word = match[1].split("=")[0]
+        return _unknown(word, options) if word.startswith("-") else f"expected no further words, got {word!r}"
+    if match := re.search(r"the following arguments are required: (.*)", text):
+        names = {option.lstrip("-") for option in options}
+        missing = [_option(n) if n.replace("_", "-") in names else n.upper() for n in match[1].split(", ")]
+        return f"missing: {', '.join(missing)}"
+    return text[:1].lower() + text[1:]
+
+
+def _expectation(text: str) -> str:
+    text = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", text)
+    text = re.sub(r"^Expected a tuple with (\d+) elements", r"expected \1 values separated by commas", text)
+    for name, words in KIND_NAMES.items():
+        text = re.sub(rf"^Expected an? {name}\b", f"expected {words}", text)
+    text = re.sub(r"(?:typing\.)?Literal\[(.*?)\]", r"one of \1", text)
+    text = re.sub(r"^Expected an? ", "expected ", text)
+    return re.sub(r"\. Got value: (.*)$", r", got '\1'", text)
+
+
+def _unknown(name: str, options: Iterable[str]) -> str:
+    shown = _option(name.lstrip("-"))
+    close = difflib.get_close_matches(shown, list(options), n=1, cutoff=0.6)
+    return f"unknown option {shown}" + (f"; did you mean {close[0]}?" if close else "; --help lists them")
+
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
+def _normalised(words: Sequence[str], parser: Parser) -> list[str]:
+    """``--some-option`` as ``--some_option``, switches with their value, and ``1,2`` for several numbers as a list."""
+    switches, several = parser.of_kind(lambda kind: kind is bool), parser.of_kind(_is_several)
+    result: list[str] = []
+    rest = list(words)
+    while rest:
+        word = rest.pop(0)
+        if word == "--":
+            return [*result, word, *rest]
+        if not re.match(r"--[a-zA-Z]", word):
+            result.append(word)
+            continue
+        name, equals, value = word.partition("=")
+        shown, name = name.replace("_", "-"), "--" + name[2:].replace("-", "_")
+        if shown in switches and not equals:
+            equals, value = "=", "true"
+        if shown in several and (equals or rest):
+            value = value if equals else rest.pop(0)
+            equals, value = "=", value if value.startswith("[") else f"[{value}]"
+        result.append(name + equals + value)
+    return result
+
+
+def _is_several(kind: Any) -> bool:
+    return getattr(kind, "__origin__", None) in (tuple, list)
+
+
+def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> None:
+    """Show options with dashes, and leave out what jsonargparse adds on its own."""
+    for action in actions:
+        if action.dest == "help":
+            action.help = "show this help and exit"
+        elif isinstance(action, _ActionConfigLoad):
+            action.help = SUPPRESS
+        elif "print_config" in action.dest:
+            action.help = PRINT_HELP
+            action.metavar = ""
+        names = [name for name in action.option_strings if not name.endswith("+")]
+        action.option_strings = ["--" + n[2:].replace("_", "-") if n.startswith("--") else n for n in names]
+        if getattr(action, "_typehint", None) is bool:
+            action.metavar = ""
+        by_option |= dict.fromkeys(action.option_strings, action)
+
+
+def _documentation(function: Callable[..., Any]) -> tuple[str, dict[str, str]]:
+    """The description of ``function`` and of its parameters."""
+    from docstring_parser import parse as parse_docstring
+
+    found = parse_docstring(inspect.getdoc(function) or "")
+    text = [found.short_description or "", found.long_description or ""]
+    parameters = {p.arg_name: " ".join((p.description or "").split()) for p in found.params}
+    return "\n\n".join(part for part in text if part), parameters

@@ -1,0 +1,167 @@
+"""Kalman filters over many tracks at once.
+
+Two filters with one contract, ``predict`` to the next frame and ``update`` by a measurement, over all tracks in one
+call and without a loop over them:
+
+* ``predict`` and ``update`` are the textbook filter of any linear model (Kalman 1960).
+* ``predict_boxes`` and ``update_boxes`` are the same filter for boxes of constant velocity, in closed form. Each of
+  the four corner coordinates moves by itself and with the same noise, so one 2x2 covariance a track stands for the
+  whole 8x8 one. The noise is a share of the person's height; since a Kalman gain depends on ratios of variances
+  only, the covariance is kept in squared heights and the height itself is never needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """What is known of N states of length D.
+
+    Attributes:
+        mean: ``(N, D)``.
+        covariance: ``(N, D, D)`` symmetric positive semi-definite.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """How measurements differed from what was predicted.
+
+    Attributes:
+        residual: ``(N, M)`` measured minus predicted.
+        covariance: ``(N, M, M)`` of the residual.
+    """
+
+    residual: FloatArray
+    covariance: FloatArray
+
+    def squared_distance(self) -> FloatArray:
+        """``(N,)`` squared Mahalanobis lengths of the residuals; chi-square of M degrees if the model is right."""
+        whitened = np.linalg.solve(self.covariance, self.residual[..., None])[..., 0]
+        return np.asarray((self.residual * whitened).sum(axis=-1))
+
+
+def predict(state: Gaussians, transition: FloatArray, noise: FloatArray) -> Gaussians:
+    """The states one step later.
+
+    Args:
+        state: N states of length D.
+        transition: ``(D, D)`` or ``(N, D, D)``.
+        noise: covariance of what the transition does not explain, ``(D, D)`` or ``(N, D, D)``.
+    """
+    mean = (transition @ state.mean[..., None])[..., 0]
+    return Gaussians(mean, transition @ state.covariance @ np.swapaxes(transition, -1, -2) + noise)
+
+
+def update(
+    state: Gaussians, measured: FloatArray, observation: FloatArray, noise: FloatArray
+) -> tuple[Gaussians, Innovation]:
+    """The states after one measurement each, and how it differed from the prediction.
+
+    Args:
+        state: N states of length D.
+        measured: ``(N, M)``.
+        observation: maps a state to its measurement, ``(M, D)`` or ``(N, M, D)``.
+        noise: covariance of the measurement, ``(M, M)`` or ``(N, M, M)``, positive definite.
+    """
+    residual = measured - (observation @ state.mean[..., None])[..., 0]
+    cross = state.covariance @ np.swapaxes(observation, -1, -2)
+    innovation = Innovation(residual, observation @ cross + noise)
+    gain = np.swapaxes(np.linalg.solve(innovation.covariance, np.swapaxes(cross, -1, -2)), -1, -2)
+    # Joseph's form: symmetric and positive semi-definite whatever the rounding.
+    rest = np.eye(state.mean.shape[-1]) - gain @ observation
+    covariance = rest @ state.covariance @ np.swapaxes(rest, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
+    return Gaussians(state.mean + (gain @ residual[..., None])[..., 0], covariance), innovation
+
+
+# F P F' with F = [[1, 1], [0, 1]], on rows of the three different entries of P.
+_SPREAD = np.array([[1.0, 0, 0], [2.0, 1.0, 0], [1.0, 1.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class BoxMotion:
+    """Noise of boxes that move with constant velocity, in heights of the person.
+
+    Attributes:
+        measurement: standard deviation of a detected corner coordinate.
+        acceleration: standard deviation of the change of velocity from one frame to the next.
+        start_velocity: standard deviation of the velocity of a new track, a frame.
+    """
+
+    measurement: float = 0.05
+    acceleration: float = 0.01
+    start_velocity: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not (self.measurement > 0 and self.acceleration >= 0 and self.start_velocity >= 0):
+            raise ValueError("expected a positive measurement noise and no negative one")
+
+
+@dataclass(frozen=True)
+class BoxBelief:
+    """What is known of N moving boxes.
+
+    Attributes:
+        boxes: ``(N, 4)`` pixels, the mean positions.
+        velocities: ``(N, 4)`` pixels a frame.
+        variance: ``(N, 3)`` variance of the position, covariance of both, variance of the velocity, of each corner
+            coordinate, in squared heights.
+    """
+
+    boxes: FloatArray
+    velocities: FloatArray
+    variance: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+
+def start_boxes(boxes: FloatArray, motion: BoxMotion) -> BoxBelief:
+    """New tracks at ``(N, 4)`` boxes, of unknown velocity."""
+    variance = np.empty((len(boxes), 3))
+    variance[:] = motion.measurement**2, 0.0, motion.start_velocity**2
+    return BoxBelief(np.array(boxes, dtype=np.float64), np.zeros((len(boxes), 4)), variance)
+
+
+def predict_boxes(belief: BoxBelief, motion: BoxMotion) -> BoxBelief:
+    """The boxes one frame later: the position moves by the velocity, which changes by white noise."""
+    noise = motion.acceleration**2
+    # Q of a velocity that changes evenly during the frame.
+    variance = belief.variance @ _SPREAD + (noise / 4, noise / 2, noise)
+    return BoxBelief(belief.boxes + belief.velocities, belief.velocities, variance)
+
+
+def update_boxes(belief: BoxBelief, boxes: FloatArray, motion: BoxMotion) -> BoxBelief:
+    """The boxes after each was detected at ``(N, 4)`` boxes."""
+    position, both = belief.variance[:, :1], belief.variance[:, 1:2]
+    rest = motion.measurement**2 / (position + motion.measurement**2)
+    velocity_gain = both * (rest / motion.measurement**2)
+    residual = boxes - belief.boxes
+    variance = belief.variance * rest
+    # (1 - K H) P leaves the velocity's variance less what its correlation with the position explains.
+    variance[:, 2:] = belief.variance[:, 2:] - velocity_gain * both
+    return BoxBelief(boxes - rest * residual, belief.velocities + velocity_gain * residual, variance)
+
+
+def select_boxes(belief: BoxBelief, which: IntArray) -> BoxBelief:
+    """The tracks at ``(K,)`` indices."""
+    return BoxBelief(belief.boxes[which], belief.velocities[which], belief.variance[which])
+
+
+def join_boxes(beliefs: Sequence[BoxBelief]) -> BoxBelief:
+    """The tracks of all ``beliefs``, in order."""
+    return BoxBelief(
+        np.concatenate([belief.boxes for belief in beliefs]),
+        np.concatenate([belief.velocities for belief in beliefs]),
+        np.concatenate([belief.variance for belief in beliefs]),
+    )

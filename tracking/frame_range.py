@@ -1,0 +1,59 @@
+"""A stretch of a video, as people write it: ``301-400``, counted from 1 and with both ends."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from tsuiseki.tracking.errors import RequestError
+
+
+@dataclass(frozen=True)
+class FrameRange:
+    """Frames ``first`` to ``last``, 0-based, both included.
+
+    Attributes:
+        first: 0-based.
+        last: 0-based; None goes on to the end of the video.
+    """
+
+    first: int = 0
+    last: int | None = None
+
+    def __contains__(self, frame: int) -> bool:
+        return self.first <= frame and (self.last is None or frame <= self.last)
+
+    def __str__(self) -> str:
+        return f"{self.first + 1}-{'' if self.last is None else self.last + 1}"
+
+    def within(self, length: int) -> FrameRange:
+        """The range in a video of ``length`` frames, with its end filled in.
+
+        Raises:
+            RequestError: it reaches beyond the video.
+        """
+        last = length - 1 if self.last is None else self.last
+        if self.first >= length or last >= length:
+            raise RequestError(f"expected frames within 1-{length}, got --frames {self}")
+        return FrameRange(self.first, last)
+
+
+def parse_frames(text: str | None) -> FrameRange:
+    """The range that ``301-400``, ``301-`` or ``-400`` names; None is the whole video.
+
+    Raises:
+        RequestError: the text is something else.
+
+    >>> parse_frames("301-400")
+    FrameRange(first=300, last=399)
+    """
+    if text is None:
+        return FrameRange()
+    match = re.fullmatch(r"\s*(\d*)\s*-\s*(\d*)\s*", text)
+    if match is None or not any(match.groups()):
+        raise RequestError(f"expected --frames FIRST-LAST counted from 1, such as 301-400, got {text!r}")
+    first = int(match[1] or 1) - 1
+    last = int(match[2]) - 1 if match[2] else None
+    if first < 0 or (last is not None and last < first):
+        raise RequestError(f"expected --frames FIRST-LAST with 1 <= FIRST <= LAST, got {text!r}")
+    return FrameRange(first, last)

@@ -1,0 +1,165 @@
+"""Results on disk: written beside and renamed, so that the final name never holds half a result.
+
+A result folder says in ``run.json`` how it was made and which files belong to it.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from tsuiseki.tracking.errors import RequestError
+
+RUN_FILE = "run.json"
+VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime", "ortools", "trackeval")
+
+
+@contextmanager
+def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
+    """A working folder that becomes ``folder`` when the ``with`` block ends, and vanishes when it fails.
+
+    An existing folder is kept. Files of the same name and sub-folders of the same name are replaced, and what an
+    earlier run listed in its ``run.json`` and this one did not write is removed.
+
+    Raises:
+        RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
+    """
+    check_output_folder(folder, overwrite)
+    # Inside a folder that exists, beside one that does not: a rename must stay on one file system.
+    work = _working_folder(folder.name, folder if folder.is_dir() else folder.resolve().parent)
+    try:
+        yield work
+        _publish(work, folder)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def check_output_folder(folder: Path, overwrite: bool) -> None:
+    """Refuse a folder that results cannot go to; see `output_folder`."""
+    if folder.exists() and not folder.is_dir():
+        raise RequestError(f"expected --out to name a folder, but {folder} is a file; choose another name")
+    found = sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")) if folder.is_dir() else []
+    if found and not overwrite:
+        raise RequestError(f"{folder} already holds {_some(found)}; choose another folder or add --overwrite")
+
+
+@contextmanager
+def output_file(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A working file beside ``path`` that takes its place when the ``with`` block ends, and vanishes when it fails.
+
+    Raises:
+        RequestError: ``path`` is a folder, exists while ``overwrite`` is False, or cannot be made.
+    """
+    check_output_file(path, overwrite)
+    work = _working_folder(path.name, path.resolve().parent)
+    try:
+        yield work / path.name
+        (work / path.name).replace(path)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def check_output_file(path: Path, overwrite: bool) -> None:
+    """Refuse a file that a result cannot go to; see `output_file`."""
+    if path.is_dir():
+        raise RequestError(f"expected the name of a file to write, but {path} is a folder")
+    if path.exists() and not overwrite:
+        raise RequestError(f"{path} already exists; choose another name or add --overwrite")
+
+
+@dataclass
+class RunRecord:
+    """What ``run.json`` says of a run.
+
+    Attributes:
+        command: the program's words that started it, or the name of the Python function.
+        settings: every setting, defaults included.
+        seed: of all random numbers.
+        seconds: per stage.
+        frames: one list a name, all as long as ``frame``: frame numbers counted from 1, counts and scores.
+        partial: the run was stopped before the end of its input.
+    """
+
+    command: Sequence[str]
+    settings: Mapping[str, Any]
+    seed: int = 0
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    frames: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    partial: bool = False
+
+    def write(self, folder: Path) -> None:
+        """Write ``run.json`` into ``folder``; call it last, for it lists the files there."""
+        values = {
+            "command": list(self.command),
+            "partial": self.partial,
+            "seed": self.seed,
+            "settings": self.settings,
+            "versions": versions(),
+            "seconds": {stage: round(value, 4) for stage, value in self.seconds.items()},
+            "files": sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()),
+            "frames": self.frames,
+        }
+        (folder / RUN_FILE).write_text(json.dumps(values, indent=1, default=str) + "\n", encoding="utf-8")
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that results depend on."""
+    found = {"python": platform.python_version()}
+    for package in VERSIONED_PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _working_folder(name: str, parent: Path) -> Path:
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{name}.", suffix=".unfinished", dir=parent))
+        work.chmod(0o755)
+    except OSError as error:
+        raise RequestError(f"cannot write to {parent}: {error.strerror}; choose another place") from error
+    return work
+
+
+def _publish(work: Path, folder: Path) -> None:
+    if not folder.exists():
+        work.replace(folder)
+        return
+    written = {path.relative_to(work).as_posix() for path in work.rglob("*") if path.is_file()}
+    stale = _listed_files(folder) - written - {RUN_FILE}
+    # run.json goes first and comes last: while it is missing, nobody takes a mixture for a result.
+    (folder / RUN_FILE).unlink(missing_ok=True)
+    for name in stale:
+        (folder / name).unlink(missing_ok=True)
+    for path in sorted(work.iterdir(), key=lambda path: path.name == RUN_FILE):
+        target = folder / path.name
+        if target.is_dir() and not target.is_symlink():
+            shutil.rmtree(target)
+        elif path.is_dir():
+            target.unlink(missing_ok=True)
+        path.replace(target)
+
+
+def _listed_files(folder: Path) -> set[str]:
+    """Files that the ``run.json`` in ``folder`` lists, without any that would lead out of it."""
+    try:
+        names = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))["files"]
+        paths = {PurePosixPath(name) for name in names}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    inside = {path for path in paths if not path.is_absolute() and ".." not in path.parts}
+    return {p.as_posix() for p in inside if (folder / p).resolve().is_relative_to(folder.resolve())}
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

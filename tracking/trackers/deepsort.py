@@ -1,0 +1,123 @@
+"""DeepSORT: people followed online by their looks first, then by where they are (thesis 2.3.2).
+
+Each frame, the cost c(a, b) of every track a and detection b is computed twice: C^feat, the cosine distance of their
+appearance, and C^pos. A first assignment is solved on C^feat with the gate ε_feat; a second, on C^pos with the gate
+ε_pos, only for the tracks that the first left unmatched and the detections it left free.
+
+What the thesis leaves open is decided so:
+
+* C^pos is 1 - IoU of the detection and the box that a Kalman filter of constant velocity predicts for the track.
+* A track's looks are the running mean of its features, weighted towards the recent ones and kept at unit length.
+* Looks alone would match two people in like clothes across the whole image, so a pair takes part in the first
+  assignment only if the track can have got there: its centre within ``reach`` heights of the prediction, and
+  ``reach_growth`` more for each frame that it has not been seen.
+* A detection that stays free starts a track, which is believed after ``min_hits`` detections in a row and given up
+  after ``max_age`` frames without any. A new track that is not believed yet takes part like any other.
+* A detection or a track without known looks (no feature, or a NaN in it) is matched by position only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsuiseki.tracking.association.assignment import assign
+from tsuiseki.tracking.filters.kalman import BoxMotion
+from tsuiseki.tracking.geometry import centres, iou_matrix
+from tsuiseki.tracking.trackers.lifecycle import Lifecycle, LifecycleSettings, Survivors
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+
+
+@dataclass(frozen=True)
+class DeepSortSettings:
+    """Settings of DeepSORT.
+
+    Attributes:
+        feature_gate: ε_feat, the largest cosine distance of a match by looks, in [0, 2].
+        position_gate: ε_pos, the largest 1 - IoU of a match by position, in [0, 1).
+        memory: weight of the past in a track's running mean of features, in [0, 1).
+        reach: distance from the prediction at which looks may still match, in heights.
+        reach_growth: additional distance for every frame without a detection, in heights.
+        lifecycle: when tracks are believed and given up.
+        motion: noise of the Kalman filter.
+    """
+
+    feature_gate: float = 0.3
+    position_gate: float = 0.7
+    memory: float = 0.9
+    reach: float = 1.0
+    reach_growth: float = 0.1
+    lifecycle: LifecycleSettings = field(default_factory=lambda: LifecycleSettings(max_age=30))
+    motion: BoxMotion = field(default_factory=BoxMotion)
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.feature_gate <= 2 and 0 <= self.position_gate < 1 and 0 <= self.memory < 1):
+            raise ValueError("expected feature_gate in [0, 2], position_gate in [0, 1) and memory in [0, 1)")
+
+
+class DeepSort:
+    """Appearance first, then position, each with its own gate."""
+
+    def __init__(self, settings: DeepSortSettings | None = None) -> None:
+        self.settings = settings or DeepSortSettings()
+        self._lifecycle = Lifecycle(self.settings.lifecycle, self.settings.motion)
+        self._looks = np.empty((0, 0))
+
+    def update(self, detections: Detections) -> None:
+        """Take the detections of the next frame; those without features are matched by position.
+
+        Raises:
+            ValueError: the features are of another length than those before.
+        """
+        features = self._checked_features(detections)
+        predicted = self._lifecycle.predict()
+        seen, detected = assign(self._feature_costs(predicted, detections, features), self.settings.feature_gate)
+        seen, detected = self._match_rest(predicted, detections, seen, detected)
+        parts = self._lifecycle.advance(seen, detected, detections)
+        self._looks = self._updated_looks(parts, features)
+
+    def tracks(self) -> list[Track]:
+        """The confirmed tracks of all frames so far, by id."""
+        return self._lifecycle.tracks()
+
+    def _checked_features(self, detections: Detections) -> FloatArray:
+        """``(M, D)`` the features, NaN where there are none."""
+        length = self._looks.shape[1]
+        if detections.features is None:
+            return np.full((len(detections), length), np.nan)
+        if length == 0:
+            self._looks = np.full((len(self._looks), detections.features.shape[1]), np.nan)
+        elif detections.features.shape[1] != length and len(detections):
+            raise ValueError(f"expected features of length {length} as before, got {detections.features.shape[1]}")
+        return detections.features.reshape(len(detections), self._looks.shape[1])
+
+    def _feature_costs(self, predicted: FloatArray, detections: Detections, features: FloatArray) -> FloatArray:
+        """C^feat, infinite where the track cannot have got to, NaN where looks are not known."""
+        if features.size == 0 or self._looks.size == 0:
+            return np.full((len(predicted), len(detections)), np.nan)
+        move = centres(predicted)[:, None] - centres(detections.boxes)[None]
+        heights = detections.boxes[:, 3] - detections.boxes[:, 1]
+        reach = self.settings.reach + self.settings.reach_growth * self._lifecycle.misses
+        far = np.hypot(move[..., 0], move[..., 1]) > reach[:, None] * heights
+        return np.where(far, np.inf, 1 - self._looks @ features.T)
+
+    def _match_rest(
+        self, predicted: FloatArray, detections: Detections, seen: IntArray, detected: IntArray
+    ) -> tuple[IntArray, IntArray]:
+        """The matches so far and those by position, C^pos, among what they left."""
+        tracks = np.setdiff1d(np.arange(len(predicted)), seen)
+        free = np.setdiff1d(np.arange(len(detections)), detected)
+        overlaps = iou_matrix(predicted[tracks], detections.boxes[free])
+        rows, columns = assign(1 - overlaps, self.settings.position_gate)
+        return np.concatenate([seen, tracks[rows]]), np.concatenate([detected, free[columns]])
+
+    def _updated_looks(self, parts: Survivors, features: FloatArray) -> FloatArray:
+        """``(N, D)`` the looks of the live tracks after a frame."""
+        before, now = self._looks[parts.seen], features[parts.detected]
+        mean = self.settings.memory * before + (1 - self.settings.memory) * now
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        # Two opposite features can cancel; the newer then stands alone, as it does where the older is not known.
+        mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
+        mean = np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean))
+        return np.concatenate([mean, self._looks[parts.kept], features[parts.born]])

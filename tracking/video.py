@@ -1,0 +1,318 @@
+"""Video in: files, folders of images, sequence folders, webcams and streams, one frame at a time.
+
+OpenCV's BGR order stops here: a `Frame` is RGB.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.formats.mot import IMAGE_SUFFIXES, list_images, read_sequence
+from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.types import Frame, ImageArray
+
+DEFAULT_FRAME_RATE = 25.0
+ORIENTATION_TAG = 0x0112
+TURNED_ORIENTATIONS = (5, 6, 7, 8)
+# Leftovers of file managers that may lie among images.
+HARMLESS_NAMES = ("thumbs.db", "desktop.ini")
+PLAYLIST_HEADERS = (b"#EXTM3U", b"ffconcat")
+
+
+class Source(Protocol):
+    """Somewhere frames come from.
+
+    Attributes:
+        name: for people to read.
+        frame_rate: frames per second.
+        length: number of frames of the whole video; None where only playing it tells.
+        live: it cannot be played again, and ends when the user says so.
+        frames_wanted: the stretch that `frames` gives.
+        has_images: False for a sequence that is text only.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def frame_rate(self) -> float: ...
+    @property
+    def length(self) -> int | None: ...
+    @property
+    def live(self) -> bool: ...
+    @property
+    def frames_wanted(self) -> FrameRange: ...
+    @property
+    def has_images(self) -> bool: ...
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames of the stretch, numbered as in the whole video; one is held at a time.
+
+        Raises:
+            RunError: the video breaks off or an image cannot be read.
+        """
+        ...
+
+
+def open_source(source: str | Path, frames: FrameRange | None = None) -> Source:
+    """What ``source`` names, checked before anything is read in full.
+
+    Args:
+        source: a video file, a folder of images, a MOTChallenge sequence folder, the number of a webcam, or the
+            address of a stream.
+        frames: the stretch to read; by default all.
+
+    Raises:
+        RequestError: there is no such thing, it cannot be read, it has no frame, its images differ in size, or
+            the stretch lies beyond it.
+    """
+    wanted = frames or FrameRange()
+    text, path = str(source), Path(source)
+    if path.is_dir():
+        return _open_folder(path, wanted)
+    if path.is_file():
+        return VideoFile.open(path, wanted)
+    if text.isdecimal():
+        return LiveSource.open(int(text), f"webcam {text}", wanted)
+    if "://" in text:
+        return LiveSource.open(text, text.split("?")[0], wanted)
+    raise RequestError(f"expected a video file, a folder of images, a webcam number or an address, found no {text}")
+
+
+@dataclass(frozen=True)
+class ImageFolder:
+    """A video as one image file a frame; a text-only sequence has none."""
+
+    name: str
+    frame_rate: float
+    images: tuple[Path, ...]
+    size: tuple[int, int]
+    text_length: int
+    frames_wanted: FrameRange
+    live: bool = False
+
+    @property
+    def has_images(self) -> bool:
+        """False for a text-only sequence."""
+        return bool(self.images)
+
+    @property
+    def length(self) -> int | None:
+        """Number of frames; None for a text-only sequence that does not say."""
+        return len(self.images) or self.text_length or None
+
+    def frames(self) -> Iterator[Frame]:
+        """See `Source.frames`."""
+        if not self.images:
+            raise RequestError(f"{self.name} has no images; expected them in its folder img1/")
+        wanted = self.frames_wanted.within(len(self.images))
+        assert wanted.last is not None
+        for index in range(wanted.first, wanted.last + 1):
+            yield Frame(index, index / self.frame_rate, read_image(self.images[index], self.size))
+
+
+@dataclass(frozen=True)
+class VideoFile:
+    """A video file that OpenCV can decode."""
+
+    path: Path
+    name: str
+    frame_rate: float
+    promised: int
+    frames_wanted: FrameRange
+    live: bool = False
+    length: int | None = None
+    has_images: bool = True
+
+    @classmethod
+    def open(cls, path: Path, wanted: FrameRange) -> VideoFile:
+        """The file at ``path``; raises RequestError where its first frame cannot be decoded."""
+        with path.open("rb") as file:
+            if file.read(16).startswith(PLAYLIST_HEADERS):
+                raise RequestError(f"{path} is a playlist, which may lead anywhere; give the video itself")
+        capture = cv2.VideoCapture(str(path))
+        try:
+            readable = capture.isOpened()
+            frame_rate = _frame_rate(capture)
+            promised = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT))) if readable else 0
+            if not readable or not capture.grab():
+                found = "no frame in it" if readable else "something else"
+                raise RequestError(f"{path}: expected a video that OpenCV can decode, found {found}")
+        finally:
+            capture.release()
+        if promised and max(wanted.first, wanted.last or 0) >= promised + _slack(promised):
+            wanted.within(promised)
+        return cls(path, path.name, frame_rate, promised, wanted)
+
+    @property
+    def slack(self) -> float:
+        """By how many frames the header of a sound file may be wrong."""
+        return _slack(self.promised)
+
+    def frames(self) -> Iterator[Frame]:
+        """See `Source.frames`."""
+        capture = cv2.VideoCapture(str(self.path))
+        index, milliseconds = 0, 0.0
+        try:
+            while self.frames_wanted.last is None or index <= self.frames_wanted.last:
+                if not capture.grab():
+                    self._refuse_early_end(index, milliseconds / 1000)
+                    return
+                milliseconds = capture.get(cv2.CAP_PROP_POS_MSEC)
+                if index >= self.frames_wanted.first:
+                    yield Frame(index, index / self.frame_rate, _retrieve(capture, f"{self.path}: frame {index + 1}"))
+                index += 1
+        finally:
+            capture.release()
+
+    def _refuse_early_end(self, frames: int, seconds: float) -> None:
+        """Tell a truncated file from one whose header only estimates its length.
+
+        Both the number of frames and the time of the last one have to fall short, since the first is an estimate where
+        the frame rate varies.
+        """
+        wanted = self.frames_wanted
+        if frames <= wanted.first or wanted.last is not None:
+            raise RunError(f"{self.path}: expected frames {wanted}, but the video ends after frame {frames}")
+        slack = self.slack
+        if frames + slack < self.promised and seconds + slack / self.frame_rate < self.promised / self.frame_rate:
+            raise RunError(
+                f"{self.path}: expected {self.promised} frames, but the video breaks off after frame {frames}; "
+                f"use what is there with --frames {wanted.first + 1}-{frames}"
+            )
+
+
+@dataclass(frozen=True)
+class LiveSource:
+    """A webcam or a stream, which ends when the user says so."""
+
+    address: int | str
+    name: str
+    frame_rate: float
+    frames_wanted: FrameRange
+    live: bool = True
+    length: int | None = None
+    has_images: bool = True
+
+    @classmethod
+    def open(cls, address: int | str, name: str, wanted: FrameRange) -> LiveSource:
+        """The source at ``address``; raises RequestError where nothing answers."""
+        capture = cv2.VideoCapture(address)
+        try:
+            if not capture.isOpened():
+                raise RequestError(f"expected pictures from {name}, got none; is it connected, and free?")
+            return cls(address, name, _frame_rate(capture), wanted)
+        finally:
+            capture.release()
+
+    def frames(self) -> Iterator[Frame]:
+        """See `Source.frames`."""
+        capture = cv2.VideoCapture(self.address)
+        start, index = time.monotonic(), 0
+        try:
+            while self.frames_wanted.last is None or index <= self.frames_wanted.last:
+                if not capture.grab():
+                    if index == 0:
+                        raise RunError(f"{self.name} stopped before the first frame")
+                    return
+                if index >= self.frames_wanted.first:
+                    yield Frame(index, time.monotonic() - start, _retrieve(capture, f"{self.name}: frame {index + 1}"))
+                index += 1
+        finally:
+            capture.release()
+
+
+def read_image(path: Path, size: tuple[int, int] | None = None) -> ImageArray:
+    """``(H, W, 3)`` uint8 RGB of an image file, turned as its camera says.
+
+    Args:
+        path: the file.
+        size: width and height that it must have; by default any.
+
+    Raises:
+        RunError: it cannot be decoded or has another size.
+    """
+    try:
+        decoded = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
+    except (OSError, cv2.error):
+        decoded = None
+    if decoded is None:
+        raise RunError(f"{path}: expected an image, got something that cannot be decoded")
+    if size is not None and decoded.shape[1::-1] != size:
+        raise RunError(f"{path}: expected {size[0]}x{size[1]} pixels, got {decoded.shape[1]}x{decoded.shape[0]}")
+    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def _open_folder(folder: Path, wanted: FrameRange) -> ImageFolder:
+    if any((folder / part).exists() for part in ("seqinfo.ini", "img1", "gt/gt.txt")):
+        sequence = read_sequence(folder)
+        images, name, frame_rate = sequence.images, sequence.name, sequence.frame_rate
+        text_length = sequence.length
+    else:
+        images, name, frame_rate = _images_only(folder), folder.resolve().name, DEFAULT_FRAME_RATE
+        text_length = 0
+    if images or text_length:
+        wanted = wanted.within(len(images) or text_length)
+    size = _common_size(images) if images else (0, 0)
+    return ImageFolder(name, frame_rate, images, size, text_length, wanted)
+
+
+def _images_only(folder: Path) -> tuple[Path, ...]:
+    images = list_images(folder)
+    if not images:
+        suffixes = ", ".join(IMAGE_SUFFIXES)
+        raise RequestError(f"{folder}: expected images ({suffixes}) or a MOTChallenge sequence, found neither")
+    strange = sorted(
+        path.name
+        for path in set(folder.iterdir()) - set(images)
+        if path.is_file() and not path.name.startswith(".") and path.name.lower() not in HARMLESS_NAMES
+    )
+    if strange:
+        raise RequestError(f"{folder}: expected only images, found {strange[0]}; move it elsewhere")
+    return images
+
+
+def _common_size(images: tuple[Path, ...]) -> tuple[int, int]:
+    """Width and height of all the images; only their headers are read."""
+    first = _image_size(images[0])
+    for path in images[1:]:
+        size = _image_size(path)
+        if size != first:
+            raise RequestError(
+                f"{path}: expected {first[0]}x{first[1]} pixels as in {images[0].name}, got {size[0]}x{size[1]}"
+            )
+    return first
+
+
+def _image_size(path: Path) -> tuple[int, int]:
+    try:
+        with Image.open(path) as image:
+            turned = image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
+            return (image.height, image.width) if turned else (image.width, image.height)
+    except (UnidentifiedImageError, OSError, Image.DecompressionBombError, SyntaxError) as error:
+        raise RequestError(f"{path}: expected an image, got something that cannot be decoded") from error
+
+
+def _slack(promised: int) -> float:
+    return max(3.0, 0.02 * promised)
+
+
+def _frame_rate(capture: cv2.VideoCapture) -> float:
+    rate = float(capture.get(cv2.CAP_PROP_FPS))
+    return rate if math.isfinite(rate) and 0 < rate <= 1000 else DEFAULT_FRAME_RATE
+
+
+def _retrieve(capture: cv2.VideoCapture, what: str) -> ImageArray:
+    decoded, image = capture.retrieve()
+    if not decoded:
+        raise RunError(f"{what} cannot be decoded")
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
