@@ -1,7 +1,7 @@
 """Coloured objects that move over natural clutter, entering, leaving and crossing, with exact truth.
 
-Objects differ in purity: the share of their pixels that has the colour, so that the likelihood of a region differs between
-targets however well a box fits.
+Objects differ in purity: the share of their pixels that has the colour, so that the likelihood of a region differs
+between targets however well a box fits.
 """
 
 from __future__ import annotations

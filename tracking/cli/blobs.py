@@ -78,7 +78,8 @@ def track(
     Args:
         source: a video file, a folder of images, a MOTChallenge sequence folder, the number of a webcam or an address.
         out: folder for the results.
-        colour: red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with hues in degrees.
+        colour: red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with hues in
+            degrees.
         colour_box: X,Y,W,H in 0-based pixels of an object in the first frame, whose colour is taken.
         detections: measurements: MOTChallenge boxes (det.txt), or points as CSV with the columns frame,x,y.
         preset: for colours: calibrated follows any number; paper uses the likelihood as printed; single follows one.
@@ -127,7 +128,9 @@ def track(
             write_overlay(work / "overlay.webm", opened.frames(), tracks, opened.frame_rate)
         shown = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
         RunRecord(["tsuiseki", "track", "blobs"], shown, seed, times.seconds, columns).write(work)
-    print(f"{len(tracks)} {'object' if len(tracks) == 1 else 'objects'} in {len(columns['frame'])} frames: {out / 'tracks.txt'}")
+    print(
+        f"{len(tracks)} {'object' if len(tracks) == 1 else 'objects'} in {len(columns['frame'])} frames: {out / 'tracks.txt'}"
+    )
     return 0
 
 
@@ -228,7 +231,11 @@ def _follow_colour(source: Source, colour: ColourRange, settings, seed, times): 
     from tsuiseki.tracking.trackers.blobs import BlobTracker, SingleBlobTracker
 
     frames: list[int] = []
-    tracker = SingleBlobTracker(colour, settings, seed) if settings.preset == "single" else BlobTracker(colour, settings, seed)
+    tracker = (
+        SingleBlobTracker(colour, settings, seed)
+        if settings.preset == "single"
+        else BlobTracker(colour, settings, seed)
+    )
     for frame in progress(source.frames(), "tracking", source.length):
         with times.measure("track"):
             tracker.update(frame)

@@ -42,7 +42,8 @@ def phd(
             (
                 row["scenario"], f"{row['clutter']:g}", row["method"], f"{row['ospa1']:.2f} ± {row['ospa1_error']:.2f}",
                 f"{row['ospa2']:.2f}", f"{row['ospa_tracks']:.2f}", f"{row['cardinality_error']:.3f}",
-                f"{row['switches']:.1f}", f"{row['milliseconds']:.2f}", "" if row["peer"] is None else f"{row['peer']:.1f}",
+                f"{row['switches']:.1f}", f"{row['milliseconds']:.2f}",
+                "" if row["peer"] is None else f"{row['peer']:.1f}",
             )
             for row in values["scenarios"]
         ],

@@ -70,7 +70,7 @@ def ospa_of_distances(distances: FloatArray, c: float, p: float) -> Ospa:
 
 
 def gospa(truth: FloatArray, found: FloatArray, c: float, p: float) -> Gospa:
-    """Generalised OSPA with alpha = 2 (Rahmathullah, Garcia-Fernandez and Svensson, 2017); arguments as :func:`ospa`."""
+    """Generalised OSPA, alpha = 2 (Rahmathullah, Garcia-Fernandez and Svensson, 2017); arguments as :func:`ospa`."""
     _check(truth, found, c, p)
     cost = np.minimum(_distances(truth, found), c) ** p
     rows, columns = linear_sum_assignment(cost)
@@ -108,7 +108,7 @@ class PointTracks:
 
     def at(self, frame: int) -> FloatArray:
         """Positions ``(n, D)`` in one frame."""
-        return self.positions[self.frames == frame]
+        return np.asarray(self.positions[self.frames == frame])
 
     def between(self, first: int, last: int) -> PointTracks:
         """The rows of frames ``first`` to ``last``, both included."""

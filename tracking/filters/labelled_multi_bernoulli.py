@@ -1,9 +1,9 @@
 """Labelled multi-Bernoulli filter with Poisson births, in particle form.
 
-Beyond the paper's PHD filter, on the same model (30)-(43): every target that has been measured is a Bernoulli track with
-a label, a probability of existence ``r`` and its own particles; targets not yet measured stay a Poisson intensity, so
-that several may appear at one place at once. Reuter, Vo, Vo and Dietmayer, "The labeled multi-Bernoulli filter" (2014);
-the Poisson part and the marginal association are those of Williams, "Marginal multi-Bernoulli filters" (2015).
+Beyond the paper's PHD filter, on the same model (30)-(43): every target that has been measured is a Bernoulli track
+with a label, a probability of existence ``r`` and its own particles; targets not yet measured stay a Poisson intensity,
+so that several may appear at one place at once. Reuter, Vo, Vo and Dietmayer, "The labeled multi-Bernoulli filter"
+(2014); the Poisson part and the marginal association are those of Williams, "Marginal multi-Bernoulli filters" (2015).
 """
 
 from __future__ import annotations

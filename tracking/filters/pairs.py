@@ -1,8 +1,8 @@
 """Likelihoods of particles and measurements, only where the two are near each other.
 
 Particles stand in contiguous *groups* (the particles of one track, one cluster or one birth place). A group and a
-measurement are a pair when the measurement lies within the sensor's gate of the group's bounding box, so the cost follows
-the pairs that matter and not particles times measurements.
+measurement are a pair when the measurement lies within the sensor's gate of the group's bounding box, so the cost
+follows the pairs that matter and not particles times measurements.
 """
 
 from __future__ import annotations

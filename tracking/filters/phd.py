@@ -1,8 +1,8 @@
 """The SMC-PHD filter: the expected number of targets in every region, carried by weighted particles.
 
-Equations (44)-(59) of the finite-sets paper. Weights are absolute: their sum is the expected number of targets, so every
-likelihood keeps its constants. The update (45) is printed with a proportionality sign; it is an equality, as (53) has it,
-or the sum would mean nothing.
+Equations (44)-(59) of the finite-sets paper. Weights are absolute: their sum is the expected number of targets, so
+every likelihood keeps its constants. The update (45) is printed with a proportionality sign; it is an equality, as (53)
+has it, or the sum would mean nothing.
 
 Particles carry labels (60)-(62); :mod:`tsuiseki.tracking.filters.phd_identity` keeps the labels and reads tracks off.
 """
@@ -95,7 +95,7 @@ class PhdFilter:
     density: int = 1000
     proposal: SurvivalProposal | None = None
     resample: Resampler = systematic
-    identity: Identity = Identity()
+    identity: Identity = field(default_factory=Identity)
     extract: Extraction = by_measurements
     most: int = 200_000
     least: int = 200
@@ -168,7 +168,7 @@ class PhdFilter:
         return np.maximum(total, np.finfo(np.float64).tiny)
 
     def _resample(self, posterior: PhdState, rng: np.random.Generator) -> PhdState:
-        """``rho`` particles a target, each of weight ``1 / rho``, (56)-(59); more, of less weight, in a light cluster."""
+        """``rho`` particles a target, each of weight ``1 / rho``, (56)-(59); more, lighter ones in a light cluster."""
         weights, starts = np.exp(posterior.log_weights), group_starts(posterior.labels)
         masses = np.add.reduceat(weights, starts) if len(starts) else np.empty(0)
         total = float(masses.sum())

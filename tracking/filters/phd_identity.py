@@ -1,9 +1,10 @@
 """Identity in the PHD filter: clusters of labelled particles, section 5.2 of the finite-sets paper.
 
-A cluster is the particles of one label. After each update the measurements that are probably targets claim their particles
-for the label that explains them best, so that a cluster over two targets is parted; near clusters that weigh about one
-together become one, provisional ones of births included; what still weighs about two or more is parted. A target is
-reported where the weight is near one: one for each cluster, or one for each measurement (Ristic, Clark and Vo, 2010).
+A cluster is the particles of one label. After each update the measurements that are probably targets claim their
+particles for the label that explains them best, so that a cluster over two targets is parted; near clusters that weigh
+about one together become one, provisional ones of births included; what still weighs about two or more is parted. A
+target is reported where the weight is near one: one for each cluster, or one for each measurement (Ristic, Clark and
+Vo, 2010).
 """
 
 from __future__ import annotations
@@ -193,8 +194,8 @@ def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray,
     """Labels ``(N,)`` after the probable targets among the measurements claimed their particles, theirs ``(M,)``, next.
 
     A measurement takes the label that gave it most, one to one, or a new one; it claims the particles that gave it more
-    than they gave any other and than they kept. What has a claimed label but lies outside the gate of its measurement is
-    another target, and gets a new label.
+    than they gave any other and than they kept. What has a claimed label but lies outside the gate of its measurement
+    is another target, and gets a new label.
     """
     pairs, count, particles = clusters.pairs, len(clusters.measurements), len(posterior)
     labels, fresh = posterior.labels.copy(), posterior.next_label

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from tsuiseki.tracking.geometry import intersections
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -88,5 +89,10 @@ class PatchBirths:
             return np.empty((0, 4))
         x, y, width, height, area = stats[1:].T.astype(np.float64)
         large = np.flatnonzero((width >= self.smallest) & (height >= self.smallest))
-        large = large[np.argsort(-area[large], kind="stable")][: self.most]
-        return np.stack([x, y, x + width, y + height], axis=1)[large]
+        large = large[np.argsort(-area[large], kind="stable")]
+        boxes = np.stack([x, y, x + width, y + height], axis=1)[large]
+        if len(boxes) and len(explained):
+            # Colour that adjoins a target is the rest of it, as when it comes in over the border.
+            grown = explained + self.smallest / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
+            boxes = boxes[intersections(boxes[:, None], grown[None]).max(axis=1) <= 0]
+        return boxes[: self.most]

@@ -1,16 +1,16 @@
 """The PHD filter on image regions: particles refer to the part of the image under them, section 6 of the paper.
 
-States are rectangles with a memory, (63): ``x, y, x before, y before, width, height`` in pixels, centre and size. There are
-no measured points, so what enters the update (46) is an argument:
+States are rectangles with a memory, (63): ``x, y, x before, y before, width, height`` in pixels, centre and size. There
+are no measured points, so what enters the update (46) is an argument:
 
-* :func:`as_printed`: the likelihood ``h = p (1 - q)`` itself. Since ``h <= 1`` the expected count can only shrink, whatever
-  the image shows: the weights rank particles, and their sum means nothing.
-* :func:`calibrated`: the likelihood over its value ``b`` on background. Take (46) for one cluster of weight ``m`` and the
-  part of the image under it as the one measurement ``y`` there. If no target is there, ``y`` is background, with density
-  proportional to ``b``; this takes the place of the clutter ``mu_C p_C(y)`` and is weighed by the probability ``1 - m`` that
-  the cluster is nothing. (45) then reads ``D'(x) = {(1 - pD) + pD h(x)/b} D(x) / {(1 - m) + m <(1 - pD) + pD h/b>}``: the
-  posterior of a target that is there or not. A cluster seen well above the background weighs about one however pure its
-  colour, one seen at the level of the background keeps its weight, one not seen loses it.
+* :func:`as_printed`: the likelihood ``h = p (1 - q)`` itself. Since ``h <= 1`` the expected count can only shrink,
+  whatever the image shows: the weights rank particles, and their sum means nothing.
+* :func:`calibrated`: the likelihood over its value ``b`` on background. Take (46) for one cluster of weight ``m`` and
+  the part of the image under it as the one measurement ``y`` there. If no target is there, ``y`` is background, with
+  density proportional to ``b``; this takes the place of the clutter ``mu_C p_C(y)`` and is weighed by the probability
+  ``1 - m`` that the cluster is nothing. (45) then reads ``D'(x) = {(1 - pD) + pD h(x)/b} D(x) / {(1 - m) + m <(1 - pD)
+  + pD h/b>}``: the posterior of a target that is there or not. A cluster seen well above the background weighs about
+  one however pure its colour, one seen at the level of the background keeps its weight, one not seen loses it.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from typing import Protocol
 
 import numpy as np
 
+from tsuiseki.tracking.filters.particle import Motion
 from tsuiseki.tracking.filters.phd_identity import group_starts
 from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.tracking.filters.resampling import Resampler, systematic
-from tsuiseki.tracking.filters.particle import Motion
 from tsuiseki.tracking.geometry import intersections, iou_matrix
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage, region_likelihood
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
@@ -141,8 +141,8 @@ calibrated = Calibrated()
 class Equalised:
     """Raises the likelihood of every target to the same top before the update, end of section 6.2.
 
-    The greatest log-likelihood within a cluster is compared between clusters, and the difference to the greatest of all is
-    added; without it the particles of a target of low likelihood die out.
+    The greatest log-likelihood within a cluster is compared between clusters, and the difference to the greatest of all
+    is added; without it the particles of a target of low likelihood die out.
 
     Attributes:
         update: what follows.
@@ -310,7 +310,7 @@ def without_others(state: RegionState, image: ColourImage, margin: float, believ
 
     A target mostly behind others cannot be judged by what is left of it: its likelihood is NaN, and it is carried on.
     """
-    names, masses, means = _means(state)
+    _, masses, means = _means(state)
     if len(state) == 0:
         return np.empty(0)
     boxes = boxes_of(means)
@@ -327,8 +327,8 @@ def without_others(state: RegionState, image: ColourImage, margin: float, believ
 def background_level(image: ColourImage, state: RegionState, margin: float, rng: np.random.Generator) -> float:
     """What ``h`` reaches on background: its 0.95 quantile over boxes like the particles' at random places.
 
-    Boxes that lie on a cluster are left out. At least 0.05, so that a colour that is nowhere (or everywhere, where ``h`` is
-    zero too) does not make every spot a target.
+    Boxes that lie on a cluster are left out. At least 0.05, so that a colour that is nowhere (or everywhere, where
+    ``h`` is zero too) does not make every spot a target.
     """
     width, height = image.size
     sizes = state.particles[:, 4:6] if len(state) else np.array([[width, height]]) / 16.0

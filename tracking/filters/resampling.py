@@ -39,7 +39,7 @@ def systematic(weights: FloatArray, count: int, rng: np.random.Generator) -> Int
     ``count * C - u`` up, with no search.
     """
     _total(weights)
-    return systematic_rows(weights[None, :], count, rng)[0]
+    return np.asarray(systematic_rows(weights[None, :], count, rng)[0])
 
 
 def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
@@ -51,7 +51,8 @@ def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -
     # With an offset next to 1 the subtraction rounds to count - 1: the end of the scale is known exactly.
     edges[cumulative >= 1.0] = count
     copies = np.diff(np.maximum(edges, 0), axis=1, prepend=0)
-    return np.repeat(np.tile(np.arange(columns, dtype=np.int64), rows), copies.ravel()).reshape(rows, count)
+    drawn: IntArray = np.repeat(np.tile(np.arange(columns, dtype=np.int64), rows), copies.ravel())
+    return drawn.reshape(rows, count)
 
 
 def residual(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:

@@ -77,7 +77,9 @@ def _columns(path: Path, names: tuple[str, ...]) -> FloatArray:
         reader = csv.DictReader(file, skipinitialspace=True)
         missing = [name for name in names if name not in (reader.fieldnames or [])]
         if missing:
-            raise RequestError(f"{path}: expected the columns {','.join(names)} in its first line, found no {missing[0]}")
+            raise RequestError(
+                f"{path}: expected the columns {','.join(names)} in its first line, found no {missing[0]}"
+            )
         rows = [[_number(path, line, name, row[name]) for name in names] for line, row in enumerate(reader, start=2)]
     return np.array(rows, dtype=np.float64).reshape(-1, len(names))
 

@@ -68,7 +68,7 @@ def parse_colour(text: str) -> ColourRange:
         (h1, h2), (s1, s2), (v1, v2) = hue, saturation, value
     except ValueError as error:
         raise RequestError(
-            f"expected a colour of {', '.join(NAMED_COLOURS)}, or H1-H2,S1-S2,V1-V2 as in 340-20,0.5-1,0.2-1, got {text!r}"
+            f"expected a colour of {', '.join(NAMED_COLOURS)}, or a range such as 340-20,0.5-1,0.2-1, got {text!r}"
         ) from error
     return ColourRange((h1, h2), (s1, s2), (v1, v2))
 
@@ -146,8 +146,8 @@ def region_likelihood(
 ) -> FloatArray:
     """``p (1 - q)`` of (68) for boxes ``(N, 4)``, in [0, 1].
 
-    ``p`` is the coloured share of the box, ``q`` that of a frame around it whose width is ``margin`` times the box's. Of
-    a box that leaves the image only the part outside counts as uncoloured.
+    ``p`` is the coloured share of the box, ``q`` that of a frame around it; the box with its frame is ``1 + margin``
+    times as wide. What lies outside the image counts as uncoloured in ``p``.
 
     Args:
         image: where the colour is.

@@ -55,7 +55,7 @@ class BlobSettings:
     targets: int = 10
     size: tuple[float, float] = (32.0, 32.0)
     place_noise: float = 1.5
-    size_noise: float = 0.5
+    size_noise: float = 1.0
     survival: float = 0.99
     detection: float = 0.95
     margin: float = 0.5
@@ -146,7 +146,9 @@ class SingleBlobTracker:
         self._unseen = 0
         self._state: ParticleState | None = None
         noise = (self.settings.place_noise,) * 2, (self.settings.size_noise,) * 2
-        self._filter: ParticleFilter[ColourImage] = ParticleFilter(bootstrap(second_order(*noise)), self._log_likelihood)
+        self._filter: ParticleFilter[ColourImage] = ParticleFilter(
+            bootstrap(second_order(*noise)), self._log_likelihood
+        )
 
     def update(self, frame: Frame) -> None:
         """Take the next frame."""
@@ -177,7 +179,7 @@ class SingleBlobTracker:
         return any(estimate.status == "tracking" for estimate in self.estimates[-self.settings.patience :])
 
     def _anywhere(self, image: ColourImage) -> ParticleState:
-        """Particles of (13): uniform over the image, velocities about zero; four times as many, to find a small target."""
+        """Particles of (13), uniform over the image; four times as many, to find a small target."""
         births = AnywhereBirths(mass=1.0, count=4 * self.settings.particles, size=self.settings.size)
         return self._filter.init(births(image, np.empty((0, 4)), self.rng)[0])
 

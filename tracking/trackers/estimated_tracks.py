@@ -35,5 +35,6 @@ class EstimatedTracks:
         kept = kept[counts[np.searchsorted(names, kept)] >= self.shortest]
         rows = [np.flatnonzero(labels == name) for name in kept]
         return [
-            Track(number, frames[row], boxes[row], scores[row], observed[row]) for number, row in enumerate(rows, start=1)
+            Track(number, frames[row], boxes[row], scores[row], observed[row])
+            for number, row in enumerate(rows, start=1)
         ]

@@ -95,7 +95,9 @@ def box_of(particles: FloatArray) -> FloatArray:
     return particles[:, [0, 2, 4, 5]]
 
 
-def box_model(settings: PointSettings, extent: tuple[float, float], unit: float) -> tuple[PointModel, MeasurementBirths]:
+def box_model(
+    settings: PointSettings, extent: tuple[float, float], unit: float
+) -> tuple[PointModel, MeasurementBirths]:
     """The model of boxes about ``unit`` pixels high in an image of ``extent`` pixels."""
     place, size = settings.place_error * unit, settings.size_error * unit
     sensor = GaussianSensor(box_of, np.array([place, place, size, size]))

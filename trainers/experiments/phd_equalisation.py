@@ -108,7 +108,9 @@ def reproduce_equalisation(out: Path, seeds: int, frames: int, density: int) -> 
             name: np.mean([arm.lost[rank] for arm, rank in zip(arms, order, strict=True)], axis=0).tolist()
             for name, arms in runs.items()
         },
-        "expected_count_at_end": {name: float(np.mean([arm.expected[-1] for arm in arms])) for name, arms in runs.items()},
+        "expected_count_at_end": {
+            name: float(np.mean([arm.expected[-1] for arm in arms])) for name, arms in runs.items()
+        },
     }
 
 

@@ -93,7 +93,10 @@ def scenario_model(settings: dict[str, Any], clutter_rate: float) -> PointModel:
 def scenario_births(settings: dict[str, Any], count: int) -> Births:
     """The scenario's places of birth; where it names none, births anywhere, driven by the measurements."""
     if "birth_m" in settings:
-        masses, means = np.asarray(settings["birth_w"], dtype=np.float64), np.asarray(settings["birth_m"], dtype=np.float64)
+        masses, means = (
+            np.asarray(settings["birth_w"], dtype=np.float64),
+            np.asarray(settings["birth_m"], dtype=np.float64),
+        )
         return MixtureBirths(masses, means, np.asarray(settings["birth_sd"], dtype=np.float64), count)
     return anywhere_births(settings, expected=0.1, count=count // 5)
 
@@ -110,7 +113,8 @@ def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> Me
 
 
 def generated_scenario(targets: int, clutter: float, steps: int, seed: int) -> tuple[dict[str, Any], list[FloatArray]]:
-    """A linear scenario with a constant number of targets in a region that grows with them; its settings and measurements.
+    """A linear scenario with a constant number of targets in a region that grows with them; its settings and
+    measurements.
 
     The region has a fixed area a target, so that more targets mean more of the same and not more confusion.
     """
