@@ -23,7 +23,7 @@ def clip(tmp_path_factory):
 
 def test_a_clip_is_tracked_and_scored(clip, tmp_path, capsys):
     out, scores = tmp_path / "out", tmp_path / "scores.json"
-    assert main(["track", "blobs", str(clip), "--out", str(out), "--colour", "red", "--overlay", "true"]) == 0
+    assert main(["track", "blobs", str(clip), "--out", str(out), "--colour", "red", "--overlay"]) == 0
     assert {p.name for p in out.iterdir()} >= {"tracks.txt", "points.csv", "run.json", "overlay.webm"}
     assert len(json.loads((out / "run.json").read_text())["frames"]["expected_count"]) == 20
     found = [str(out / "tracks.txt"), str(out / "points.csv")]

@@ -48,7 +48,7 @@ def test_without_places_of_birth_the_measurements_drive_them():
 
 def test_equalisation_reports_both_arms(tmp_path):
     values = reproduce_equalisation(tmp_path, seeds=1, frames=25, density=80)
-    assert set(values["kept"]) == {"as printed", "equalised", "calibrated"}
+    assert set(values["kept"]) == {"as printed", "equalised", "equalised by the mean", "calibrated"}
     assert values["expected_count_at_end"]["as printed"] < 0.1
     assert values["expected_count_at_end"]["calibrated"] == pytest.approx(3.0, abs=0.5)
     assert (tmp_path / "particles.png").is_file()

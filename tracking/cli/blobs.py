@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rich.table import Table
+
+    from tsuiseki.tracking.evaluation.points import PointScores, PointTracks
     from tsuiseki.tracking.likelihoods.colour_region import ColourRange
-    from tsuiseki.tracking.types import Track
+    from tsuiseki.tracking.timing import StageTimes
+    from tsuiseki.tracking.trackers.blobs import BlobSettings
+    from tsuiseki.tracking.trackers.points import PointSettings
+    from tsuiseki.tracking.types import Detections, Track
     from tsuiseki.tracking.video import Source
 
 Preset = Literal["calibrated", "paper", "single"]
 Method = Literal["labelled", "phd"]
+Followed: TypeAlias = "tuple[list[Track], dict[str, list[Any]]]"
 
 
 def simulate(
@@ -113,7 +122,6 @@ def track(
     if overlay and (opened.live or not opened.has_images):
         raise RequestError(f"expected a video that can be played again for --overlay, got {opened.name}")
     times = StageTimes()
-    columns: dict[str, list[float]]
     if detections is None:
         wanted = _colour(opened, colour, colour_box)
         settings = BlobSettings(preset=preset, particles=particles, size=size, smallest=smallest)
@@ -128,9 +136,8 @@ def track(
             write_overlay(work / "overlay.webm", opened.frames(), tracks, opened.frame_rate)
         shown = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
         RunRecord(["tsuiseki", "track", "blobs"], shown, seed, times.seconds, columns).write(work)
-    print(
-        f"{len(tracks)} {'object' if len(tracks) == 1 else 'objects'} in {len(columns['frame'])} frames: {out / 'tracks.txt'}"
-    )
+    what = "object" if len(tracks) == 1 else "objects"
+    print(f"{len(tracks)} {what} in {len(columns['frame'])} frames: {out / 'tracks.txt'}")
     return 0
 
 
@@ -178,30 +185,30 @@ def evaluate(
             work.write_text(text.dumps(values, indent=1) + "\n", encoding="utf-8")
 
 
-def _point_tracks(path: Path, labelled: bool):  # type: ignore[no-untyped-def]
+def _point_tracks(path: Path, labelled: bool) -> PointTracks:
     import numpy as np
 
-    from tsuiseki.tracking.evaluation.points import PointTracks
+    from tsuiseki.tracking.evaluation.points import PointTracks as Points
     from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
     from tsuiseki.tracking.formats.points import is_point_file, read_point_tracks
 
     if is_point_file(path):
-        return PointTracks(*read_point_tracks(path))
+        return Points(*read_point_tracks(path))
     if labelled:
         truth = read_ground_truth(path)
         truth = truth.select(truth.evaluated)
-        return PointTracks(truth.frames, truth.ids, (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2)
+        return Points(truth.frames, truth.ids, (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2)
     tracks = read_tracks(path)
     boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
     frames = np.concatenate([np.empty(0, dtype=np.int64), *(track.frames for track in tracks)])
     ids = np.concatenate([np.empty(0, dtype=np.int64), *(np.full(len(t), t.id) for t in tracks)])
-    return PointTracks(frames, ids, (boxes[:, :2] + boxes[:, 2:]) / 2)
+    return Points(frames, ids, (boxes[:, :2] + boxes[:, 2:]) / 2)
 
 
-def _scores_table(scores):  # type: ignore[no-untyped-def]
-    from rich.table import Table
+def _scores_table(scores: Mapping[str, PointScores]) -> Table:
+    from rich.table import Table as RichTable
 
-    table = Table()
+    table = RichTable()
     names = ("result", "OSPA p=1", "OSPA p=2", "OSPA(2)", "GOSPA", "missed", "false", "|count error|", "switches")
     for name in names:
         table.add_column(name, justify="left" if name == "result" else "right")
@@ -226,7 +233,9 @@ def _colour(source: Source, named: str | None, box: tuple[float, float, float, f
     return colour_of_box(first.image, np.array([x, y, x + width, y + height]))
 
 
-def _follow_colour(source: Source, colour: ColourRange, settings, seed, times):  # type: ignore[no-untyped-def]
+def _follow_colour(
+    source: Source, colour: ColourRange, settings: BlobSettings, seed: int, times: StageTimes
+) -> Followed:
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.trackers.blobs import BlobTracker, SingleBlobTracker
 
@@ -241,7 +250,7 @@ def _follow_colour(source: Source, colour: ColourRange, settings, seed, times): 
             tracker.update(frame)
         frames.append(frame.index)
     first = frames[0] if frames else 0
-    columns: dict[str, list[object]] = {"frame": [index + 1 for index in frames]}
+    columns: dict[str, list[Any]] = {"frame": [index + 1 for index in frames]}
     if isinstance(tracker, SingleBlobTracker):
         columns |= {"score": [e.score for e in tracker.estimates], "status": [e.status for e in tracker.estimates]}
         return tracker.tracks(), columns
@@ -249,24 +258,26 @@ def _follow_colour(source: Source, colour: ColourRange, settings, seed, times): 
     return _shifted(tracker.tracks(), first), columns
 
 
-def _follow_measurements(source, path, settings, score_range, seed, times):  # type: ignore[no-untyped-def]
+def _follow_measurements(
+    source: Source, path: Path, settings: PointSettings, score_range: tuple[float, float], seed: int, times: StageTimes
+) -> Followed:
     from tsuiseki.tracking.cli.people_run import given_detections
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.formats.points import is_point_file, read_points
-    from tsuiseki.tracking.trackers.points import PointTracker
+    from tsuiseki.tracking.trackers.points import PointTracker, points_as_boxes
 
-    points = is_point_file(path)
-    found = read_points(path, source.length) if points else given_detections(path, source, score_range)
+    tracker = PointTracker(settings, _extent(source), seed)
+    found: list[Detections]
+    if is_point_file(path):
+        found = [points_as_boxes(points, settings.box) for points in read_points(path, source.length)]
+    else:
+        found = given_detections(path, source, score_range)
     wanted = source.frames_wanted.within(source.length or len(found))
     last = len(found) - 1 if wanted.last is None else min(wanted.last, len(found) - 1)
-    tracker = PointTracker(settings, _extent(source), seed)
     for measured in progress(found[wanted.first : last + 1], "tracking", last + 1 - wanted.first):
         with times.measure("track"):
-            if points:
-                tracker.update_points(measured)
-            else:
-                tracker.update(measured)
-    columns = {"frame": list(range(wanted.first + 1, last + 2))}
+            tracker.update(measured)
+    columns: dict[str, list[Any]] = {"frame": list(range(wanted.first + 1, last + 2))}
     return _shifted(tracker.tracks(), wanted.first), columns
 
 

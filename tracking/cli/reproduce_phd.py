@@ -95,7 +95,8 @@ def equalisation(
             for name in values["kept"]
         ],
     )  # fmt: skip
-    print(f"one more target kept by equalisation on {100 * values['one_more_kept']:.0f} % of {seeds} seeds")
+    for name, share in values["one_more_kept"].items():
+        print(f"{name}: at least one more target kept than as printed on {100 * share:.0f} % of {seeds} seeds")
 
 
 def _at_least_one(**numbers: int) -> None:

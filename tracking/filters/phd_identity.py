@@ -164,9 +164,14 @@ class Identity:
         apart = sensor.difference(projected[:, None, :], projected[None, :, :]) / sensor.deviation
         distance = np.sqrt(np.sum(apart**2, axis=2))
         taken = np.isin(target, claimed)
-        first, second = np.nonzero(np.triu((distance < self.near) & ~(taken[:, None] & taken), k=1))
-        for pair in np.argsort(distance[first, second], kind="stable"):
-            low, high = sorted((int(target[first[pair]]), int(target[second[pair]])))
+        allowed = np.tril((distance < self.near) & ~(taken[:, None] & taken), k=-1)
+        if not allowed.any():
+            return target
+        # Each looks at the nearest of the older ones.
+        nearest = np.argmin(np.where(allowed, distance, np.inf), axis=1)
+        younger = np.flatnonzero(allowed.any(axis=1))
+        for group in younger[np.argsort(distance[younger, nearest[younger]], kind="stable")]:
+            low, high = sorted((int(target[nearest[group]]), int(target[group])))
             joined = (target == low) | (target == high)
             if low != high and masses[joined].sum() < self.whole and taken[joined].sum() < 2:
                 target[joined] = low

@@ -94,6 +94,7 @@ class MeasurementBirths:
         complete: makes states ``(K, D)`` from error-free measurements ``(K, Z)`` and draws the rest of the prior.
         columns: length of a state.
         count: particles around each measurement.
+        most: particles around all measurements together.
     """
 
     density: float
@@ -101,18 +102,21 @@ class MeasurementBirths:
     complete: Callable[[FloatArray, np.random.Generator], FloatArray]
     columns: int
     count: int = 200
+    most: int = 20_000
 
     def draw(self, measurements: FloatArray, rng: np.random.Generator) -> BornParticles:
-        """``count`` particles around each measurement."""
+        """Particles around each measurement."""
         total, width = len(measurements), measurements.shape[1]
         if total == 0:
             return NoBirths(self.columns).draw(measurements, rng)
-        noise = self.sensor.deviation * rng.standard_normal((total, self.count, width))
+        # Fewer around each where there are hundreds, which may all lie within one gate.
+        count = min(self.count, max(self.most // total, 1))
+        noise = self.sensor.deviation * rng.standard_normal((total, count, width))
         places = (measurements[:, None, :] + noise).reshape(-1, width)
         particles = self.complete(places, rng)
-        starts = np.arange(total) * self.count
+        starts = np.arange(total) * count
         pairs = find_pairs(particles, starts, measurements, self.sensor)
-        proposal = pairs.by_particle(pairs.likelihood, len(particles)) * self.count
+        proposal = pairs.by_particle(pairs.likelihood, len(particles)) * count
         weights = np.divide(self.density, proposal, out=np.zeros(len(particles)), where=proposal > 0)
         return BornParticles(particles, weights, starts)
 

@@ -137,27 +137,43 @@ class Calibrated:
 calibrated = Calibrated()
 
 
+def greatest(regions: Regions) -> FloatArray:
+    """Greatest likelihood ``(G,)`` in each cluster, which the paper compares."""
+    return np.nan_to_num(np.fmax.reduceat(regions.likelihood, regions.starts))
+
+
+def average(regions: Regions) -> FloatArray:
+    """Mean likelihood ``(G,)`` in each cluster: once it is equal, no cluster gains weight on another.
+
+    With equal greatest values a cluster that sits tighter about its top still does, step after step.
+    """
+    mass = np.maximum(regions.sums(regions.weights), np.finfo(np.float64).tiny)
+    return regions.sums(regions.weights * np.nan_to_num(regions.likelihood)) / mass
+
+
 @dataclass(frozen=True)
 class Equalised:
-    """Raises the likelihood of every target to the same top before the update, end of section 6.2.
+    """Raises the likelihood of every target to the same level before the update, end of section 6.2.
 
-    The greatest log-likelihood within a cluster is compared between clusters, and the difference to the greatest of all
-    is added; without it the particles of a target of low likelihood die out.
+    The log-likelihood of each cluster is raised by what its level lacks to the highest; without it the particles of a
+    target of low likelihood die out.
 
     Attributes:
         update: what follows.
+        level: :func:`greatest` as printed, or :func:`average`.
         least: a cluster whose likelihood nowhere reaches this is not a target and stays as it is.
     """
 
     update: Update
+    level: Callable[[Regions], FloatArray] = greatest
     least: float = 0.1
 
     def __call__(self, regions: Regions) -> FloatArray:
         if len(regions.starts) == 0:
             return self.update(regions)
-        top = np.nan_to_num(np.fmax.reduceat(regions.likelihood, regions.starts))
-        seen = top >= self.least
-        raised = np.where(seen, np.max(top) / np.maximum(top, self.least), 1.0)
+        seen = greatest(regions) >= self.least
+        level = np.maximum(self.level(regions), 1e-6)
+        raised = np.where(seen, np.max(level[seen], initial=0.0) / level, 1.0)
         return self.update(replace(regions, likelihood=regions.likelihood * regions.spread(raised)))
 
 

@@ -158,19 +158,21 @@ def region_likelihood(
     """
     half = (boxes[:, 2:] - boxes[:, :2]) * (margin / 2)
     wide = np.concatenate([boxes[:, :2] - half, boxes[:, 2:] + half], axis=1)
-    inside, _ = image.counts(boxes)
-    around, area_around = image.counts(wide)
-    area = np.maximum(np.prod(np.round(boxes[:, 2:]) - np.round(boxes[:, :2]), axis=1), 1.0)
+    inside, seen = image.counts(boxes)
+    around, seen_around = image.counts(wide)
+    area, area_around = (
+        np.maximum(np.prod(np.round(b[:, 2:]) - np.round(b[:, :2]), axis=1), 1.0) for b in (boxes, wide)
+    )
+    # Where next to nothing of the frame is in the image, no contrast is to be seen: a box as large as the image.
+    contrast = seen_around - seen > 0.1 * (area_around - area)
     if others is not None and others.shape[1]:
         taken, taken_area = _shared(image, boxes, others)
         taken_around, taken_area_around = _shared(image, wide, others)
-        inside, area = inside - taken, area - taken_area
-        around, area_around = around - taken_around, area_around - taken_area_around
-    visible = np.maximum(area, 1.0)
-    p = np.clip(inside / visible, 0.0, 1.0)
-    frame = np.maximum(area_around - np.maximum(area, 0.0), 1.0)
-    q = np.clip((around - inside) / frame, 0.0, 1.0)
-    return np.asarray(p * (1.0 - q))
+        inside, seen, area = inside - taken, seen - taken_area, area - taken_area
+        around, seen_around = around - taken_around, seen_around - taken_area_around
+    p = np.clip(inside / np.maximum(area, 1.0), 0.0, 1.0)
+    q = np.clip((around - inside) / np.maximum(seen_around - seen, 1.0), 0.0, 1.0)
+    return np.asarray(np.where(contrast, p * (1.0 - q), 0.0))
 
 
 def _shared(image: ColourImage, boxes: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -115,6 +115,12 @@ def box_model(
     return model, MeasurementBirths(settings.born / volume, sensor, complete, COLUMNS)
 
 
+def points_as_boxes(points: FloatArray, box: tuple[float, float]) -> Detections:
+    """Detections of a width and height ``box`` about points ``(M, 2)``, all of score 1."""
+    half = np.asarray(box) / 2
+    return Detections(np.concatenate([points - half, points + half], axis=1), np.ones(len(points)))
+
+
 class PointTracker:
     """Feeds a filter with the detections of one frame after the other.
 
@@ -136,10 +142,6 @@ class PointTracker:
         used = detections.boxes[detections.scores >= self.settings.least_score]
         centres = (used[:, :2] + used[:, 2:]) / 2
         self._advance(np.concatenate([centres, used[:, 2:] - used[:, :2]], axis=1))
-
-    def update_points(self, points: FloatArray) -> None:
-        """Take the points ``(M, 2)`` of the next frame, each with the box of the settings about it."""
-        self._advance(np.concatenate([points, np.broadcast_to(self.settings.box, (len(points), 2))], axis=1))
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, by id."""
