@@ -1,8 +1,8 @@
 """Does equalising the likelihood keep the weak target alive? End of section 6.2 (`reproduce phd-equalisation`).
 
-Targets of one colour and size but unequal purity stay in view for the whole clip. The particles start on the targets, as many on
-each; nothing is born, so that a target without particles stays lost. The number of particles is held, since the printed
-likelihood only shrinks their sum. The arms differ in the update alone.
+Targets of one colour and size but unequal purity stay in view for the whole clip. The particles start on the targets,
+as many on each; nothing is born, so that a target without particles stays lost. The number of particles is held, since
+the printed likelihood only shrinks their sum. The arms differ in the update alone.
 """
 
 from __future__ import annotations
