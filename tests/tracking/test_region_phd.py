@@ -9,17 +9,16 @@ from tsuiseki.datamodules.scenes.blobs import BlobSettings as SceneSettings
 from tsuiseki.datamodules.scenes.blobs import as_ground_truth, blob_frames, write_blobs
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.region_births import PatchBirths
-from tsuiseki.tracking.filters.region_phd import (
+from tsuiseki.tracking.filters.region_phd import RegionPhdFilter, without_others
+from tsuiseki.tracking.filters.region_states import second_order
+from tsuiseki.tracking.filters.region_updates import (
     Calibrated,
     Equalised,
-    RegionPhdFilter,
     Regions,
     as_printed,
     average,
     calibrated,
     greatest,
-    second_order,
-    without_others,
 )
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_sequence
 from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage, ColourRange

@@ -1,21 +1,12 @@
 """The PHD filter on image regions: particles refer to the part of the image under them, section 6 of the paper.
 
 States are rectangles with a memory, (63): ``x, y, x before, y before, width, height`` in pixels, centre and size. There
-are no measured points, so what enters the update (46) is an argument:
-
-* :func:`as_printed`: the likelihood ``h = p (1 - q)`` itself. Since ``h <= 1`` the expected count can only shrink,
-  whatever the image shows: the weights rank particles, and their sum means nothing.
-* :func:`calibrated`: the likelihood over its value ``b`` on background. Take (46) for one cluster of weight ``m`` and
-  the part of the image under it as the one measurement ``y`` there. If no target is there, ``y`` is background, with
-  density proportional to ``b``; this takes the place of the clutter ``mu_C p_C(y)`` and is weighed by the probability
-  ``1 - m`` that the cluster is nothing. (45) then reads ``D'(x) = {(1 - pD) + pD h(x)/b} D(x) / {(1 - m) + m <(1 - pD)
-  + pD h/b>}``: the posterior of a target that is there or not. A cluster seen well above the background weighs about
-  one however pure its colour, one seen at the level of the background keeps its weight, one not seen loses it.
+are no measured points, so what enters the update (46) is an argument, one of
+:mod:`tsuiseki.tracking.filters.region_updates`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -24,157 +15,16 @@ import numpy as np
 from tsuiseki.tracking.filters.particle import Motion
 from tsuiseki.tracking.filters.phd_identity import group_starts
 from tsuiseki.tracking.filters.points import PointEstimates
+from tsuiseki.tracking.filters.region_states import RegionState, boxes_of, cluster_means, select
+from tsuiseki.tracking.filters.region_updates import Regions, Update, calibrated
 from tsuiseki.tracking.filters.resampling import Resampler, systematic
 from tsuiseki.tracking.geometry import intersections, iou_matrix
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage, region_likelihood
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-SMALLEST_SIDE = 3.0
 JOINED_OVERLAP = 0.3
 HIDDEN_SHARE = 0.4
 MOST_OTHERS = 4
-
-
-def second_order(position: tuple[float, float], size: tuple[float, float]) -> Motion:
-    """Smooth motion (64)-(66): the position goes on by its last step, the size drifts.
-
-    Args:
-        position: standard deviations ``tau_x, tau_y`` in pixels.
-        size: standard deviations ``tau_d, tau_h`` in pixels.
-    """
-    deviation = np.array([*position, *size])
-
-    def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        noise = deviation * rng.standard_normal((len(particles), 4))
-        here, before = particles[:, :2], particles[:, 2:4]
-        size = np.maximum(particles[:, 4:] + noise[:, 2:], SMALLEST_SIDE)
-        return np.concatenate([2 * here - before + noise[:, :2], here, size], axis=1)
-
-    return move
-
-
-def boxes_of(states: FloatArray) -> FloatArray:
-    """Boxes ``(N, 4)`` x1, y1, x2, y2 of states ``(N, 6)``."""
-    half = states[:, 4:6] / 2
-    return np.concatenate([states[:, :2] - half, states[:, :2] + half], axis=1)
-
-
-@dataclass(frozen=True)
-class RegionState:
-    """Weighted, labelled particles; those of one label stand together.
-
-    Attributes:
-        particles: ``(N, 6)``.
-        labels: ``(N,)`` positive.
-        log_weights: ``(N,)``.
-        next_label: not used yet.
-    """
-
-    particles: FloatArray
-    labels: IntArray
-    log_weights: FloatArray
-    next_label: int
-
-    def __len__(self) -> int:
-        return len(self.particles)
-
-
-@dataclass(frozen=True)
-class Regions:
-    """What the update looks at.
-
-    Attributes:
-        weights: ``(N,)`` predicted.
-        likelihood: ``(N,)`` ``h = p (1 - q)``, NaN for a target hidden by others.
-        starts: ``(G,)`` first particle of each cluster.
-        background: ``b``, what the likelihood reaches on background.
-        detection: ``pD``.
-    """
-
-    weights: FloatArray
-    likelihood: FloatArray
-    starts: IntArray
-    background: float
-    detection: float
-
-    def sums(self, values: FloatArray) -> FloatArray:
-        """Sums ``(G,)`` over the clusters of values ``(N,)``."""
-        return np.asarray(np.add.reduceat(values, self.starts)) if len(self.starts) else np.empty(0)
-
-    def spread(self, values: FloatArray) -> FloatArray:
-        """Values ``(G,)`` of the clusters at their particles ``(N,)``."""
-        return np.repeat(values, np.diff(np.append(self.starts, len(self.weights))))
-
-
-Update = Callable[[Regions], FloatArray]
-"""The weights ``(N,)`` after the update."""
-
-
-def as_printed(regions: Regions) -> FloatArray:
-    """(45) with the likelihood (68) in the place of (46), as section 6.2 has it."""
-    return regions.weights * (1.0 - regions.detection + regions.detection * np.nan_to_num(regions.likelihood))
-
-
-@dataclass(frozen=True)
-class Calibrated:
-    """(45) with the ratio of the likelihood to its value on background, cluster by cluster; see the module.
-
-    Attributes:
-        sharpness: power of the ratio, > 0. Above 1 it makes up for ``p (1 - q)`` being flat about its top.
-    """
-
-    sharpness: float = 4.0
-
-    def __call__(self, regions: Regions) -> FloatArray:
-        ratio = np.minimum(regions.likelihood / regions.background, 1e12 ** (1.0 / self.sharpness)) ** self.sharpness
-        ratio = np.where(np.isnan(ratio), 1.0, ratio)  # hidden: the image says nothing
-        joint = regions.weights * (1.0 - regions.detection + regions.detection * ratio)
-        mass = np.minimum(regions.sums(regions.weights), 1.0)
-        total = 1.0 - mass + regions.sums(joint)
-        return joint / regions.spread(np.maximum(total, np.finfo(np.float64).tiny))
-
-
-calibrated = Calibrated()
-
-
-def greatest(regions: Regions) -> FloatArray:
-    """Greatest likelihood ``(G,)`` in each cluster, which the paper compares."""
-    return np.nan_to_num(np.fmax.reduceat(regions.likelihood, regions.starts))
-
-
-def average(regions: Regions) -> FloatArray:
-    """Mean likelihood ``(G,)`` in each cluster: once it is equal, no cluster gains weight on another.
-
-    With equal greatest values a cluster that sits tighter about its top still does, step after step.
-    """
-    mass = np.maximum(regions.sums(regions.weights), np.finfo(np.float64).tiny)
-    return regions.sums(regions.weights * np.nan_to_num(regions.likelihood)) / mass
-
-
-@dataclass(frozen=True)
-class Equalised:
-    """Raises the likelihood of every target to the same level before the update, end of section 6.2.
-
-    The log-likelihood of each cluster is raised by what its level lacks to the highest; without it the particles of a
-    target of low likelihood die out.
-
-    Attributes:
-        update: what follows.
-        level: :func:`greatest` as printed, or :func:`average`.
-        least: a cluster whose likelihood nowhere reaches this is not a target and stays as it is.
-    """
-
-    update: Update
-    level: Callable[[Regions], FloatArray] = greatest
-    least: float = 0.1
-
-    def __call__(self, regions: Regions) -> FloatArray:
-        if len(regions.starts) == 0:
-            return self.update(regions)
-        seen = greatest(regions) >= self.least
-        level = np.maximum(self.level(regions), 1e-6)
-        raised = np.where(seen, np.max(level[seen], initial=0.0) / level, 1.0)
-        return self.update(replace(regions, likelihood=regions.likelihood * regions.spread(raised)))
 
 
 class RegionBirths(Protocol):
@@ -264,7 +114,7 @@ class RegionPhdFilter:
         with np.errstate(divide="ignore"):
             survived = state.log_weights + np.log(self.survival)
         survivors = replace(state, particles=self.motion(state.particles, rng), log_weights=survived)
-        _, masses, means = _means(survivors)
+        _, masses, means = cluster_means(survivors)
         predicted = self._with_births(survivors, observation, boxes_of(means[masses > self.report]), rng)
         likelihood = self.likelihood(predicted, observation, self.margin, self.report)
         background = background_level(observation, predicted, self.margin, rng)
@@ -273,7 +123,7 @@ class RegionPhdFilter:
         after = self.update(Regions(weights, likelihood, starts, background, self.detection))
         with np.errstate(divide="ignore"):
             posterior = _joined(replace(predicted, log_weights=np.log(after)))
-        names, masses, means = _means(posterior)
+        names, masses, means = cluster_means(posterior)
         shown = masses > self.report
         tops = np.fmax.reduceat(likelihood, starts) if len(starts) else np.empty(0)
         top = tops[np.searchsorted(predicted.labels[starts], names[shown])]
@@ -300,19 +150,19 @@ class RegionPhdFilter:
         total = float(weights.sum())
         if len(starts) == 0 or total <= 0.0:
             empty = np.zeros(len(posterior), dtype=np.bool_)
-            return _select(posterior, empty)
+            return select(posterior, empty)
         sizes = np.diff(np.append(starts, len(weights)))
         if self.fixed:
             drawn = self.resample(weights, self.fixed, rng)
-            return replace(_select(posterior, drawn), log_weights=np.full(self.fixed, np.log(total / self.fixed)))
+            return replace(select(posterior, drawn), log_weights=np.full(self.fixed, np.log(total / self.fixed)))
         masses = np.add.reduceat(weights, starts)
         wanted = np.where(masses > 1e-3, np.maximum(self.density * masses, self.least), 0.0)
         factor = np.repeat(wanted / np.maximum(masses, np.finfo(np.float64).tiny), sizes)
         count = round(float(wanted.sum()))
         if count == 0:
-            return _select(posterior, np.zeros(len(posterior), dtype=np.bool_))
+            return select(posterior, np.zeros(len(posterior), dtype=np.bool_))
         drawn = self.resample(weights * factor, count, rng)
-        return replace(_select(posterior, drawn), log_weights=-np.log(factor[drawn]))
+        return replace(select(posterior, drawn), log_weights=-np.log(factor[drawn]))
 
 
 def each_alone(state: RegionState, image: ColourImage, margin: float, believed: float) -> FloatArray:
@@ -326,7 +176,7 @@ def without_others(state: RegionState, image: ColourImage, margin: float, believ
 
     A target mostly behind others cannot be judged by what is left of it: its likelihood is NaN, and it is carried on.
     """
-    _, masses, means = _means(state)
+    _, masses, means = cluster_means(state)
     if len(state) == 0:
         return np.empty(0)
     boxes = boxes_of(means)
@@ -351,26 +201,13 @@ def background_level(image: ColourImage, state: RegionState, margin: float, rng:
     chosen = sizes[rng.integers(len(sizes), size=300)]
     centres = rng.random((300, 2)) * [width, height]
     boxes = np.concatenate([centres - chosen / 2, centres + chosen / 2], axis=1)
-    _, masses, means = _means(state)
+    _, masses, means = cluster_means(state)
     claimed = boxes_of(means[masses > 0.1])
     if len(claimed):
         boxes = boxes[intersections(boxes[:, None], claimed[None]).max(axis=1) <= 0]
     if len(boxes) == 0:
         return 0.05
     return max(float(np.quantile(region_likelihood(image, boxes, margin), 0.95)), 0.05)
-
-
-def _means(state: RegionState) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Label, weight and mean state of each cluster."""
-    starts = group_starts(state.labels)
-    if len(starts) == 0:
-        return np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 6))
-    weights = np.exp(state.log_weights)
-    masses = np.add.reduceat(weights, starts)
-    sums = np.add.reduceat(weights[:, None] * state.particles, starts, axis=0)
-    means = sums / np.maximum(masses, np.finfo(np.float64).tiny)[:, None]
-    means[:, 4:] = np.maximum(means[:, 4:], SMALLEST_SIDE)
-    return state.labels[starts], masses, means
 
 
 def _touching(boxes: FloatArray, counted: BoolArray, grown: float) -> BoolArray:
@@ -390,7 +227,7 @@ def _covered(boxes: FloatArray, touching: BoolArray) -> FloatArray:
 
 def _joined(state: RegionState) -> RegionState:
     """Clusters that overlap an older one and weigh about one with it take its label, section 5.2."""
-    names, masses, means = _means(state)
+    names, masses, means = cluster_means(state)
     if len(names) < 2:
         return state
     boxes = boxes_of(means)
@@ -398,8 +235,4 @@ def _joined(state: RegionState) -> RegionState:
     target = np.where(near.any(axis=1), names[np.argmax(near, axis=1)], names)
     labels = target[np.searchsorted(names, state.labels)]
     order = np.argsort(labels, kind="stable")
-    return replace(_select(state, order), labels=labels[order])
-
-
-def _select(state: RegionState, which: BoolArray | IntArray) -> RegionState:
-    return RegionState(state.particles[which], state.labels[which], state.log_weights[which], state.next_label)
+    return replace(select(state, order), labels=labels[order])

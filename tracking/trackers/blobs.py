@@ -10,16 +10,9 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState, bootstrap
 from tsuiseki.tracking.filters.region_births import AnywhereBirths, PatchBirths
-from tsuiseki.tracking.filters.region_phd import (
-    Calibrated,
-    Equalised,
-    RegionPhdFilter,
-    as_printed,
-    boxes_of,
-    each_alone,
-    second_order,
-    without_others,
-)
+from tsuiseki.tracking.filters.region_phd import RegionPhdFilter, each_alone, without_others
+from tsuiseki.tracking.filters.region_states import boxes_of, second_order
+from tsuiseki.tracking.filters.region_updates import Calibrated, Equalised, as_printed
 from tsuiseki.tracking.filters.weights import weighted_mean
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage, ColourRange, region_likelihood
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
