@@ -6,6 +6,7 @@ A result folder says in ``run.json`` how it was made and which files belong to i
 from __future__ import annotations
 
 import json
+import os
 import platform
 import shutil
 import tempfile
@@ -133,10 +134,17 @@ def _working_folder(name: str, parent: Path) -> Path:
     try:
         parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=f".{name}.", suffix=".unfinished", dir=parent))
-        work.chmod(0o755)
+        # A folder for temporary use is the owner's alone; a result is for everybody whom the umask lets.
+        work.chmod(0o777 & ~_umask())
     except OSError as error:
         raise RequestError(f"cannot write to {parent}: {error.strerror}; choose another place") from error
     return work
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 def _publish(work: Path, folder: Path) -> None:

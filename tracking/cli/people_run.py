@@ -124,8 +124,6 @@ def run_people(
         if interrupt.asked:
             raise KeyboardInterrupt
         raise RunError(f"{inputs.source.name}: expected frames, got none")
-    if not interrupt.asked:
-        _check_all_used(inputs, log)
     return PeopleRun(tracks, log, interrupt.asked, recording)
 
 
@@ -163,8 +161,11 @@ def _found(inputs: Inputs, times: StageTimes, recording: Path | None) -> Iterato
     frames: Iterable[Frame] = inputs.source.frames()
     if recording is not None:
         frames = _recorded(frames, recording, inputs.source.frame_rate)
+    last = -1
     for frame, found in stream(frames, inputs.detect, inputs.describe, inputs.batch_size, times):
-        yield frame.index, found
+        last = frame.index
+        yield last, found
+    _check_all_used(inputs, last)
 
 
 def _recorded(frames: Iterable[Frame], path: Path, frame_rate: float) -> Iterator[Frame]:
@@ -195,13 +196,13 @@ def _frames_expected(inputs: Inputs) -> int | None:
     return None if last is None else last - wanted.first + 1
 
 
-def _check_all_used(inputs: Inputs, log: FrameLog) -> None:
+def _check_all_used(inputs: Inputs, last: int) -> None:
     """Refuse detections for frames that a video turned out not to have."""
     if not isinstance(inputs.detect, Sequence) or inputs.source.frames_wanted.last is not None:
         return
-    if inputs.source.length is None and len(inputs.detect) > log.frames[-1] + 1:
+    if inputs.source.length is None and len(inputs.detect) > last + 1:
         raise RunError(
-            f"detection for frame {len(inputs.detect)}, but {inputs.source.name} has {log.frames[-1] + 1} frames; "
+            f"detection for frame {len(inputs.detect)}, but {inputs.source.name} has {last + 1} frames; "
             "are these the detections of another video?"
         )
 
@@ -216,7 +217,8 @@ def report_end(run: PeopleRun, tracks: Sequence[Track], folder: Path, source: So
             file=sys.stderr,
         )
         return 130
-    print(f"{count} {'person' if count == 1 else 'people'} in {frames} frames: {folder / TRACKS_FILE}")
+    people, length = "person" if count == 1 else "people", "frame" if frames == 1 else "frames"
+    print(f"{count} {people} in {frames} {length}: {folder / TRACKS_FILE}")
     return 0
 
 

@@ -25,11 +25,14 @@ class FlowSettings:
         entry: cost of a track's start, c_entr.
         exit: cost of a track's end, c_exit.
         miss: cost of every frame between two linked detections.
+        transition: prices pairs of detections where nothing learnt does, c_tran.
+        observation: prices detections where nothing learnt does, c_obsv.
         join: how pieces of tracks are joined over longer gaps; None leaves the pieces apart.
         min_detections: tracks of fewer detections are dropped.
         gaps: which gaps are filled; None fills none.
         smoothing: how far boxes are smoothed; None reports them as detected.
-        chunk: frames after which detections are decided in the sliding-window mode; None solves all frames at once.
+        chunk: least number of frames between two decisions in the sliding-window mode; None solves all frames at once
+            in the end.
         longest: most frames that the sliding window may hold; None lets it grow until every decision is exact.
     """
 
@@ -37,11 +40,13 @@ class FlowSettings:
     entry: float = 2.0
     exit: float = 2.0
     miss: float = 0.065
+    transition: HandSetCost = field(default_factory=HandSetCost)
+    observation: ObservationCost = field(default_factory=ObservationCost)
     join: JoinSettings | None = field(default_factory=JoinSettings)
     min_detections: int = 4
     gaps: GapSettings | None = field(default_factory=GapSettings)
     smoothing: SmoothingSettings | None = field(default_factory=SmoothingSettings)
-    chunk: int | None = None
+    chunk: int | None = 50
     longest: int | None = None
 
     def __post_init__(self) -> None:
@@ -57,14 +62,14 @@ class FlowTracker:
     The flow over detections is solved exactly; its pieces are joined over longer gaps by the same network with pieces
     for detections, then weak tracks are dropped, gaps filled as far as the evidence goes, and boxes smoothed.
 
-    With ``chunk`` set the flow is solved while the video comes, over a sliding window (`windows`): the tracks are the
-    same, but features and network are held for the undecided frames only. What remains of a decided detection is its
-    row in the result.
+    With ``chunk`` set the flow is solved while the video comes, over a sliding window (see `windows`): the tracks are
+    the same, but features and network are held for the undecided detections only. What remains of a decided detection
+    is its row in the result.
 
     Args:
         settings: costs and stages.
-        transition: prices pairs of detections; by default `HandSetCost`.
-        observation: prices detections; by default `ObservationCost`.
+        transition: learnt prices of pairs of detections; by default the hand-set ones of the settings.
+        observation: learnt prices of detections; by default those of the settings.
     """
 
     def __init__(
@@ -74,8 +79,8 @@ class FlowTracker:
         observation: ObservationCost | None = None,
     ) -> None:
         self.settings = settings or FlowSettings()
-        self._transition = transition or HandSetCost()
-        self._observation = observation or ObservationCost()
+        self._transition: TransitionCost = transition or self.settings.transition
+        self._observation = observation or self.settings.observation
         self._flow = WindowedFlow(self.settings.gate.window + 1, self.settings.entry, self.settings.longest)
         self._pieces = Pieces()
         self._frame = 0
@@ -92,10 +97,8 @@ class FlowTracker:
         """Take the detections of the next frame."""
         self._waiting.append(detections)
         self._frame += 1
-        if self.settings.chunk is not None and len(self._waiting) >= self.settings.chunk:
-            self._absorb()
-            self._add(self._pieces, self._flow.decide(self._frame - 1))
-            self._open = self._open.select(np.isin(self._open.numbers, self._flow.undecided, assume_unique=True))
+        if self.settings.chunk is not None and self._is_due(self.settings.chunk):
+            self._decide()
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, by id; as they are if the video ends here."""
@@ -110,6 +113,17 @@ class FlowTracker:
             # The appended -1 keeps detections outside all pieces outside all tracks.
             labels = np.append(join(tracklets, self.settings.join), -1)[labels]
         return _finished(rows, labels, self.settings)
+
+    def _is_due(self, chunk: int) -> bool:
+        """Whether to decide now: where much stays undecided, new frames are awaited in proportion, up to a limit."""
+        frames = len(self._waiting)
+        return frames >= chunk and (frames >= 10 * chunk or sum(map(len, self._waiting)) >= len(self._open))
+
+    def _decide(self) -> None:
+        """Solve the window and let go of what is decided."""
+        self._absorb()
+        self._add(self._pieces, self._flow.decide(self._frame - 1))
+        self._open = self._open.select(np.isin(self._open.numbers, self._flow.undecided, assume_unique=True))
 
     def _absorb(self) -> None:
         """Extend the network by the waiting frames."""
