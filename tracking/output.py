@@ -111,6 +111,14 @@ class RunRecord:
         (folder / RUN_FILE).write_text(_readable(values), encoding="utf-8")
 
 
+def is_partial(folder: Path) -> bool:
+    """Whether the ``run.json`` in ``folder`` says that the run was stopped before the end of its input."""
+    try:
+        return json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))["partial"] is True
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
 def _readable(values: Mapping[str, Any]) -> str:
     """JSON with a line for each setting and each column of numbers."""
     text = json.dumps({**values, "frames": None}, indent=2, default=str)
