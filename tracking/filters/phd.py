@@ -176,7 +176,7 @@ class PhdFilter:
         wanted = scale * self.density * masses
         light = (wanted < self.least) & (masses >= self.negligible)
         sizes = np.diff(np.append(starts, len(weights)))
-        factor = np.where(light, self.least / np.maximum(wanted, np.finfo(np.float64).tiny), 1.0)
+        factor = np.where(light, self.least / np.where(light, wanted, 1.0), 1.0)
         intensity = weights * np.repeat(factor, sizes)
         count = round(scale * self.density * float(intensity.sum()))
         if count == 0:
