@@ -14,11 +14,12 @@ from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
 from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.affinity import BoostingSettings, every_nth, fit_affinity, fit_observation, fit_transition
+from tsuiseki.trainers.affinity import BoostingSettings, fit_affinity, fit_observation, fit_transition
 from tsuiseki.trainers.affinity_samples import (
     NOBODY,
     LabelledDetections,
     PairSamples,
+    every_nth,
     label_detections,
     match_boxes,
     pair_samples,
