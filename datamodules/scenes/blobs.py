@@ -151,7 +151,7 @@ def as_ground_truth(boxes: FloatArray) -> GroundTruth:
         boxes[frames, ids],
         everything,
         ~everything,
-        np.array([_visible(boxes[frame], k) for frame, k in zip(frames, ids, strict=True)]),
+        np.array([_visible(boxes[frame], int(k)) for frame, k in zip(frames, ids, strict=True)]),
     )
 
 

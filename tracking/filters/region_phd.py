@@ -222,7 +222,8 @@ def _touching(boxes: FloatArray, counted: BoolArray, grown: float) -> BoolArray:
 def _covered(boxes: FloatArray, touching: BoolArray) -> FloatArray:
     """Share ``(G,)`` of each box that the touching ones cover."""
     area = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
-    return np.minimum((intersections(boxes[:, None], boxes[None]) * touching).sum(axis=1) / np.maximum(area, 1.0), 1.0)
+    shared = (intersections(boxes[:, None], boxes[None]) * touching).sum(axis=1)
+    return np.asarray(np.minimum(shared / np.maximum(area, 1.0), 1.0))
 
 
 def _joined(state: RegionState) -> RegionState:

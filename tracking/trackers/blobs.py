@@ -76,10 +76,10 @@ def region_filter(settings: BlobSettings) -> RegionPhdFilter:
     motion = second_order((settings.place_noise,) * 2, (settings.size_noise,) * 2)
     if settings.preset == "paper":
         births = AnywhereBirths(mass=0.05, count=settings.particles, size=settings.size)
-        update = Equalised(as_printed)
+        equalised = Equalised(as_printed)
         fixed = settings.particles * settings.targets
         return RegionPhdFilter(
-            motion, births, each_alone, update, settings.particles, fixed, settings.survival, settings.detection,
+            motion, births, each_alone, equalised, settings.particles, fixed, settings.survival, settings.detection,
             settings.margin, report=1e-3,
         )  # fmt: skip
     patches = PatchBirths(smallest=settings.smallest)
