@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 import torch
 
+from tsuiseki.datamodules.appearance import AppearanceData
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks import Appearance, crop_boxes
 from tsuiseki.trainers.appearance import AppearanceTraining
 from tsuiseki.trainers.export import export_appearance, load_module
-from tsuiseki.trainers.fit import APPEARANCE, TaskCLI, fit_appearance
+from tsuiseki.trainers.fit import Task, TaskCLI, fit_appearance
 
 
 def options(folder: Path, *more: str) -> list[str]:
@@ -76,10 +77,12 @@ def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: 
     np.testing.assert_allclose(features, expected, atol=1e-4)
 
 
+@pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
 @pytest.mark.parametrize("name", ["appearance_scenes", "appearance_mot", "appearance_wideresnet"])
 def test_configurations_build_what_they_say(name: str, tmp_path: Path) -> None:
     config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
-    cli = TaskCLI(APPEARANCE, ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu"])
+    task = Task("appearance", AppearanceTraining, AppearanceData, "val/map", ("height", "width"))
+    cli = TaskCLI(task, ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu"])
     images = torch.zeros(2, *cli.datamodule.size, 3, dtype=torch.uint8)
     with torch.no_grad():
         features = cli.model.eval()(images)
