@@ -52,7 +52,10 @@ COMMANDS: Tree = {
     "demo": Command("run the whole path on a generated labelled clip and write a report", "demo", "demo"),
     "simulate": Group(
         "make labelled video with exact truth",
-        {"street": Command("people on a street before a fixed camera", "simulate", "street")},
+        {
+            "street": Command("people on a street before a fixed camera", "simulate", "street"),
+            "blobs": Command("coloured objects over natural clutter", "blobs", "simulate"),
+        },
     ),
     "train": Group(
         "fit a model to labelled video (needs the train extra)",
@@ -71,13 +74,24 @@ COMMANDS: Tree = {
     ),
     "track": Group(
         "follow something through a video with exported models",
-        {"people": Command("everyone in view, each with an id", "track", "people", ("source",))},
+        {
+            "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
+            "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
+        },
     ),
     "evaluate": Group(
         "score results against labels",
         {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
+            "points": Command("tracked points: OSPA, GOSPA and more", "blobs", "evaluate", ("truth", "results")),
+        },
+    ),
+    "reproduce": Group(
+        "a paper's table or figure: paper and here, plus the plot",
+        {
+            "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
+            "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
         },
     ),
 }
