@@ -55,6 +55,7 @@ COMMANDS: Tree = {
         {
             "street": Command("people on a street before a fixed camera", "simulate", "street"),
             "sphere": Command("a ball carried through a room before several cameras", "simulate_sphere", "sphere"),
+            "blobs": Command("coloured objects over natural clutter", "blobs", "simulate"),
         },
     ),
     "train": Group(
@@ -81,6 +82,7 @@ COMMANDS: Tree = {
         {
             "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
             "sphere": Command("a ball in space, from calibrated cameras", "sphere", "sphere", ("source",)),
+            "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
         },
     ),
     "evaluate": Group(
@@ -88,11 +90,14 @@ COMMANDS: Tree = {
         {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
+            "points": Command("tracked points: OSPA, GOSPA and more", "blobs", "evaluate", ("truth", "results")),
         },
     ),
     "reproduce": Group(
-        "run a paper's experiment and put its figures beside the paper's",
+        "a paper's table or figure: paper and here, plus the plot",
         {
+            "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
+            "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
             "stereo-sphere": Command("a ball in space from two cameras", "reproduce_sphere", "stereo_sphere"),
             "multiview-drone": Command("a drone in space from measured pixels", "reproduce_sphere", "multiview_drone"),
         },
