@@ -163,7 +163,7 @@ def test_wrong_points_are_one_clear_line(tmp_path, capsys, rows, words, reason):
     assert not out.exists()
 
 
-def test_a_camera_file_with_a_missing_field_is_one_clear_line(film, track, tmp_path):
+def test_a_camera_file_with_a_missing_field_is_one_clear_line(track, tmp_path):
     write_cameras(tmp_path / "broken.yaml", [PlacedCamera("a", c) for c in ball_cameras(2)])
     text = (tmp_path / "broken.yaml").read_text()
     (tmp_path / "broken.yaml").write_text("\n".join(row for row in text.splitlines() if "position" not in row))

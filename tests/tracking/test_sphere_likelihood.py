@@ -22,8 +22,9 @@ def picture(camera, centre, ball=(200, 60, 40), room=(90, 110, 100), noise=3.0, 
     toward = centre - camera.position
     along = rays @ toward
     hit = (toward @ toward - along**2 < RADIUS**2) & (along > 0)
-    share = cv2.resize(hit.reshape(len(at[1]), -1).astype(np.float32), (camera.width, camera.height),
-                       interpolation=cv2.INTER_AREA)[:, :, None]
+    share = cv2.resize(
+        hit.reshape(len(at[1]), -1).astype(np.float32), (camera.width, camera.height), interpolation=cv2.INTER_AREA
+    )[:, :, None]
     clean = share * np.array(ball) + (1 - share) * np.array(room)
     return np.clip(clean + np.random.default_rng(0).normal(0, noise, clean.shape), 0, 255).astype(np.uint8)
 
@@ -68,8 +69,8 @@ def test_the_radius_is_that_of_the_depth():
 
 
 def test_without_an_outline_in_the_image_there_is_nothing_to_say():
-    outside = CAMERA.position + [-1.0, 3.0, 0.0]
-    behind = CAMERA.position + [1.0, 0.0, 0.0]
+    outside = CAMERA.position + np.array([-1.0, 3.0, 0.0])
+    behind = CAMERA.position + np.array([1.0, 0.0, 0.0])
     values, share = support(np.stack([outside, behind, BALL]))
     np.testing.assert_array_equal(share, [0, 0, 1])
     assert np.isfinite(values).all()
@@ -91,7 +92,7 @@ def test_impossible_settings_are_refused():
 def test_the_background_difference_is_the_colour_distance_at_the_point():
     empty = np.full((240, 320, 3), 100, np.uint8)
     changed = empty + np.array([30, 0, 40], np.uint8)
-    outside = CAMERA.position + [-1.0, 3.0, 0.0]
+    outside = CAMERA.position + np.array([-1.0, 3.0, 0.0])
     difference, inside = colour_difference(CAMERA, changed, empty, np.stack([BALL, outside]))
     np.testing.assert_allclose(difference, [50.0, 0.0])
     np.testing.assert_array_equal(inside, [True, False])

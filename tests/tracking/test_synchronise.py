@@ -41,8 +41,10 @@ def test_images_come_with_their_moments():
         return iter([Frame(k, k / 10, np.full((2, 2, 3), value + k, np.uint8)) for k in range(3)])
 
     moments = [Moment(0.0, (0, None)), Moment(0.1, (2, 1))]
-    found = [[None if i is None else int(i[0, 0, 0]) for i in images]
-             for _, images in moments_with_images(moments, [video(10), video(20)])]
+    found = [
+        [None if i is None else int(i[0, 0, 0]) for i in images]
+        for _, images in moments_with_images(moments, [video(10), video(20)])
+    ]
     assert found == [[10, None], [12, 21]]
 
 

@@ -44,7 +44,7 @@ def test_a_known_clock_and_camera_are_found_again():
 
     rng = np.random.default_rng(0)
     knots = np.arange(0, 61.0)
-    path = CubicSpline(knots, np.cumsum(rng.normal(0, 2.0, (61, 3)), axis=0) + [0, 0, 15])
+    path = CubicSpline(knots, np.array([0, 0, 15]) + np.cumsum(rng.normal(0, 2.0, (61, 3)), axis=0))
     camera = PinholeCamera.look_at(np.array([60.0, -20.0, 1.0]), path(30.0), 1500.0, 1920, 1080)
     frames = np.arange(0.0, 1500.0, 2.0)
     pixels, _ = camera.project(path(np.clip(frames / 30 * 1.0005 + 4.3, 0, 60)))
@@ -67,7 +67,7 @@ def test_a_survey_in_another_frame_is_laid_upon_the_cameras():
         camera: PinholeCamera
 
     places = np.random.default_rng(1).uniform(-50, 50, (6, 3))
-    cameras = [Placed(PinholeCamera.look_at(p, p + [1.0, 0, 0], 1.0, 2, 2)) for p in places]
+    cameras = [Placed(PinholeCamera.look_at(p, p + np.array([1.0, 0, 0]), 1.0, 2, 2)) for p in places]
     turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     np.testing.assert_allclose(surveyed_errors(cameras, places @ turn.T + [5, 6, 7]), 0, atol=1e-9)

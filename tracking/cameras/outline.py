@@ -7,8 +7,9 @@ centre at (x, y, z) in the camera's axes, rho^2 = x^2 + y^2, d^2 = rho^2 + z^2 a
     centre (x, y) z / (z^2 - R^2),  half axis away from the axis  R sqrt(d^2 - R^2) / (z^2 - R^2),
     half axis across  R / sqrt(z^2 - R^2).
 
-A distorting lens bends the ellipse; the ellipse nearest to the bent one is used, which differs by a small fraction of a
-pixel while the sphere covers a small part of the image.
+A distorting lens bends the ellipse; the ellipse whose outline is nearest to the bent one is used. To second order in the
+half axes the bent outline is an ellipse still; what is left, of third order, is some thousandths of a pixel while the
+sphere covers a small part of the image.
 """
 
 from __future__ import annotations
@@ -69,9 +70,21 @@ def sphere_outlines(camera: PinholeCamera, centres: FloatArray, radius: float) -
 def _bent(
     camera: PinholeCamera, middle: FloatArray, first: FloatArray, second: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The ellipses of least squared distance, angle for angle, to ideal ellipses seen through the lens."""
+    """The ellipses nearest to ideal ellipses seen through the lens.
+
+    A bent ellipse is a Fourier series in t. The terms of order 0 and 1 are an ellipse; across the outline, the term of
+    order 2 acts like a shift (first harmonic) and a bulge of order 3, so the shift is added to the middle.
+    """
     t = np.arange(POINTS_ON_BENT_ELLIPSE)[:, None] * (2 * np.pi / POINTS_ON_BENT_ELLIPSE)
     ideal = middle[:, None] + np.cos(t) * first[:, None] + np.sin(t) * second[:, None]
     seen = distort(ideal.reshape(-1, 2), camera.distortion).reshape(ideal.shape)
-    half = 2 / POINTS_ON_BENT_ELLIPSE
-    return seen.mean(axis=1), half * (np.cos(t) * seen).sum(axis=1), half * (np.sin(t) * seen).sum(axis=1)
+
+    def harmonic(wave: FloatArray) -> FloatArray:
+        return np.asarray(2 / POINTS_ON_BENT_ELLIPSE * (wave * seen).sum(axis=1))
+
+    first, second = harmonic(np.cos(t)), harmonic(np.sin(t))
+    even, odd = harmonic(np.cos(2 * t)), harmonic(np.sin(2 * t))
+    u, v = (axis / np.linalg.norm(axis, axis=1, keepdims=True) for axis in (first, second))
+    along_u = 0.5 * ((even * u).sum(axis=1) + (odd * v).sum(axis=1))
+    along_v = 0.5 * ((odd * u).sum(axis=1) - (even * v).sum(axis=1))
+    return seen.mean(axis=1) + along_u[:, None] * u + along_v[:, None] * v, first, second

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +51,7 @@ def stereo_sphere(
     outcomes = {}
     for number in range(seed, seed + seeds):
         name = f"film {number - seed + 1} of {seeds}"
-        outcomes[number] = run_film(number, settings, rows, lambda items, name=name: progress(items, name, frames))
+        outcomes[number] = run_film(number, settings, rows, partial(progress, what=name, total=frames))
     with output_folder(out, overwrite) as work:
         table = _sphere_markdown(rows, outcomes)
         (work / "table.md").write_text(table, encoding="utf-8")
@@ -97,7 +98,10 @@ def multiview_drone(out: Path, data: Path, seed: int = 0, overwrite: bool = Fals
     if survey.is_file():
         # The file lists the cameras in another order than the rest of the data set.
         away = experiment.surveyed_errors([cameras[k] for k in (0, 4, 2, 1, 3, 5)], np.loadtxt(survey))
-        lines += ["", f"Distance to the surveyed camera positions (a check only): {', '.join(f'{v:.2f}' for v in away)} m"]
+        lines += [
+            "",
+            f"Distance to the surveyed camera positions (a check only): {', '.join(f'{v:.2f}' for v in away)} m",
+        ]
     table = "\n".join(lines)
     with output_folder(out, overwrite) as work:
         (work / "table.md").write_text(table + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Cameras from known points: exact data give the camera back, noise gives the stated uncertainty, bad sets are refused."""
+"""Cameras from known points: exact data give the camera back, noise the stated uncertainty; bad sets are refused."""
 
 import numpy as np
 import pytest
@@ -58,9 +58,7 @@ def test_refinement_lowers_the_error_and_states_its_uncertainty():
 
 def test_known_intrinsics_place_a_distorting_camera_from_points_on_a_plane():
     lens = Intrinsics(800, 600, CAMERA.focal, CAMERA.principal_point, np.array([-0.2, 0.05, 0.001, -0.001, 0.0]))
-    true = PinholeCamera(
-        800, 600, lens.focal, lens.principal_point, CAMERA.rotation, CAMERA.position, lens.distortion
-    )
+    true = PinholeCamera(800, 600, lens.focal, lens.principal_point, CAMERA.rotation, CAMERA.position, lens.distortion)
     points = np.random.default_rng(3).uniform([-1, -1, 0], [1, 1, 0], (10, 3))
     found = locate_camera(points, true.project(points)[0], lens)
     np.testing.assert_allclose(found.camera.position, true.position, atol=1e-5)
@@ -84,7 +82,7 @@ def test_degenerate_sets_are_refused_with_the_reason(change, reason):
 
 
 def test_points_behind_the_camera_are_refused():
-    points, pixels = cloud(10)
+    points, _ = cloud(10)
     behind = 2 * CAMERA.position - points[:3]
     both = np.concatenate([points, behind])
     homogeneous = np.column_stack([both, np.ones(13)]) @ CAMERA.matrix.T

@@ -34,9 +34,7 @@ def test_on_the_axis_it_is_a_circle_and_off_the_axis_longer_away_from_it():
 
 def test_a_distorting_lens_bends_it_by_far_less_than_a_pixel_for_a_small_ball():
     lens = np.array([-0.25, 0.07, 0.001, -0.001, 0.0])
-    camera = PinholeCamera(
-        800, 600, CAMERA.focal, CAMERA.principal_point, CAMERA.rotation, CAMERA.position, lens
-    )
+    camera = PinholeCamera(800, 600, CAMERA.focal, CAMERA.principal_point, CAMERA.rotation, CAMERA.position, lens)
     centre = np.array([[0.5, 1.2, 0.4]])
     points = sphere_outlines(camera, centre, 0.1).points(24)[0]
     pixel = np.linalg.norm(centre[0] - camera.position) / 693

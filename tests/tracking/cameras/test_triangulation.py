@@ -32,7 +32,7 @@ def test_covariance_is_that_of_repeated_measurements():
 
 
 def test_what_cannot_be_triangulated_is_nan():
-    points = np.zeros((4, 3)) + [0, 0, 1]
+    points = np.tile([0.0, 0.0, 1.0], (4, 1))
     pixels = seen(points)
     pixels[0, 1:] = np.nan
     pixels[1] = np.nan
@@ -45,8 +45,14 @@ def test_what_cannot_be_triangulated_is_nan():
 
 def test_parallel_rays_and_points_behind_a_camera_are_nan():
     middle = np.array([[[400.0, 300.0], [400.0, 300.0]]])
-    same = PinholeCamera(800, 600, np.full(2, 700.0), np.array([400.0, 300.0]), CAMERAS[0].rotation,
-                         CAMERAS[0].position + CAMERAS[0].rotation[0])
+    same = PinholeCamera(
+        800,
+        600,
+        np.full(2, 700.0),
+        np.array([400.0, 300.0]),
+        CAMERAS[0].rotation,
+        CAMERAS[0].position + CAMERAS[0].rotation[0],
+    )
     assert np.isnan(triangulate([CAMERAS[0], same], middle)[0]).all()
     apart = np.array([[[300.0, 300.0], [500.0, 300.0]]])
     assert np.isnan(triangulate([CAMERAS[0], same], apart)[0]).all()
