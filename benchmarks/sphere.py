@@ -15,7 +15,8 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.likelihoods.sphere import ContourSettings, fetch, polar_maps
-from tsuiseki.tracking.trackers.sphere import ContourLikelihood, Glance, SphereTracker
+from tsuiseki.tracking.likelihoods.views import ContourLikelihood
+from tsuiseki.tracking.trackers.sphere import Glance, SphereTracker
 
 SIZES = ((250, 2), (500, 2), (1000, 2), (2000, 2), (4000, 2), (500, 4), (1000, 6))
 ROUNDS = 60

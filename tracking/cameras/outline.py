@@ -7,9 +7,9 @@ centre at (x, y, z) in the camera's axes, rho^2 = x^2 + y^2, d^2 = rho^2 + z^2 a
     centre (x, y) z / (z^2 - R^2),  half axis away from the axis  R sqrt(d^2 - R^2) / (z^2 - R^2),
     half axis across  R / sqrt(z^2 - R^2).
 
-A distorting lens bends the ellipse; the ellipse whose outline is nearest to the bent one is used. To second order in the
-half axes the bent outline is an ellipse still; what is left, of third order, is some thousandths of a pixel while the
-sphere covers a small part of the image.
+A distorting lens bends the ellipse; the ellipse whose outline is nearest to the bent one is used. To second order in
+the half axes the bent outline is an ellipse still; what is left, of third order, is some thousandths of a pixel while
+the sphere covers a small part of the image.
 """
 
 from __future__ import annotations

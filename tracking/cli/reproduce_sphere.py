@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from tsuiseki.trainers.experiments.multiview_drone import DroneScores
     from tsuiseki.trainers.experiments.stereo_sphere import Configuration, Outcome
 
+# The paper's rows stand below the two configurations that are its own.
+PAPER_BELOW = 1
 HEADINGS = ("to position: mean", "max", "sd", "to path: mean", "max", "sd")
 
 
@@ -123,7 +125,7 @@ def _sphere_markdown(rows: Sequence[Configuration], outcomes: Mapping[int, Seque
             lines += ["", f"| {group} | {' | '.join(HEADINGS)} |", "|---" * 7 + "|"]
         values = [100 * v for s in over_seeds(outcomes, number) for v in (s.mean, s.maximum, s.deviation)]
         lines.append(f"| {row.name} | {' | '.join(f'{v:.2f}' for v in values)} |")
-        if number == 1:
+        if number == PAPER_BELOW:
             for name, paper in PAPER.items():
                 lines.append(f"| {name}, the paper | | | | {' | '.join(f'{100 * v:.2f}' for v in paper)} |")
     return "\n".join(lines)

@@ -11,7 +11,7 @@ from tsuiseki.tracking.errors import RequestError
 if TYPE_CHECKING:
     from tsuiseki.tracking.cameras.files import PlacedCamera
     from tsuiseki.tracking.filters.motion_3d import Motion3D
-    from tsuiseki.tracking.trackers.sphere import ViewLikelihood
+    from tsuiseki.tracking.likelihoods.views import ViewLikelihood
     from tsuiseki.tracking.types import FloatArray, Frame
     from tsuiseki.tracking.video import Source
 
@@ -213,7 +213,7 @@ def _likelihood(
     backgrounds: list[Path] | None,
 ) -> ViewLikelihood:
     from tsuiseki.tracking.likelihoods.background import median_background
-    from tsuiseki.tracking.trackers.sphere import BackgroundLikelihood, ContourLikelihood
+    from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood
     from tsuiseki.tracking.video import read_image
 
     cameras = [p.camera for p in placed]

@@ -2,33 +2,28 @@
 
 A particle is a position and a velocity. A step predicts (2.1), weighs every particle by its outline in each camera
 (2.2.2) or by the background difference (2.2.1), and resamples (2.3); the estimate is the weighted mean. What the paper
-leaves open: cameras are multiplied (as it says for 2.2.1), and a covered camera is recognised and left out
-(`tracking.filters.views`).
+leaves open: cameras are multiplied (as it says for 2.2.1), a covered camera is recognised and left out
+(`tracking.filters.views`), and particles are weighed in two stages (`tracking.filters.tempering`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, Motion3D
 from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import systematic
+from tsuiseki.tracking.filters.tempering import bearable_share, drawn_and_spread
 from tsuiseki.tracking.filters.views import Covering, open_after, weigh_views
 from tsuiseki.tracking.filters.weights import probabilities, weighted_covariance, weighted_mean
-from tsuiseki.tracking.likelihoods.background import colour_difference
-from tsuiseki.tracking.likelihoods.sphere import ContourSettings, outline_support, polar_maps
-from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray, Position, Status
-
-Views: TypeAlias = Sequence[NDArray[Any] | None]
-"""One image ``(H, W, 3)`` uint8, or one measured pixel ``(2,)``, a camera; None where it has nothing now."""
+from tsuiseki.tracking.likelihoods.views import ViewLikelihood, Views
+from tsuiseki.tracking.types import FloatArray, IntArray, Position, Status
 
 OPEN = 0.5
+# Effective sample size, over the number of particles, after a stage of weighing, and the kernel's relative width.
+STAGE_SHARE, STAGE_WIDTH = 0.1, 0.6
 
 
 @dataclass(frozen=True)
@@ -42,81 +37,6 @@ class Glance:
 
     time: float
     views: Views
-
-
-class ViewLikelihood(Protocol):
-    """``(N, C)`` log-ratio of what each view shows given each position ``(N, 3)`` to what it would show anyway.
-
-    Zero where a view says nothing: no frame, or the particle is out of its sight.
-    """
-
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray: ...
-
-
-@dataclass(frozen=True)
-class ContourLikelihood:
-    """Section 2.2.2; see `tracking.likelihoods.sphere`."""
-
-    cameras: Sequence[PinholeCamera]
-    radius: float
-    settings: ContourSettings = field(default_factory=ContourSettings)
-
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        ratios = np.zeros((len(positions), len(self.cameras)))
-        for k, (camera, image) in enumerate(zip(self.cameras, views, strict=True)):
-            if image is None:
-                continue
-            maps = polar_maps(camera, positions, self.radius, self.settings)
-            support, share = outline_support(image, maps, self.settings).T
-            ratios[:, k] = self.settings.steepness * share * (support - self.settings.clutter)
-        return ratios
-
-
-@dataclass(frozen=True)
-class BackgroundLikelihood:
-    """Section 2.2.1: the colour differences from the background, multiplied over the cameras.
-
-    Attributes:
-        cameras: C cameras.
-        backgrounds: C images of the empty scene.
-        noise: grey levels added to each difference, so that one zero does not rule a particle out.
-    """
-
-    cameras: Sequence[PinholeCamera]
-    backgrounds: Sequence[ImageArray]
-    noise: float = 1.0
-
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        ratios = np.zeros((len(positions), len(self.cameras)))
-        for k, (camera, image) in enumerate(zip(self.cameras, views, strict=True)):
-            if image is not None:
-                difference, inside = colour_difference(camera, image, self.backgrounds[k], positions)
-                ratios[:, k] = np.where(inside, np.log(difference + self.noise), np.log(self.noise))
-        return ratios
-
-
-@dataclass(frozen=True)
-class PointLikelihood:
-    """Measured pixels of the target's centre: Gaussian with a share of false ones spread over the image.
-
-    Attributes:
-        cameras: C cameras.
-        sigma: ``(C,)`` standard deviation along x and y, pixels.
-    """
-
-    cameras: Sequence[PinholeCamera]
-    sigma: FloatArray
-
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        ratios = np.zeros((len(positions), len(self.cameras)))
-        for k, (camera, pixel) in enumerate(zip(self.cameras, views, strict=True)):
-            if pixel is None:
-                continue
-            projected, _ = camera.project(positions)
-            square = np.square(projected - pixel).sum(axis=1) / self.sigma[k] ** 2
-            density = camera.width * camera.height / (2 * np.pi * self.sigma[k] ** 2)
-            ratios[:, k] = np.log(density) - 0.5 * np.nan_to_num(square, nan=1e4)
-        return np.maximum(ratios, -500.0)
 
 
 @dataclass(frozen=True)
@@ -162,6 +82,7 @@ class SphereTracker:
         largest_deviation: standard deviation of the position (root of the covariance's largest eigenvalue) up to which
             it counts as known, m.
         patience: seconds without that until the status turns from ``searching`` to ``lost``.
+        stages: in which a step weighs (`tracking.filters.tempering`), at most; 1 weighs at once, as in the paper.
     """
 
     likelihood: ViewLikelihood
@@ -169,6 +90,7 @@ class SphereTracker:
     covering: Covering | None = field(default_factory=Covering)
     largest_deviation: float = 0.15
     patience: float = 1.0
+    stages: int = 2
 
     def start_at(
         self,
@@ -239,15 +161,10 @@ class SphereTracker:
         seconds = max(glance.time - state.time, 0.0)
         fresh = np.array([view is not None for view in glance.views])
         before = state.open if self.covering is None else self.covering.predict(state.open, seconds)
-        weigher = _Weigher(self.likelihood, glance, before if self.covering else None)
-
-        def move(particles: FloatArray, observation: Glance, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-            del observation
-            return self.motion(particles, seconds, rng), np.zeros(len(particles))
-
-        after, info = ParticleFilter(move, weigher).step(state.particles, glance, rng)
+        look = _Look(self, seconds, before)
+        after, info = ParticleFilter(look.propose, look.weigh).step(state.particles, glance, rng)
         weights = probabilities(after.log_weights)
-        opened = open_after(weigher.ratios, before, weights) if self.covering else before
+        opened = open_after(look.ratios, before, weights) if self.covering else before
         opened = np.where(fresh, opened, before)
         mean = weighted_mean(after.particles, after.log_weights)
         covariance = weighted_covariance(after.particles, after.log_weights)
@@ -257,22 +174,47 @@ class SphereTracker:
         status: Status = "tracking" if known else "searching" if unseen <= self.patience else "lost"
         score = float(np.mean(opened)) * float(np.exp(-deviation / self.largest_deviation))
         position = Position(glance.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
-        return SphereState(after, glance.time, opened, unseen), SphereInfo(position, info.ancestors, deviation)
+        return SphereState(after, glance.time, opened, unseen), SphereInfo(
+            position, info.ancestors[look.drawn], deviation
+        )
 
     def _state(self, states: FloatArray, time: float, views: int) -> SphereState:
         particles = ParticleState(states, np.full(len(states), -np.log(len(states))))
         return SphereState(particles, time, np.full(views, 0.9))
 
 
-class _Weigher:
-    """The log-likelihood of one step; it keeps the views' ratios, which the views' update needs too."""
+class _Look:
+    """Proposal and likelihood of one step, in stages; keeps the views' last ratios, which the views' update needs."""
 
-    def __init__(self, likelihood: ViewLikelihood, glance: Glance, opened: FloatArray | None) -> None:
-        self._likelihood, self._glance, self._open = likelihood, glance, opened
-        self.ratios = np.empty((0, len(glance.views)))
+    def __init__(self, tracker: SphereTracker, seconds: float, opened: FloatArray) -> None:
+        self._tracker, self._seconds, self._open = tracker, seconds, opened
+        self._left = 1.0
+        self._weighed: FloatArray | None = None
+        self.ratios = np.empty((0, len(opened)))
+        self.drawn: IntArray = np.empty(0, dtype=np.int64)
 
-    def __call__(self, particles: FloatArray, observation: Glance) -> FloatArray:
-        del observation
-        self.ratios = self._likelihood(particles[:, :3], self._glance.views)
-        weighed = self.ratios if self._open is None else weigh_views(self.ratios, self._open)
+    def propose(
+        self, particles: FloatArray, observation: Glance, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray]:
+        """Particles moved, and all stages of weighing but the last."""
+        moved = self._tracker.motion(particles, self._seconds, rng)
+        self.drawn = np.arange(len(moved))
+        for _ in range(self._tracker.stages - 1):
+            values = self._log_likelihood(moved, observation)
+            share = bearable_share(values, STAGE_SHARE * len(moved), self._left)
+            if share == self._left:
+                self._weighed = values
+                break
+            moved, chosen = drawn_and_spread(moved, share * values, STAGE_WIDTH, rng)
+            self.drawn, self._left = self.drawn[chosen], self._left - share
+        return moved, np.zeros(len(moved))
+
+    def weigh(self, particles: FloatArray, observation: Glance) -> FloatArray:
+        """What is left of the log-likelihood."""
+        known = self._weighed
+        return self._left * (self._log_likelihood(particles, observation) if known is None else known)
+
+    def _log_likelihood(self, particles: FloatArray, observation: Glance) -> FloatArray:
+        self.ratios = self._tracker.likelihood(particles[:, :3], observation.views)
+        weighed = self.ratios if self._tracker.covering is None else weigh_views(self.ratios, self._open)
         return np.asarray(weighed.sum(axis=1))

@@ -21,7 +21,8 @@ from tsuiseki.tracking.filters.motion_3d import ConstantVelocity
 from tsuiseki.tracking.filters.smoothing import Lineage
 from tsuiseki.tracking.filters.views import Covering
 from tsuiseki.tracking.filters.weights import probabilities
-from tsuiseki.tracking.trackers.sphere import Glance, PointLikelihood, SphereState, SphereTracker
+from tsuiseki.tracking.likelihoods.views import PointLikelihood
+from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 CAMERA_COUNTS = (2, 3, 4, 6)

@@ -16,14 +16,8 @@ from tsuiseki.datamodules.scenes.ball import BallScene, BallSettings, background
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, Motion3D, RandomWalk
 from tsuiseki.tracking.filters.views import Covering
-from tsuiseki.tracking.trackers.sphere import (
-    BackgroundLikelihood,
-    ContourLikelihood,
-    Glance,
-    SphereState,
-    SphereTracker,
-    ViewLikelihood,
-)
+from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
+from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Mean, maximum and standard deviation of the distance to the path, metres (section 3).
@@ -48,6 +42,7 @@ class Configuration:
         cameras: the first so many.
         covered: frames from `FIRST_COVERED` on in which a board covers the first camera.
         notices: whether covered cameras are recognised.
+        stages: of weighing in a step.
     """
 
     group: Literal["section 3", "particles", "cameras", "covered"]
@@ -58,6 +53,7 @@ class Configuration:
     cameras: int = 2
     covered: int = 0
     notices: bool = True
+    stages: int = 2
 
 
 @dataclass(frozen=True)
@@ -76,7 +72,8 @@ class Outcome:
 def configurations() -> list[Configuration]:
     """Everything that is compared."""
     rows = [
-        Configuration("section 3", "background, random walk", "background", notices=False),
+        Configuration("section 3", "background, random walk", "background", notices=False, stages=1),
+        Configuration("section 3", "contour, random walk, weighed at once", notices=False, stages=1),
         Configuration("section 3", "contour, random walk"),
         Configuration("section 3", "contour, constant velocity", motion=FLIGHT),
     ]
@@ -127,7 +124,7 @@ class _Run:
             else BackgroundLikelihood(cameras, empty[: row.cameras])
         )
         self.row, self.scene = row, scene
-        self.tracker = SphereTracker(likelihood, row.motion, Covering() if row.notices else None)
+        self.tracker = SphereTracker(likelihood, row.motion, Covering() if row.notices else None, stages=row.stages)
         self.rng = np.random.default_rng((seed, 4))
         # The paper measures where the ball is at the start.
         self.state: SphereState = self.tracker.start_at(
