@@ -12,7 +12,7 @@ def test_the_share_leaves_the_asked_sample_size_or_is_the_whole(scale):
     values = scale * np.random.default_rng(0).normal(size=500)
     share = bearable_share(values, 100.0)
     left = effective_sample_size(normalise(share * values))
-    # Normal values of scale 1 leave 500 / e; sixteen bisections fix the share to 2e-5, a hundredth of what is left of 1000.
+    # Normal values of scale 1 leave 500 / e; sixteen bisections fix the share to 2e-5, a hundredth of what it is here.
     if scale <= 1:
         assert share == 1.0
     else:
