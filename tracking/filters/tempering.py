@@ -1,11 +1,15 @@
 """Weighing in stages, for likelihoods much narrower than the cloud of particles.
 
-Weighed at once, a narrow likelihood leaves one or two particles alive. In stages, a share of the log-likelihood that
-keeps enough particles is applied first; those are drawn, spread by a kernel that keeps the cloud's mean and covariance
-(Liu and West, "Combined parameter and state estimation in simulation-based filtering", 2001), and weighed by the rest.
+Weighed at once, a narrow likelihood leaves one or two particles alive. In stages, a share of it that keeps enough
+particles is applied first; those are drawn, spread by a kernel that keeps the mean and covariance (Liu and West,
+"Combined parameter and state estimation in simulation-based filtering", 2001), and weighed by the rest. The way from
+none to all of the likelihood is an argument, for a product of mixtures must not be tempered as a whole: its narrow
+peaks, each where one factor alone speaks, would win before the broad agreement of all is found.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -13,19 +17,31 @@ from tsuiseki.tracking.filters.resampling import systematic
 from tsuiseki.tracking.filters.weights import effective_sample_size, normalise, probabilities
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-BISECTIONS = 16
+BISECTIONS = 10
+SMALLEST_SHARE = 1e-4
+
+Path = Callable[[float], FloatArray]
+"""Log-likelihoods ``(N,)`` of the particles at a share in [0, 1]: a way from none (0) to all (1)."""
 
 
-def bearable_share(log_likelihoods: FloatArray, size: float, most: float = 1.0) -> float:
-    """The largest share, up to ``most``, of log-likelihoods ``(N,)`` with an effective sample size of ``size``."""
-    if effective_sample_size(normalise(most * log_likelihoods)) >= size:
-        return most
-    low, high = 0.0, most
+def bearable_share(path: Path, size: float, done: float = 0.0) -> float:
+    """The largest share that, after ``done`` was applied, leaves an effective sample size of at least ``size``.
+
+    Args:
+        path: to the whole log-likelihood.
+        size: in [1, N].
+        done: share by which the particles were drawn already.
+    """
+    before = path(done)
+    if _size(path(1.0) - before) >= size:
+        return 1.0
+    # The logarithm of what is added is bisected, for a narrow likelihood bears a small share only.
+    low, high = np.log(SMALLEST_SHARE), np.log(1 - done)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        enough = effective_sample_size(normalise(middle * log_likelihoods)) >= size
+        enough = _size(path(done + np.exp(middle)) - before) >= size
         low, high = (middle, high) if enough else (low, middle)
-    return low
+    return done + float(np.exp(low))
 
 
 def drawn_and_spread(
@@ -46,3 +62,7 @@ def drawn_and_spread(
     values, vectors = np.linalg.eigh(away.T @ away / len(drawn))
     noise = rng.standard_normal(drawn.shape) * np.sqrt(np.maximum(values, 0.0))
     return mean + np.sqrt(1 - width**2) * away + width * noise @ vectors.T, chosen
+
+
+def _size(log_weights: FloatArray) -> float:
+    return effective_sample_size(normalise(log_weights))

@@ -164,8 +164,7 @@ class SphereTracker:
         look = _Look(self, seconds, before)
         after, info = ParticleFilter(look.propose, look.weigh).step(state.particles, glance, rng)
         weights = probabilities(after.log_weights)
-        opened = open_after(look.ratios, before, weights) if self.covering else before
-        opened = np.where(fresh, opened, before)
+        opened = np.where(fresh, look.opened(weights), before)
         mean = weighted_mean(after.particles, after.log_weights)
         covariance = weighted_covariance(after.particles, after.log_weights)
         deviation = float(np.sqrt(max(np.linalg.eigvalsh(covariance[:3, :3])[-1], 0.0)))
@@ -184,13 +183,12 @@ class SphereTracker:
 
 
 class _Look:
-    """Proposal and likelihood of one step, in stages; keeps the views' last ratios, which the views' update needs."""
+    """Proposal and likelihood of one step, in stages."""
 
     def __init__(self, tracker: SphereTracker, seconds: float, opened: FloatArray) -> None:
         self._tracker, self._seconds, self._open = tracker, seconds, opened
-        self._left = 1.0
-        self._weighed: FloatArray | None = None
-        self.ratios = np.empty((0, len(opened)))
+        self._done = 0.0
+        self.ratios: FloatArray | None = None
         self.drawn: IntArray = np.empty(0, dtype=np.int64)
 
     def propose(
@@ -200,21 +198,27 @@ class _Look:
         moved = self._tracker.motion(particles, self._seconds, rng)
         self.drawn = np.arange(len(moved))
         for _ in range(self._tracker.stages - 1):
-            values = self._log_likelihood(moved, observation)
-            share = bearable_share(values, STAGE_SHARE * len(moved), self._left)
-            if share == self._left:
-                self._weighed = values
+            self.ratios = self._tracker.likelihood(moved[:, :3], observation.views)
+            share = bearable_share(self._path, STAGE_SHARE * len(moved), self._done)
+            if share == 1.0:
                 break
-            moved, chosen = drawn_and_spread(moved, share * values, STAGE_WIDTH, rng)
-            self.drawn, self._left = self.drawn[chosen], self._left - share
+            gained = self._path(share) - self._path(self._done)
+            moved, chosen = drawn_and_spread(moved, gained, STAGE_WIDTH, rng)
+            self.drawn, self._done, self.ratios = self.drawn[chosen], share, None
         return moved, np.zeros(len(moved))
 
     def weigh(self, particles: FloatArray, observation: Glance) -> FloatArray:
         """What is left of the log-likelihood."""
-        known = self._weighed
-        return self._left * (self._log_likelihood(particles, observation) if known is None else known)
+        if self.ratios is None:
+            self.ratios = self._tracker.likelihood(particles[:, :3], observation.views)
+        return self._path(1.0) - self._path(self._done)
 
-    def _log_likelihood(self, particles: FloatArray, observation: Glance) -> FloatArray:
-        self.ratios = self._tracker.likelihood(particles[:, :3], observation.views)
-        weighed = self.ratios if self._tracker.covering is None else weigh_views(self.ratios, self._open)
-        return np.asarray(weighed.sum(axis=1))
+    def opened(self, weights: FloatArray) -> FloatArray:
+        """Probability that each view is open, given the particles' weights ``(N,)`` after weighing."""
+        assert self.ratios is not None
+        return self._open if self._tracker.covering is None else open_after(self.ratios, self._open, weights)
+
+    def _path(self, share: float) -> FloatArray:
+        assert self.ratios is not None
+        ratios = share * self.ratios
+        return np.asarray((ratios if self._tracker.covering is None else weigh_views(ratios, self._open)).sum(axis=1))
