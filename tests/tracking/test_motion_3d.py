@@ -31,6 +31,15 @@ def test_the_spread_is_the_stated_one():
     np.testing.assert_allclose(flight[:, :3].std(axis=0), 0.7 * np.sqrt(4.0**3 / 3), rtol=0.02)
 
 
+def test_the_written_out_law_is_that_of_the_draws():
+    start = np.array([0.1, 0.2, 0.3, 1.0, -2.0, 0.5])
+    motion = ConstantVelocity(0.7)
+    transition, noise = motion.linear(0.6)
+    drawn = motion(np.tile(start, (MANY, 1)), 0.6, np.random.default_rng(4))
+    np.testing.assert_allclose(drawn.mean(axis=0), transition @ start, atol=0.02)
+    np.testing.assert_allclose(np.cov(drawn.T), noise, atol=0.03 * noise.max())
+
+
 def dropped(motion, seconds, height=1.1):
     state = np.array([[0.0, 0.0, height, 0.3, 0.0, 0.0]])
     rng = np.random.default_rng(0)

@@ -9,7 +9,6 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.cameras.volume import common_volume, in_sight
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.smoothing import Lineage
 from tsuiseki.tracking.likelihoods.views import ContourLikelihood, PointLikelihood
 from tsuiseki.tracking.trackers.sphere import Glance, SphereTracker
 from tsuiseki.tracking.trackers.sphere_run import check_lengths, check_start
@@ -126,16 +125,6 @@ def test_point_measurements_agree_with_triangulation():
     assert np.linalg.norm(info.position.point - point[0]) < 0.01
     # Three looks at the same pixels hold a third of the variance of one.
     assert np.trace(info.position.covariance) == pytest.approx(np.trace(covariance[0]) / 3, rel=0.25)
-
-
-def test_a_lineage_keeps_the_ancestors_of_the_survivors():
-    rows = np.arange(4.0)[:, None]
-    lineage = Lineage().extended(np.arange(4), rows, 0.0, 0.2)
-    lineage = lineage.extended(np.array([1, 1, 3, 3]), 10 + rows, 0.1, 0.2)
-    lineage = lineage.extended(np.array([0, 0, 0, 2]), 20 + rows, 0.2, 0.2)
-    np.testing.assert_array_equal(lineage.states[0][:, 0], [1, 1, 1, 3])
-    np.testing.assert_array_equal(lineage.states[1][:, 0], [10, 10, 10, 12])
-    assert lineage.extended(np.arange(4), rows, 0.3, 0.2).times == (0.1, 0.2, 0.3)
 
 
 def test_the_volume_holds_what_two_cameras_see_and_refuses_cameras_that_share_nothing():

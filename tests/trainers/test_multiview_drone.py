@@ -10,8 +10,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.multiview_drone import (
     DroneSettings,
     calibrate_flight,
+    half_of,
     score_flight,
-    second_half,
     surveyed_errors,
 )
 
@@ -26,7 +26,7 @@ def flight(data_folder):
 def test_two_cameras_calibrated_on_the_first_half_hold_in_the_second(flight):
     pair = DroneFlight(flight.times, flight.points, (flight.views[3], flight.views[5]))
     cameras = calibrate_flight(pair)
-    times, pixels, truth = second_half(pair, cameras)
+    times, pixels, truth = half_of(pair, cameras, first=False)
     for camera, seen in zip(cameras, pixels.transpose(1, 0, 2), strict=True):
         away = np.linalg.norm(camera.camera.project(truth)[0] - seen, axis=1)
         # The pixels' own scatter is 0.7 and 0.8; RTK stands still for a few tenths of a second at times.

@@ -84,7 +84,7 @@ def multiview_drone(out: Path, data: Path, seed: int = 0, overwrite: bool = Fals
     check_output_folder(out, overwrite)
     flight = read_drone_flight(data)
     cameras = experiment.calibrate_flight(flight, lambda views: progress(views, "calibrating", len(flight.views)))
-    times, pixels, truth = experiment.second_half(flight, cameras)
+    times, pixels, truth = experiment.half_of(flight, cameras, first=False)
     settings = experiment.DroneSettings()
     scores = [
         experiment.score_flight(cameras[:count], times, pixels[:, :count], truth, settings, seed)
@@ -99,7 +99,7 @@ def multiview_drone(out: Path, data: Path, seed: int = 0, overwrite: bool = Fals
     survey = data / "camera-locations" / "campos.txt"
     if survey.is_file():
         # The file lists the cameras in another order than the rest of the data set.
-        away = experiment.surveyed_errors([cameras[k] for k in (0, 4, 2, 1, 3, 5)], np.loadtxt(survey))
+        away = experiment.surveyed_errors(cameras, np.loadtxt(survey)[[0, 4, 2, 1, 3, 5]])
         lines += [
             "",
             f"Distance to the surveyed camera positions (a check only): {', '.join(f'{v:.2f}' for v in away)} m",

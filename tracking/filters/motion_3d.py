@@ -54,6 +54,12 @@ class ConstantVelocity:
         position = states[:, :3] + seconds * (states[:, 3:] + 0.5 * first + second / np.sqrt(12))
         return np.concatenate([position, velocity], axis=1)
 
+    def linear(self, seconds: float) -> tuple[FloatArray, FloatArray]:
+        """Transition ``(6, 6)`` and covariance of the noise ``(6, 6)`` over ``seconds``: the same law, written out."""
+        transition = np.kron(np.array([[1.0, seconds], [0.0, 1.0]]), np.eye(3))
+        shape = np.array([[seconds**3 / 3, seconds**2 / 2], [seconds**2 / 2, seconds]])
+        return np.asarray(transition), np.asarray(self.agitation**2 * np.kron(shape, np.eye(3)))
+
 
 @dataclass(frozen=True)
 class Ballistic:

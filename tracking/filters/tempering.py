@@ -15,7 +15,7 @@ import numpy as np
 
 from tsuiseki.tracking.filters.resampling import systematic
 from tsuiseki.tracking.filters.weights import effective_sample_size, normalise, probabilities
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import FloatArray
 
 BISECTIONS = 10
 SMALLEST_SHARE = 1e-4
@@ -46,8 +46,8 @@ def bearable_share(path: Path, size: float, done: float = 0.0) -> float:
 
 def drawn_and_spread(
     particles: FloatArray, log_weights: FloatArray, width: float, rng: np.random.Generator
-) -> tuple[FloatArray, IntArray]:
-    """Particles ``(N, D)`` drawn by ``log_weights`` ``(N,)`` and spread, and the ``(N,)`` index each was drawn from.
+) -> FloatArray:
+    """Particles ``(N, D)`` drawn by ``log_weights`` ``(N,)`` and spread.
 
     Args:
         particles: ``(N, D)``.
@@ -55,13 +55,12 @@ def drawn_and_spread(
         width: standard deviation of the kernel over that of the drawn particles, (0, 1).
         rng: random numbers.
     """
-    chosen = systematic(probabilities(log_weights), len(particles), rng)
-    drawn = particles[chosen]
+    drawn = particles[systematic(probabilities(log_weights), len(particles), rng)]
     mean = drawn.mean(axis=0)
     away = drawn - mean
     values, vectors = np.linalg.eigh(away.T @ away / len(drawn))
     noise = rng.standard_normal(drawn.shape) * np.sqrt(np.maximum(values, 0.0))
-    return mean + np.sqrt(1 - width**2) * away + width * noise @ vectors.T, chosen
+    return np.asarray(mean + np.sqrt(1 - width**2) * away + width * noise @ vectors.T)
 
 
 def _size(log_weights: FloatArray) -> float:

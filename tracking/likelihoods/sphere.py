@@ -35,7 +35,8 @@ class ContourSettings:
         contrast: grey levels (summed over the three channels) of variation along a ray at which an edge counts half;
             infinite would give the paper's plain sum, in which one strong edge outweighs a whole weak outline.
         steepness: log-likelihood of a perfect outline over none.
-        clutter: support of an outline that is not there, [0, 1]: above it a view speaks for a particle, below against.
+        clutter: support at which a view speaks neither for a particle nor against, [0, 1]; by default what strong and
+            even texture gives, the mean of the Gaussian over the sampled range.
     """
 
     angles: int = 24
@@ -44,7 +45,7 @@ class ContourSettings:
     width: float = 0.12
     contrast: float = 60.0
     steepness: float = 60.0
-    clutter: float = 0.35
+    clutter: float = 0.30
 
     def __post_init__(self) -> None:
         if self.angles < 4 or self.radii < 3:

@@ -17,9 +17,9 @@ from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import systematic
 from tsuiseki.tracking.filters.tempering import bearable_share, drawn_and_spread
 from tsuiseki.tracking.filters.views import Covering, open_after, weigh_views
-from tsuiseki.tracking.filters.weights import probabilities, weighted_covariance, weighted_mean
+from tsuiseki.tracking.filters.weights import log_sum, probabilities, weighted_covariance, weighted_mean
 from tsuiseki.tracking.likelihoods.views import ViewLikelihood, Views
-from tsuiseki.tracking.types import FloatArray, IntArray, Position, Status
+from tsuiseki.tracking.types import FloatArray, Position, Status
 
 OPEN = 0.5
 # Effective sample size, over the number of particles, after a stage of weighing, and the kernel's relative width.
@@ -62,12 +62,12 @@ class SphereInfo:
 
     Attributes:
         position: the estimate.
-        ancestors: ``(N,)`` index of each particle's parent, for smoothing.
+        log_evidence: logarithm of the density of the views given all before them, over that of views that say nothing.
         deviation: standard deviation of the position along its least known direction, m.
     """
 
     position: Position
-    ancestors: IntArray
+    log_evidence: float
     deviation: float
 
 
@@ -162,7 +162,8 @@ class SphereTracker:
         fresh = np.array([view is not None for view in glance.views])
         before = state.open if self.covering is None else self.covering.predict(state.open, seconds)
         look = _Look(self, seconds, before)
-        after, info = ParticleFilter(look.propose, look.weigh).step(state.particles, glance, rng)
+        # Drawn anew every time (2.3), so that the stages begin with equal weights.
+        after, info = ParticleFilter(look.propose, look.weigh, threshold=1.0).step(state.particles, glance, rng)
         weights = probabilities(after.log_weights)
         opened = np.where(fresh, look.opened(weights), before)
         mean = weighted_mean(after.particles, after.log_weights)
@@ -173,9 +174,8 @@ class SphereTracker:
         status: Status = "tracking" if known else "searching" if unseen <= self.patience else "lost"
         score = float(np.mean(opened)) * float(np.exp(-deviation / self.largest_deviation))
         position = Position(glance.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
-        return SphereState(after, glance.time, opened, unseen), SphereInfo(
-            position, info.ancestors[look.drawn], deviation
-        )
+        evidence = look.log_evidence + info.log_evidence
+        return SphereState(after, glance.time, opened, unseen), SphereInfo(position, evidence, deviation)
 
     def _state(self, states: FloatArray, time: float, views: int) -> SphereState:
         particles = ParticleState(states, np.full(len(states), -np.log(len(states))))
@@ -189,22 +189,22 @@ class _Look:
         self._tracker, self._seconds, self._open = tracker, seconds, opened
         self._done = 0.0
         self.ratios: FloatArray | None = None
-        self.drawn: IntArray = np.empty(0, dtype=np.int64)
+        self.log_evidence = 0.0
 
     def propose(
         self, particles: FloatArray, observation: Glance, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
         """Particles moved, and all stages of weighing but the last."""
         moved = self._tracker.motion(particles, self._seconds, rng)
-        self.drawn = np.arange(len(moved))
         for _ in range(self._tracker.stages - 1):
             self.ratios = self._tracker.likelihood(moved[:, :3], observation.views)
             share = bearable_share(self._path, STAGE_SHARE * len(moved), self._done)
             if share == 1.0:
                 break
             gained = self._path(share) - self._path(self._done)
-            moved, chosen = drawn_and_spread(moved, gained, STAGE_WIDTH, rng)
-            self.drawn, self._done, self.ratios = self.drawn[chosen], share, None
+            moved = drawn_and_spread(moved, gained, STAGE_WIDTH, rng)
+            self.log_evidence += log_sum(gained) - float(np.log(len(moved)))
+            self._done, self.ratios = share, None
         return moved, np.zeros(len(moved))
 
     def weigh(self, particles: FloatArray, observation: Glance) -> FloatArray:

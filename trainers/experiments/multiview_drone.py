@@ -1,8 +1,8 @@
 """A flying drone seen by six unsynchronised cameras: the 3D filter with point measurements, against RTK.
 
 Cameras and clocks are calibrated from the first half of the trajectory only; the second half is tracked and scored. The
-filter and plain triangulation get the same pixels, interpolated to common times. The filter's parameters were chosen on
-the first half.
+filter and plain triangulation get the same pixels, interpolated to common times. The filter's noise is selected on the
+first half too, by the evidence of its pixels, and the lag of the smoother by the distance to RTK there.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from tsuiseki.tracking.cameras.moving_target import TimedCamera, calibrate_by_pa
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.evaluation.space import acceleration
 from tsuiseki.tracking.filters.motion_3d import ConstantVelocity
-from tsuiseki.tracking.filters.smoothing import Lineage
+from tsuiseki.tracking.filters.smoothing import smooth
 from tsuiseki.tracking.filters.views import Covering
-from tsuiseki.tracking.filters.weights import probabilities
+from tsuiseki.tracking.filters.weights import weighted_covariance, weighted_mean
 from tsuiseki.tracking.likelihoods.views import PointLikelihood
 from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
 from tsuiseki.tracking.types import BoolArray, FloatArray
@@ -31,6 +31,7 @@ STEP = 0.04
 LARGEST_GAP = 3.5
 OFFSETS = np.arange(-120.0, 120.0, 0.5)
 MARGIN = 1.0
+STAGES = 4
 
 
 @dataclass(frozen=True)
@@ -45,11 +46,26 @@ class DroneSettings:
         longest_alone: seconds for which one camera alone is believed.
     """
 
-    particles: int = 3000
-    agitation: float = 12.0
-    inflation: float = 3.0
-    lag: float = 0.12
+    particles: int = 1000
+    agitation: float = 8.0
+    inflation: float = 2.0
+    lag: float = 0.48
     longest_alone: float = 1.0
+
+
+@dataclass(frozen=True)
+class Course:
+    """What the filter found.
+
+    Attributes:
+        points: ``(T, 3)`` smoothed positions, metres; NaN where there is none.
+        alone: ``(T,)`` whether one camera alone carried them.
+        log_evidence: of all pixels.
+    """
+
+    points: FloatArray
+    alone: BoolArray
+    log_evidence: float
 
 
 @dataclass(frozen=True)
@@ -92,10 +108,13 @@ def calibrate_flight(
     ]
 
 
-def second_half(flight: DroneFlight, cameras: Sequence[TimedCamera]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def half_of(
+    flight: DroneFlight, cameras: Sequence[TimedCamera], first: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Common times ``(T,)``, pixels ``(T, C, 2)`` with NaN where a camera saw nothing, true positions ``(T, 3)``."""
-    half = len(flight.times) // 2
-    times = np.arange(flight.times[half] + MARGIN, flight.times[-1] - MARGIN, STEP)
+    middle, end = float(flight.times[len(flight.times) // 2]), float(flight.times[-1])
+    begin, end = (0.0, middle) if first else (middle, end)
+    times = np.arange(begin + MARGIN, end - MARGIN, STEP)
     pixels = np.stack([_at(times, v, c) for v, c in zip(flight.views, cameras, strict=True)], axis=1)
     return times, pixels, np.asarray(CubicSpline(flight.times, flight.points)(times))
 
@@ -107,49 +126,60 @@ def track_points(
     start: FloatArray,
     settings: DroneSettings,
     rng: np.random.Generator,
-) -> tuple[FloatArray, BoolArray]:
-    """The filter over all moments.
+) -> Course:
+    """The filter over all moments, then the smoother.
 
     Args:
         cameras: C cameras.
         times: ``(T,)`` seconds.
         pixels: ``(T, C, 2)``, NaN where a camera saw nothing.
         start: ``(T, 3)`` triangulated positions, NaN where there is none: where the filter begins, and begins again
-            after it has not known the position.
+            after nothing or one camera alone was seen for too long.
         settings: of the filter.
         rng: random numbers.
-
-    Returns:
-        ``(T, 3)`` positions, NaN where there is none, and ``(T,)`` whether one camera alone carried them.
     """
-    sigma = np.array([max(float(np.median(c.residuals)) / 1.1774, 0.5) for c in cameras]) * settings.inflation
-    likelihood = PointLikelihood([c.camera for c in cameras], sigma)
-    tracker = SphereTracker(likelihood, ConstantVelocity(settings.agitation), Covering(0.05, 5.0, 0.01), 1.0)
-    estimates, alone = np.full((len(times), 3), np.nan), np.zeros(len(times), dtype=np.bool_)
-    seen = np.isfinite(pixels[:, :, 0])
+    motion = ConstantVelocity(settings.agitation)
+    likelihood = PointLikelihood([c.camera for c in cameras], pixel_noise(cameras) * settings.inflation)
+    tracker = SphereTracker(likelihood, motion, Covering(0.05, 5.0, 0.01), largest_deviation=1.0, stages=STAGES)
+    points, alone = np.full((len(times), 3), np.nan), np.zeros(len(times), dtype=np.bool_)
+    seen, known = np.isfinite(pixels[:, :, 0]), np.isfinite(start[:, 0])
+    stretch = list[int]()
+    means, covariances = np.empty((len(times), 6)), np.empty((len(times), 6, 6))
+
+    def finish() -> None:
+        if stretch:
+            points[stretch] = smooth(times[stretch], means[stretch], covariances[stretch], motion.linear, settings.lag)[
+                0
+            ][:, :3]
+            stretch.clear()
+
     state: SphereState | None = None
-    lineage, numbers = Lineage(), list[int]()
-    last_pair = -np.inf
+    evidence, last_pair = 0.0, -np.inf
     for k, time in enumerate(times):
-        known = bool(np.isfinite(start[k]).all())
-        # Two cameras after a gap fix the position better than what one camera or none has left of it.
-        if known and (state is None or (state.unseen > 0.1 and time - last_pair > 1.5 * STEP)):
-            state = tracker.start_at(start[k], 0.2, settings.particles, len(cameras), rng, time, speed=4.0)
-            lineage, numbers = Lineage(), []
-        if known:
+        if known[k]:
             last_pair = time
-        if state is None or time - last_pair > settings.longest_alone:
+        if time - last_pair > settings.longest_alone:
+            finish()
             state = None
             continue
+        if state is None:
+            state = tracker.start_at(start[k], 0.3, settings.particles, len(cameras), rng, time, speed=4.0)
         views = [pixel if one else None for pixel, one in zip(pixels[k], seen[k], strict=True)]
         state, info = tracker.step(state, Glance(float(time), views), rng)
-        lineage = lineage.extended(info.ancestors, state.particles.particles[:, :3], float(time), settings.lag)
-        numbers = [*numbers, k][-len(lineage.times) :]
-        alone[k] = not known and seen[k].sum() == 1
-        weights = probabilities(state.particles.log_weights)
-        if time - lineage.times[0] >= settings.lag - 1e-6:
-            estimates[numbers[0]] = weights @ lineage.states[0]
-    return estimates, alone
+        cloud = state.particles
+        means[k] = weighted_mean(cloud.particles, cloud.log_weights)
+        covariances[k] = weighted_covariance(cloud.particles, cloud.log_weights)
+        evidence += info.log_evidence
+        alone[k] = not known[k] and seen[k].sum() == 1
+        stretch.append(k)
+    finish()
+    return Course(points, alone, evidence)
+
+
+def pixel_noise(cameras: Sequence[TimedCamera]) -> FloatArray:
+    """``(C,)`` standard deviation along x and y of the fitted pixels, from their median distance."""
+    # The median of a Rayleigh distribution is 1.1774 standard deviations.
+    return np.array([max(float(np.median(c.residuals)) / 1.1774, 0.5) for c in cameras])
 
 
 def score_flight(
@@ -162,9 +192,8 @@ def score_flight(
 ) -> DroneScores:
     """Filter and triangulation with ``cameras`` against the truth."""
     triangulated, _ = triangulate([c.camera for c in cameras], pixels)
-    estimates, alone = track_points(
-        cameras, times, pixels, triangulated, settings, np.random.default_rng((seed, len(cameras)))
-    )
+    course = track_points(cameras, times, pixels, triangulated, settings, np.random.default_rng((seed, len(cameras))))
+    estimates, alone = course.points, course.alone
     both = np.isfinite(triangulated[:, 0]) & np.isfinite(estimates[:, 0])
     away, plain = (np.sqrt(np.square(p - truth).sum(axis=1)) for p in (estimates, triangulated))
     single = away[alone & np.isfinite(away)]
