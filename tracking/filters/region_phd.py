@@ -18,11 +18,12 @@ from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.tracking.filters.region_states import RegionState, boxes_of, cluster_means, select
 from tsuiseki.tracking.filters.region_updates import Regions, Update, calibrated
 from tsuiseki.tracking.filters.resampling import Resampler, systematic
-from tsuiseki.tracking.geometry import intersections, iou_matrix
+from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage, region_likelihood
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 JOINED_OVERLAP = 0.3
+ADOPTED_SHARE = 0.5
 HIDDEN_SHARE = 0.4
 MOST_OTHERS = 4
 
@@ -134,15 +135,19 @@ class RegionPhdFilter:
     def _with_births(
         self, state: RegionState, image: ColourImage, explained: FloatArray, rng: np.random.Generator
     ) -> RegionState:
+        """Births with provisional labels (62); those that lie on a cluster take its label, section 5.2."""
         born, weights, groups = self.births(image, explained, rng)
         with np.errstate(divide="ignore"):
             log_weights = np.log(weights)
-        return RegionState(
+        labels = np.concatenate([state.labels, _adopted(state, born, groups)])
+        order = np.argsort(labels, kind="stable")
+        joined = RegionState(
             np.concatenate([state.particles, born]),
-            np.concatenate([state.labels, state.next_label + groups]),
+            labels,
             np.concatenate([state.log_weights, log_weights]),
-            state.next_label + int(groups.max(initial=-1)) + 1,
+            int(max(state.next_label, labels.max(initial=0) + 1)),
         )
+        return select(joined, order)
 
     def _resample(self, posterior: RegionState, rng: np.random.Generator) -> RegionState:
         """(56)-(59); of a light cluster at least ``least`` particles, of less weight."""
@@ -174,19 +179,24 @@ def each_alone(state: RegionState, image: ColourImage, margin: float, believed: 
 def without_others(state: RegionState, image: ColourImage, margin: float, believed: float) -> FloatArray:
     """(68) of each particle without the pixels that other targets cover; those speak for the others alone.
 
-    A target mostly behind others cannot be judged by what is left of it: its likelihood is NaN, and it is carried on.
+    Of two targets that overlap, the one whose box fits better alone is in front and keeps the pixels of both. One mostly
+    behind others cannot be judged by what is left of it: its likelihood is NaN, and it is carried on.
     """
     _, masses, means = cluster_means(state)
     if len(state) == 0:
         return np.empty(0)
     boxes = boxes_of(means)
     touching = _touching(boxes, masses > believed, 1.0 + margin)
+    front = touching & _fits_better(region_likelihood(image, boxes, margin), masses > believed)
     most = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
     nearest = np.argsort(~touching, axis=1, kind="stable")[:, :most]
     others = np.where(np.take_along_axis(touching, nearest, axis=1)[:, :, None], boxes[nearest], 0.0)
+    in_front = np.take_along_axis(front, nearest, axis=1)
     sizes = np.diff(np.append(group_starts(state.labels), len(state)))
-    likelihood = region_likelihood(image, boxes_of(state.particles), margin, np.repeat(others, sizes, axis=0))
-    hidden = (_covered(boxes, touching) > HIDDEN_SHARE) & (masses > believed)
+    likelihood = region_likelihood(
+        image, boxes_of(state.particles), margin, np.repeat(others, sizes, axis=0), np.repeat(in_front, sizes, axis=0)
+    )
+    hidden = (_covered(boxes, front) > HIDDEN_SHARE) & (masses > believed)
     return np.where(np.repeat(hidden, sizes), np.nan, likelihood)
 
 
@@ -219,11 +229,33 @@ def _touching(boxes: FloatArray, counted: BoolArray, grown: float) -> BoolArray:
     return near
 
 
+def _fits_better(fit: FloatArray, counted: BoolArray) -> BoolArray:
+    """``(G, G)`` whether the second is in front of the first: it fits better, or as well and is older, or alone counts."""
+    order = np.lexsort((np.arange(len(fit)), -fit, ~counted))
+    rank = np.empty(len(fit), dtype=np.int64)
+    rank[order] = np.arange(len(fit))
+    return np.asarray(rank[None, :] < rank[:, None])
+
+
 def _covered(boxes: FloatArray, touching: BoolArray) -> FloatArray:
     """Share ``(G,)`` of each box that the touching ones cover."""
     area = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
     shared = (intersections(boxes[:, None], boxes[None]) * touching).sum(axis=1)
     return np.asarray(np.minimum(shared / np.maximum(area, 1.0), 1.0))
+
+
+def _adopted(state: RegionState, born: FloatArray, groups: IntArray) -> IntArray:
+    """Labels ``(J,)`` of born particles: the cluster's that covers most of their group's box, or new ones."""
+    labels = state.next_label + groups
+    names, _, means = cluster_means(state)
+    if len(names) == 0 or len(born) == 0:
+        return labels
+    starts = group_starts(groups)
+    sizes = np.diff(np.append(starts, len(groups)))
+    places = boxes_of(np.add.reduceat(born, starts, axis=0) / sizes[:, None])
+    shared = intersections(places[:, None], boxes_of(means)[None]) / areas(places)[:, None]
+    owner = np.where(shared.max(axis=1) > ADOPTED_SHARE, names[np.argmax(shared, axis=1)], 0)
+    return np.asarray(np.where(np.repeat(owner, sizes) > 0, np.repeat(owner, sizes), labels))
 
 
 def _joined(state: RegionState) -> RegionState:
