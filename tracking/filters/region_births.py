@@ -78,19 +78,22 @@ class PatchBirths:
         return _states(centres, sizes, self.speed, rng), np.full(len(groups), self.mass / self.count), groups
 
     def patches(self, image: ColourImage, explained: FloatArray) -> FloatArray:
-        """Boxes ``(G, 4)`` of the patches, largest first: those apart from all targets, and the parts of a wrong one.
+        """Boxes ``(G, 4)`` of the patches that no target explains, largest first.
 
-        A patch much smaller than the one box that covers it is a part of it: several targets entered as one, or a box
-        grew over what is no target.
+        A patch apart from all targets may be a new one. A patch much smaller than the one box over it, or much larger
+        than the one box in it, shows that this box is wrong: several targets were taken for one, or one is seen in part.
         """
         boxes = self._components(image)
         if len(boxes) and len(explained):
             shared = intersections(boxes[:, None], explained[None])
-            part = (shared > 0.7 * areas(boxes)[:, None]) & (areas(boxes)[:, None] < 0.6 * areas(explained)[None])
+            patch, target = areas(boxes)[:, None], areas(explained)[None]
+            part = (shared > 0.7 * patch) & (patch < 0.6 * target)
+            inside = shared > 0.5 * target
+            whole = inside & (inside.sum(axis=1, keepdims=True) == 1) & (target < 0.6 * patch)
             # Colour that adjoins a target is the rest of it, as when it comes in over the border.
             grown = explained + self.smallest / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
             apart = intersections(boxes[:, None], grown[None]).max(axis=1) <= 0
-            boxes = boxes[apart | part.any(axis=1)]
+            boxes = boxes[apart | (part | whole).any(axis=1)]
         return boxes[: self.most]
 
     def _components(self, image: ColourImage) -> FloatArray:

@@ -245,7 +245,7 @@ def _covered(boxes: FloatArray, touching: BoolArray) -> FloatArray:
 
 
 def _adopted(state: RegionState, born: FloatArray, groups: IntArray) -> IntArray:
-    """Labels ``(J,)`` of born particles: the cluster's that covers most of their group's box, or new ones."""
+    """Labels ``(J,)`` of born particles: that of the cluster that their group lies on most, or new ones."""
     labels = state.next_label + groups
     names, _, means = cluster_means(state)
     if len(names) == 0 or len(born) == 0:
@@ -253,7 +253,9 @@ def _adopted(state: RegionState, born: FloatArray, groups: IntArray) -> IntArray
     starts = group_starts(groups)
     sizes = np.diff(np.append(starts, len(groups)))
     places = boxes_of(np.add.reduceat(born, starts, axis=0) / sizes[:, None])
-    shared = intersections(places[:, None], boxes_of(means)[None]) / areas(places)[:, None]
+    there = boxes_of(means)
+    smaller = np.minimum(areas(places)[:, None], areas(there)[None])
+    shared = intersections(places[:, None], there[None]) / smaller
     owner = np.where(shared.max(axis=1) > ADOPTED_SHARE, names[np.argmax(shared, axis=1)], 0)
     return np.asarray(np.where(np.repeat(owner, sizes) > 0, np.repeat(owner, sizes), labels))
 
