@@ -24,7 +24,6 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 JOINED_OVERLAP = 0.3
 ADOPTED_SHARE = 0.5
-HIDDEN_SHARE = 0.4
 MOST_OTHERS = 4
 
 
@@ -179,8 +178,8 @@ def each_alone(state: RegionState, image: ColourImage, margin: float, believed: 
 def without_others(state: RegionState, image: ColourImage, margin: float, believed: float) -> FloatArray:
     """(68) of each particle without the pixels that other targets cover; those speak for the others alone.
 
-    Of two targets that overlap, the one whose box fits better alone is in front and keeps the pixels of both. One mostly
-    behind others cannot be judged by what is left of it: its likelihood is NaN, and it is carried on.
+    Of two targets that overlap, the one whose box fits better alone is in front and keeps the pixels of both. A particle
+    mostly behind others cannot be judged by what is left of it: its likelihood is NaN, as if ``pD`` were zero there.
     """
     _, masses, means = cluster_means(state)
     if len(state) == 0:
@@ -193,11 +192,9 @@ def without_others(state: RegionState, image: ColourImage, margin: float, believ
     others = np.where(np.take_along_axis(touching, nearest, axis=1)[:, :, None], boxes[nearest], 0.0)
     in_front = np.take_along_axis(front, nearest, axis=1)
     sizes = np.diff(np.append(group_starts(state.labels), len(state)))
-    likelihood = region_likelihood(
+    return region_likelihood(
         image, boxes_of(state.particles), margin, np.repeat(others, sizes, axis=0), np.repeat(in_front, sizes, axis=0)
     )
-    hidden = (_covered(boxes, front) > HIDDEN_SHARE) & (masses > believed)
-    return np.where(np.repeat(hidden, sizes), np.nan, likelihood)
 
 
 def background_level(image: ColourImage, state: RegionState, margin: float, rng: np.random.Generator) -> float:
@@ -235,13 +232,6 @@ def _fits_better(fit: FloatArray, counted: BoolArray) -> BoolArray:
     rank = np.empty(len(fit), dtype=np.int64)
     rank[order] = np.arange(len(fit))
     return np.asarray(rank[None, :] < rank[:, None])
-
-
-def _covered(boxes: FloatArray, touching: BoolArray) -> FloatArray:
-    """Share ``(G,)`` of each box that the touching ones cover."""
-    area = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
-    shared = (intersections(boxes[:, None], boxes[None]) * touching).sum(axis=1)
-    return np.asarray(np.minimum(shared / np.maximum(area, 1.0), 1.0))
 
 
 def _adopted(state: RegionState, born: FloatArray, groups: IntArray) -> IntArray:

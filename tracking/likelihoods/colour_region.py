@@ -14,6 +14,9 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
+VISIBLE_SHARE = 0.25
+"""Of a box, below which what is left uncovered by others is too little to judge it by."""
+
 
 @dataclass(frozen=True)
 class ColourRange:
@@ -148,7 +151,7 @@ def region_likelihood(
     others: FloatArray | None = None,
     in_front: BoolArray | None = None,
 ) -> FloatArray:
-    """``p (1 - q)`` of (68) for boxes ``(N, 4)``, in [0, 1].
+    """``p (1 - q)`` of (68) for boxes ``(N, 4)``, in [0, 1]; NaN for a box that others hide.
 
     ``p`` is the coloured share of the box, ``q`` that of a frame around it; the box with its frame is ``1 + margin``
     times as wide. What lies outside the image counts as uncoloured in ``p``.
@@ -172,16 +175,18 @@ def region_likelihood(
     frame, frame_area = around - inside, seen_around - seen
     # Where next to nothing of the frame is in the image, no contrast is to be seen: a box as large as the image.
     contrast = frame_area > 0.1 * (area_around - area)
+    hidden = np.zeros(len(boxes), dtype=np.bool_)
     if others is not None and others.shape[1]:
         taken, taken_area = _shared(image, boxes, others)
         taken_around, taken_area_around = _shared(image, wide, others)
         frame = frame - (taken_around - taken).sum(axis=1)
         frame_area = frame_area - (taken_area_around - taken_area).sum(axis=1)
         covering = 1.0 if in_front is None else in_front
-        inside, area = inside - (taken * covering).sum(axis=1), area - (taken_area * covering).sum(axis=1)
+        inside, left = inside - (taken * covering).sum(axis=1), area - (taken_area * covering).sum(axis=1)
+        hidden, area = left < VISIBLE_SHARE * area, left
     p = np.clip(inside / np.maximum(area, 1.0), 0.0, 1.0)
     q = np.clip(frame / np.maximum(frame_area, 1.0), 0.0, 1.0)
-    return np.asarray(np.where(contrast, p * (1.0 - q), 0.0))
+    return np.asarray(np.where(hidden, np.nan, np.where(contrast, p * (1.0 - q), 0.0)))
 
 
 def _shared(image: ColourImage, boxes: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
