@@ -179,22 +179,26 @@ def without_others(state: RegionState, image: ColourImage, margin: float, believ
     """(68) of each particle without the pixels that other targets cover; those speak for the others alone.
 
     Of two targets that overlap, the one whose box fits better alone is in front and keeps the pixels of both. A particle
-    mostly behind others cannot be judged by what is left of it: its likelihood is NaN, as if ``pD`` were zero there.
+    mostly behind others cannot be judged by what is left of it: its likelihood is NaN, as if ``pD`` were zero there. What was
+    never seen is not behind anything: there it is zero.
     """
     _, masses, means = cluster_means(state)
     if len(state) == 0:
         return np.empty(0)
-    boxes = boxes_of(means)
-    touching = _touching(boxes, masses > believed, 1.0 + margin)
+    boxes, starts = boxes_of(means), group_starts(state.labels)
+    touching = _touching(boxes, _reach(boxes_of(state.particles), starts, margin), masses > believed)
     front = touching & _fits_better(region_likelihood(image, boxes, margin), masses > believed)
     most = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
-    nearest = np.argsort(~touching, axis=1, kind="stable")[:, :most]
+    apart = np.linalg.norm(means[:, None, :2] - means[None, :, :2], axis=2)
+    nearest = np.argsort(np.where(touching, apart, np.inf), axis=1, kind="stable")[:, :most]
     others = np.where(np.take_along_axis(touching, nearest, axis=1)[:, :, None], boxes[nearest], 0.0)
     in_front = np.take_along_axis(front, nearest, axis=1)
-    sizes = np.diff(np.append(group_starts(state.labels), len(state)))
-    return region_likelihood(
+    sizes = np.diff(np.append(starts, len(state)))
+    likelihood = region_likelihood(
         image, boxes_of(state.particles), margin, np.repeat(others, sizes, axis=0), np.repeat(in_front, sizes, axis=0)
     )
+    unseen = np.isnan(likelihood) & np.repeat(masses <= believed, sizes)
+    return np.where(unseen, 0.0, likelihood)
 
 
 def background_level(image: ColourImage, state: RegionState, margin: float, rng: np.random.Generator) -> float:
@@ -217,11 +221,16 @@ def background_level(image: ColourImage, state: RegionState, margin: float, rng:
     return max(float(np.quantile(region_likelihood(image, boxes, margin), 0.95)), 0.05)
 
 
-def _touching(boxes: FloatArray, counted: BoolArray, grown: float) -> BoolArray:
-    """Which counted boxes ``(G, G)`` lie on each box grown by a factor, itself excepted."""
-    centre, half = (boxes[:, :2] + boxes[:, 2:]) / 2, (boxes[:, 2:] - boxes[:, :2]) / 2 * grown
-    wide = np.concatenate([centre - half, centre + half], axis=1)
-    near = (intersections(wide[:, None], boxes[None]) > 0) & counted[None, :]
+def _reach(boxes: FloatArray, starts: IntArray, margin: float) -> FloatArray:
+    """The least boxes ``(G, 4)`` around all of a cluster's boxes ``(N, 4)`` with their frames."""
+    half = (boxes[:, 2:] - boxes[:, :2]) * (margin / 2)
+    low = np.minimum.reduceat(boxes[:, :2] - half, starts, axis=0)
+    return np.concatenate([low, np.maximum.reduceat(boxes[:, 2:] + half, starts, axis=0)], axis=1)
+
+
+def _touching(boxes: FloatArray, reach: FloatArray, counted: BoolArray) -> BoolArray:
+    """Which counted boxes lie in each cluster's reach ``(G, G)``, itself excepted."""
+    near = (intersections(reach[:, None], boxes[None]) > 0) & counted[None, :]
     np.fill_diagonal(near, val=False)
     return near
 
