@@ -80,8 +80,8 @@ class PatchBirths:
     def patches(self, image: ColourImage, explained: FloatArray) -> FloatArray:
         """Boxes ``(G, 4)`` of the patches that no target explains, largest first.
 
-        A patch apart from all targets may be a new one. A patch much smaller than the one box over it, or much larger
-        than the one box in it, shows that this box is wrong: several targets were taken for one, or one is seen in part.
+        A patch apart from all targets may be a new one. A patch much smaller than the box over it, or much larger than
+        the one box in it, shows that the box is wrong: several targets were taken for one, or one is seen in part.
         """
         boxes = self._components(image)
         if len(boxes) and len(explained):

@@ -13,9 +13,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 SMALLEST_SIDE = 3.0
 
 
-def second_order(
-    position: tuple[float, float], size: tuple[float, float], smallest: float = SMALLEST_SIDE
-) -> Motion:
+def second_order(position: tuple[float, float], size: tuple[float, float], smallest: float = SMALLEST_SIDE) -> Motion:
     """Smooth motion (64)-(66): the position goes on by its last step, the size drifts.
 
     Args:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.geometry import grown
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
 VISIBLE_SHARE = 0.25
@@ -165,8 +166,7 @@ def region_likelihood(
         in_front: ``(N, K)`` the others that cover the target: their pixels in the box do not count in ``p`` either.
             None for all of them.
     """
-    half = (boxes[:, 2:] - boxes[:, :2]) * (margin / 2)
-    wide = np.concatenate([boxes[:, :2] - half, boxes[:, 2:] + half], axis=1)
+    wide = grown(boxes, margin)
     inside, seen = image.counts(boxes)
     around, seen_around = image.counts(wide)
     area, area_around = (

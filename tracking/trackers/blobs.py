@@ -10,7 +10,8 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState, bootstrap
 from tsuiseki.tracking.filters.region_births import AnywhereBirths, PatchBirths
-from tsuiseki.tracking.filters.region_phd import RegionPhdFilter, each_alone, without_others
+from tsuiseki.tracking.filters.region_likelihoods import each_alone, without_others
+from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.region_states import boxes_of, second_order
 from tsuiseki.tracking.filters.region_updates import Calibrated, Equalised, as_printed
 from tsuiseki.tracking.filters.weights import weighted_mean

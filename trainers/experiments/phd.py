@@ -32,8 +32,8 @@ from tsuiseki.trainers.experiments.point_scenarios import (
 Step = Callable[[FloatArray], PointEstimates]
 METHODS = ("phd-printed", "phd-clusters", "phd", "labelled")
 CUT_OFF = 100.0
-# OSPA p=1 by clutter rate of a plain SMC-PHD filter and of a labelled filter in MATLAB, by the seed of the scenario that
-# they were measured on.
+# OSPA p=1 of a plain SMC-PHD filter and of a labelled filter in MATLAB: by the seed of the scenario that they were
+# measured on and by the clutter rate.
 YARDSTICKS: dict[tuple[int, str], dict[float, float]] = {
     (20061, "phd"): {10: 14.5, 30: 17.0, 60: 19.8},
     (20061, "labelled"): {10: 10.2, 30: 11.3, 60: 12.8},
@@ -64,8 +64,8 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
     """A fresh filter for a scenario, as a function from measurements to estimates.
 
     ``phd`` reads targets off by measurements, ``phd-clusters`` by clusters; ``phd-printed`` does so without what goes
-    beyond the paper: particles by weight alone, nothing remembered, everything parted shown at once. ``labelled`` is the
-    multi-Bernoulli filter.
+    beyond the paper: particles by weight alone, nothing remembered, everything parted shown at once. ``labelled`` is
+    the multi-Bernoulli filter.
     """
     model = scenario_model(settings, clutter)
     births = scenario_births(settings, particles)
