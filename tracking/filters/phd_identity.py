@@ -38,8 +38,8 @@ class Clusters:
         share: ``(E,)`` part of each measurement's unit that each entry of ``pairs`` received.
         measurements: ``(M, Z)``.
         claimed: ``(M,)`` label of the target that each measurement is, 0 for none.
-        fresh: labels from this one on were made by parting in this step. A cluster of one target weighs about two when
-            clutter falls beside it, so what was parted is a target only when it is found again.
+        fresh: labels from this one on are not reported yet: those made by parting in this step. A cluster of one target
+            weighs about two when clutter falls beside it, so what was parted is a target only when it is found again.
     """
 
     starts: IntArray
@@ -105,11 +105,13 @@ class Identity:
         near: two clusters are near when their means are closer than this, in deviations of the sensor.
         whole: two near clusters join when they weigh less than this together; one is parted when it weighs more.
         remember: report a target through a missed measurement; without it a target is reported by its weight alone.
+        confirm: report what was parted in this step only when it is found again.
     """
 
     near: float = 2.0
     whole: float = 1.5
     remember: bool = True
+    confirm: bool = True
 
     def recall(
         self, memory: Memory, estimates: PointEstimates, posterior: PhdState, clusters: Clusters, model: PointModel
@@ -150,7 +152,7 @@ class Identity:
         claimed = np.array([renamed.get(int(label), 0) for label in claimed], dtype=np.int64)
         labels, fresh = self._part(replace(posterior, labels=labels))
         posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
-        return posterior, replace(clusters, claimed=claimed)
+        return posterior, replace(clusters, claimed=claimed, fresh=clusters.fresh if self.confirm else fresh)
 
     def _join(self, posterior: PhdState, claimed: IntArray, sensor: GaussianSensor) -> IntArray:
         """New label of each group: near ones that weigh about one together take the older label, nearest pair first.

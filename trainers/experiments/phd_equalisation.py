@@ -16,7 +16,8 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.blobs import BlobSettings, blob_frames, plan_blobs
 from tsuiseki.tracking.filters.region_births import AnywhereBirths
-from tsuiseki.tracking.filters.region_phd import RegionLikelihood, RegionPhdFilter, each_alone, without_others
+from tsuiseki.tracking.filters.region_likelihoods import RegionLikelihood, each_alone, without_others
+from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.region_states import boxes_of, second_order
 from tsuiseki.tracking.filters.region_updates import Equalised, Update, as_printed, average, calibrated
 from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage

@@ -31,11 +31,13 @@ class PointScenario:
     """Truth and measurements of a scenario.
 
     Attributes:
+        name: of its file, without what all of them share.
         settings: what its json says.
         truth: ``(K, T, D)`` states, NaN while a target is absent.
         measurements: by run and index of the clutter rate, one ``(M, Z)`` array a step.
     """
 
+    name: str
     settings: dict[str, Any]
     truth: FloatArray
     measurements: dict[tuple[int, int], list[FloatArray]]
@@ -67,7 +69,7 @@ def read_scenario(path: Path) -> PointScenario:
         for r in range(settings["runs"])
         for c in range(len(settings["clutter_rates"]))
     }
-    return PointScenario(settings, truth, cells)
+    return PointScenario(path.stem.removeprefix("phd_scenario_"), settings, truth, cells)
 
 
 def scenario_sensor(settings: dict[str, Any]) -> GaussianSensor:
