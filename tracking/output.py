@@ -26,8 +26,8 @@ VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "o
 def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
     """A working folder that becomes ``folder`` when the ``with`` block ends, and vanishes when it fails.
 
-    An existing folder is kept; files of the same name are replaced, and what an earlier run listed in its ``run.json``
-    and this one did not write is removed.
+    An existing folder is kept. Files of the same name and sub-folders of the same name are replaced, and what an
+    earlier run listed in its ``run.json`` and this one did not write is removed.
 
     Raises:
         RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
@@ -135,16 +135,18 @@ def _publish(work: Path, folder: Path) -> None:
     if not folder.exists():
         work.replace(folder)
         return
-    files = [path for path in sorted(work.rglob("*")) if path.is_file()]
-    names = {path.relative_to(work).as_posix() for path in files}
-    stale = _listed_files(folder) - names - {RUN_FILE}
+    written = {path.relative_to(work).as_posix() for path in work.rglob("*") if path.is_file()}
+    stale = _listed_files(folder) - written - {RUN_FILE}
     # run.json goes first and comes last: while it is missing, nobody takes a mixture for a result.
     (folder / RUN_FILE).unlink(missing_ok=True)
     for name in stale:
         (folder / name).unlink(missing_ok=True)
-    for path in sorted(files, key=lambda path: path.name == RUN_FILE):
-        target = folder / path.relative_to(work)
-        target.parent.mkdir(parents=True, exist_ok=True)
+    for path in sorted(work.iterdir(), key=lambda path: path.name == RUN_FILE):
+        target = folder / path.name
+        if target.is_dir() and not target.is_symlink():
+            shutil.rmtree(target)
+        elif path.is_dir():
+            target.unlink(missing_ok=True)
         path.replace(target)
 
 

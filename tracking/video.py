@@ -1,7 +1,6 @@
-"""Video in and out: files, folders of images, sequence folders, webcams and streams, one frame at a time.
+"""Video in: files, folders of images, sequence folders, webcams and streams, one frame at a time.
 
-OpenCV's BGR order stops here: a `Frame` is RGB. What goes out is WebM with VP8 or VP9, which every browser plays and
-which OpenCV from pip can write.
+OpenCV's BGR order stops here: a `Frame` is RGB.
 """
 
 from __future__ import annotations
@@ -11,8 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -40,6 +38,7 @@ class Source(Protocol):
         length: number of frames of the whole video; None where only playing it tells.
         live: it cannot be played again, and ends when the user says so.
         frames_wanted: the stretch that `frames` gives.
+        has_images: False for a sequence that is text only.
     """
 
     @property
@@ -52,6 +51,8 @@ class Source(Protocol):
     def live(self) -> bool: ...
     @property
     def frames_wanted(self) -> FrameRange: ...
+    @property
+    def has_images(self) -> bool: ...
 
     def frames(self) -> Iterator[Frame]:
         """The frames of the stretch, numbered as in the whole video; one is held at a time.
@@ -100,6 +101,11 @@ class ImageFolder:
     live: bool = False
 
     @property
+    def has_images(self) -> bool:
+        """False for a text-only sequence."""
+        return bool(self.images)
+
+    @property
     def length(self) -> int | None:
         """Number of frames; None for a text-only sequence that does not say."""
         return len(self.images) or self.text_length or None
@@ -125,6 +131,7 @@ class VideoFile:
     frames_wanted: FrameRange
     live: bool = False
     length: int | None = None
+    has_images: bool = True
 
     @classmethod
     def open(cls, path: Path, wanted: FrameRange) -> VideoFile:
@@ -145,6 +152,11 @@ class VideoFile:
         if promised and max(wanted.first, wanted.last or 0) >= promised + _slack(promised):
             wanted.within(promised)
         return cls(path, path.name, frame_rate, promised, wanted)
+
+    @property
+    def slack(self) -> float:
+        """By how many frames the header of a sound file may be wrong."""
+        return _slack(self.promised)
 
     def frames(self) -> Iterator[Frame]:
         """See `Source.frames`."""
@@ -171,7 +183,7 @@ class VideoFile:
         wanted = self.frames_wanted
         if frames <= wanted.first or wanted.last is not None:
             raise RunError(f"{self.path}: expected frames {wanted}, but the video ends after frame {frames}")
-        slack = _slack(self.promised)
+        slack = self.slack
         if frames + slack < self.promised and seconds + slack / self.frame_rate < self.promised / self.frame_rate:
             raise RunError(
                 f"{self.path}: expected {self.promised} frames, but the video breaks off after frame {frames}; "
@@ -189,6 +201,7 @@ class LiveSource:
     frames_wanted: FrameRange
     live: bool = True
     length: int | None = None
+    has_images: bool = True
 
     @classmethod
     def open(cls, address: int | str, name: str, wanted: FrameRange) -> LiveSource:
@@ -237,46 +250,6 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> ImageArray:
     if size is not None and decoded.shape[1::-1] != size:
         raise RunError(f"{path}: expected {size[0]}x{size[1]} pixels, got {decoded.shape[1]}x{decoded.shape[0]}")
     return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-
-
-class VideoWriter:
-    """A WebM file, written frame by frame and closed with the ``with`` block.
-
-    Args:
-        path: ends in ``.webm``.
-        frame_rate: frames per second.
-        codec: VP8 is several times faster to write, VP9 about half the size.
-
-    Raises:
-        RunError: OpenCV cannot write it.
-    """
-
-    def __init__(self, path: Path, frame_rate: float, codec: Literal["VP80", "VP90"] = "VP80") -> None:
-        self.path, self.frame_rate, self.codec = path, frame_rate, codec
-        self._writer: cv2.VideoWriter | None = None
-        self._size = (0, 0)
-
-    def write(self, image: ImageArray) -> None:
-        """Append ``image`` ``(H, W, 3)`` uint8 RGB; an odd last row or column is left out."""
-        height, width = (side - side % 2 for side in image.shape[:2])
-        if self._writer is None:
-            self._size = (width, height)
-            fourcc = cv2.VideoWriter.fourcc(*self.codec)
-            self._writer = cv2.VideoWriter(str(self.path), fourcc, self.frame_rate, self._size)
-            if not self._writer.isOpened():
-                raise RunError(f"{self.path}: OpenCV cannot write WebM video ({self.codec}) here")
-        if (width, height) != self._size:
-            raise RunError(f"{self.path}: expected frames of {self._size[0]}x{self._size[1]}, got {width}x{height}")
-        self._writer.write(cv2.cvtColor(np.ascontiguousarray(image[:height, :width]), cv2.COLOR_RGB2BGR))
-
-    def __enter__(self) -> VideoWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._writer is not None:
-            self._writer.release()
 
 
 def _open_folder(folder: Path, wanted: FrameRange) -> ImageFolder:
@@ -330,7 +303,6 @@ def _image_size(path: Path) -> tuple[int, int]:
 
 
 def _slack(promised: int) -> float:
-    """By how many frames the header of a sound file may be wrong."""
     return max(3.0, 0.02 * promised)
 
 

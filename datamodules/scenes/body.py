@@ -7,7 +7,7 @@ Drillis and Contini, *Body Segment Parameters*, 1966.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -91,6 +91,18 @@ class Pose:
     knee: Pair = (0.0, 0.0)
     ankle: Pair = (0.0, 0.0)
     lift: float = 0.0
+
+
+def blend(a: Pose, b: Pose, part: float) -> Pose:
+    """The pose ``part`` of the way from ``a`` to ``b``, angle by angle."""
+    values: dict[str, float | Pair] = {}
+    for name in (f.name for f in fields(Pose)):
+        x, y = getattr(a, name), getattr(b, name)
+        if isinstance(x, tuple):
+            values[name] = (x[0] + part * (y[0] - x[0]), x[1] + part * (y[1] - x[1]))
+        else:
+            values[name] = x + part * (y - x)
+    return Pose(**values)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,11 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.body import Build, Pose
 
+# Share of the stride for which a foot is on the ground, and how much of its way then lies before the hip.
 STANCE = 0.6
 AHEAD = 0.42
+# Metres per second under which strides get shorter instead of slower.
+SHUFFLE = 0.5
 
 
 @dataclass(frozen=True)
@@ -53,13 +56,14 @@ def random_manner(rng: np.random.Generator) -> Manner:
 
 
 def stride_length(build: Build, manner: Manner, speed: float) -> float:
-    """Metres between two steps of the same foot at ``speed`` m/s; faster people take longer strides."""
-    return manner.stride * build.height * build.legs * (0.34 + 0.31 * min(speed, 2.2))
+    """Metres between two steps of the same foot at ``speed`` m/s: faster people take longer strides."""
+    hurry = min(speed / SHUFFLE, 1.0)
+    return max(manner.stride * build.height * build.legs * (0.34 + 0.31 * min(speed, 2.2)) * hurry, 0.01)
 
 
 def walking(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
     """The pose at ``phase`` of the walk, in strides: it repeats at every integer, and the feet swap after a half."""
-    feet = [_foot(build, max(stride_length(build, manner, speed), 1e-3), phase + 0.5 * k) for k in (0, 1)]
+    feet = [_foot(build, stride_length(build, manner, speed), phase + 0.5 * k) for k in (0, 1)]
     # The hip rides as high as both legs allow.
     leg = 0.988 * (build.thigh + build.shank)
     hip_height = min(up + math.sqrt(max(leg**2 - forward**2, (0.5 * leg) ** 2)) for forward, up, _ in feet)

@@ -124,7 +124,7 @@ def paint(local: Float32, which: Int32, solids: Solids, look: Look | None) -> Fl
     a, b, c = metres * np.float32(23.0)
     folds = np.sin(a + np.float32(1.3) * b + phase) * np.sin(np.float32(0.6) * c - b + 2 * phase)
     folds += np.sin(np.float32(1.9) * c + a - phase) * np.float32(0.5)
-    return np.clip(colour * (1 + solids.relief[which] * folds), 0, 1)
+    return np.asarray(np.clip(colour * (1 + solids.relief[which] * folds), 0, 1))
 
 
 def _paint_details(colour: Float32, metres: Float32, which: Int32, solids: Solids, look: Look) -> None:

@@ -1,0 +1,38 @@
+"""`tsuiseki simulate`: labelled video with exact truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def street(
+    out: Path,
+    frames: int = 200,
+    width: int = 640,
+    height: int = 480,
+    frame_rate: float = 25.0,
+    people: int = 10,
+    occluders: int = 7,
+    seed: int = 0,
+    overwrite: bool = False,
+) -> None:
+    """Make a clip of people walking on a street, before a fixed camera, as a MOTChallenge sequence.
+
+    Args:
+        out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
+        frames: length of the clip.
+        width: of the images, pixels.
+        height: of the images, pixels.
+        frame_rate: frames per second.
+        people: about how many are around at a time.
+        occluders: poles, bushes, parked cars and the like that may hide them.
+        seed: of all random numbers; the same seed makes the same clip.
+        overwrite: replace what is in the folder.
+    """
+    from tsuiseki.datamodules.scenes.street import StreetSettings, write_street
+
+    settings = StreetSettings(
+        width=width, height=height, frames=frames, frame_rate=frame_rate, people=people, occluders=occluders
+    )
+    folder = write_street(out, settings, seed, overwrite)
+    print(f"{frames} frames of {width}x{height}: {folder}")

@@ -1,0 +1,37 @@
+"""`tsuiseki train`: the trainers' own command lines, which need the `train` extra."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from tsuiseki.tracking.cli.extra import needs_train_extra
+
+
+def detector(words: Sequence[str]) -> int:
+    """Fit a person detector to labelled video."""
+    with needs_train_extra():
+        from tsuiseki.trainers.fit import fit_detector
+    return _fit(fit_detector, words)
+
+
+def appearance(words: Sequence[str]) -> int:
+    """Fit an appearance network to crops of labelled people."""
+    with needs_train_extra():
+        from tsuiseki.trainers.fit import fit_appearance
+    return _fit(fit_appearance, words)
+
+
+def affinity(words: Sequence[str]) -> int:
+    """Fit the costs of the flow to labelled video."""
+    with needs_train_extra():
+        from tsuiseki.trainers.affinity import fit_affinity
+    return _fit(fit_affinity, words)
+
+
+def _fit(function: Callable[[Sequence[str]], Any], words: Sequence[str]) -> int:
+    try:
+        function(words)
+    except SystemExit as done:
+        return int(done.code or 0)
+    return 0

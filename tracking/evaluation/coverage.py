@@ -1,0 +1,73 @@
+"""Which track follows which person when: what a timeline shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.types import IntArray, Track
+
+MATCH_OVERLAP = 0.5
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """One person of the ground truth and the tracks that follow them.
+
+    Attributes:
+        id: of the person.
+        frames: ``(N,)`` 0-based frames in which they are labelled and count.
+        track_ids: ``(N,)`` id of the track on them in each, 0 where none is.
+    """
+
+    id: int
+    frames: IntArray
+    track_ids: IntArray
+
+
+@dataclass(frozen=True)
+class Span:
+    """Frames ``first`` to ``last``, both included, in which a value stays the same."""
+
+    first: int
+    last: int
+    value: int
+
+
+def coverage(truth: GroundTruth, tracks: Iterable[Track]) -> list[Coverage]:
+    """The tracks on every person, matched frame by frame from an overlap of 0.5 on, in the order of appearance."""
+    rows = truth.select(truth.evaluated)
+    tracks = list(tracks)
+    frames = np.concatenate([t.frames for t in tracks]) if tracks else np.empty(0, np.int64)
+    order = np.argsort(frames, kind="stable")
+    frames = frames[order]
+    ids = np.concatenate([np.full(len(t), t.id) for t in tracks])[order] if tracks else frames
+    boxes = np.concatenate([t.boxes for t in tracks])[order] if tracks else np.empty((0, 4))
+    found = np.zeros(len(rows), dtype=np.int64)
+    for frame in np.unique(rows.frames):
+        a, b = (slice(*np.searchsorted(numbers, [frame, frame + 1])) for numbers in (rows.frames, frames))
+        overlaps = iou_matrix(rows.boxes[a], boxes[b])
+        i, j = linear_sum_assignment(-np.where(overlaps < MATCH_OVERLAP, 0, overlaps))
+        right = overlaps[i, j] >= MATCH_OVERLAP
+        found[a][i[right]] = ids[b][j[right]]
+    people, first = np.unique(rows.ids, return_index=True)
+    return [
+        Coverage(int(person), rows.frames[rows.ids == person], found[rows.ids == person])
+        for person in people[np.argsort(first, kind="stable")]
+    ]
+
+
+def spans(frames: IntArray, values: IntArray) -> list[Span]:
+    """Runs of equal ``values`` over consecutive ``frames``.
+
+    >>> spans(np.array([0, 1, 2, 5]), np.array([7, 7, 0, 0]))
+    [Span(first=0, last=1, value=7), Span(first=2, last=2, value=0), Span(first=5, last=5, value=0)]
+    """
+    breaks = np.flatnonzero((np.diff(frames) != 1) | (np.diff(values) != 0)) + 1
+    pieces = np.split(np.arange(len(frames)), breaks) if len(frames) else []
+    return [Span(int(frames[p[0]]), int(frames[p[-1]]), int(values[p[0]])) for p in pieces]
