@@ -78,6 +78,7 @@ COMMANDS: Tree = {
         {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
+            "single": Command("one target: success and precision", "evaluate_single", "single", ("truth", "results")),
         },
     ),
 }
