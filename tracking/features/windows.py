@@ -98,6 +98,7 @@ class WindowShape:
         cell: side of a cell in template pixels.
         scale: image pixels per template pixel when the target has its first size.
         features: ``hog`` (31 channels) or ``grey`` (one channel in [-0.5, 0.5]).
+        target_share: side of the target over the side of the window.
     """
 
     rows: int
@@ -105,6 +106,7 @@ class WindowShape:
     cell: int
     scale: float
     features: Features
+    target_share: float
 
     @cached_property
     def taper(self) -> Float32Array:
@@ -122,12 +124,39 @@ class WindowShape:
 
     def describe(self, image: ImageArray, centres: FloatArray, sizes: FloatArray) -> Samples:
         """Samples of the windows around ``centres`` ``(B, 2)`` for targets of relative ``sizes`` ``(B,)``."""
+        features = self.features_at(image, centres, sizes)
+        features *= self.taper
+        return transform(features)
+
+    def features_at(self, image: ImageArray, centres: FloatArray, sizes: FloatArray) -> Float32Array:
+        """``(B, C, rows, columns)`` features of the windows, without the cosine window."""
         border = 2 if self.features == "hog" else 0  # the outermost cells only normalise
         width, height = (self.columns + border) * self.cell, (self.rows + border) * self.cell
         patches = cut(image, centres, self.scale * np.asarray(sizes), width, height)
-        described = hog(patches, self.cell) if self.features == "hog" else _grey(patches, self.cell)
-        described *= self.taper
-        return transform(described)
+        return hog(patches, self.cell) if self.features == "hog" else _grey(patches, self.cell)
+
+    def describe_around(self, image: ImageArray, centre: FloatArray, size: float, reach: int) -> tuple[Samples, FloatArray]:
+        """Samples of overlapping windows on a grid about ``centre``, described once where they overlap.
+
+        Args:
+            image: ``(H, W, C)`` uint8.
+            centre: ``(2,)`` of the middle window, pixels.
+            size: relative size of the target.
+            reach: windows to each side; 1 gives 3 x 3. They stand a target's side apart.
+
+        Returns:
+            The windows, the middle one first, and their centres ``((2 reach + 1)^2, 2)``.
+        """
+        step = np.maximum(np.round(np.array([self.columns, self.rows]) * self.target_share).astype(int), 1)
+        columns, rows = np.array([self.columns, self.rows]) + 2 * reach * step
+        large = WindowShape(int(rows), int(columns), self.cell, self.scale, self.features, self.target_share)
+        everything = large.features_at(image, centre[None], np.array([size]))[0]
+        offsets = np.arange(-reach, reach + 1)
+        grid = np.array([(x, y) for y in offsets for x in offsets])
+        grid = grid[np.argsort((grid**2).sum(axis=1), kind="stable")]
+        corners = (grid + reach) * step
+        windows = np.stack([everything[:, y : y + self.rows, x : x + self.columns] for x, y in corners])
+        return transform(windows * self.taper), centre + grid * step * self.cell_pixels(size)
 
 
 def _grey(patches: ImageArray, cell: int) -> Float32Array:
@@ -150,4 +179,4 @@ def window_shape(
     rows, columns = (
         max(_SMALLEST_GRID, 2 * round(padding * side / (2 * cell * scale))) for side in (height, width)
     )
-    return WindowShape(rows, columns, cell, scale, features)
+    return WindowShape(rows, columns, cell, scale, features, 1 / padding)

@@ -1,0 +1,363 @@
+"""Correlation filters selected by a particle filter, thesis chapter 3: the combined tracker.
+
+While the filter is confident it tracks alone (`kcf`). When its greatest response is low, particles take over: each
+carries a place and the number of a correlation filter, one of several hypotheses about where the target is or one
+stored in the past. When the particles agree, the best one's filter goes on alone.
+
+Where the text leaves a choice:
+
+* (3.5) the displacement is measured from the tracker's box in the frame before, one for all particles: so one window
+  serves all filters, whose responses come out of one batched transform. Outside the window the response is zero.
+* Algorithm 1: hypothesis ``m`` is a copy of the present filter with the target at maximum ``m``. The copies become
+  different when each learns from its own place. Particles of the first frame are weighed where they were drawn.
+* 3.2.7: a filter learns from the place of its heaviest particle, in every frame, at the rate of KCF; a stored one
+  that is in use learns as well, in its copy: the store keeps it as it was. The filter with the greatest response is
+  stored. A filter that no particle carries any more is dropped.
+* (3.7): see `particles.dispersion` for the matrix C and the filter numbers, `particles.step_deviation` for ``a``.
+* Particles are drawn anew in every frame of the search, systematically.
+
+What `ROBUST` adds, each for a failure seen on videos: see the attributes below the line in `KcfParticleSettings`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, shipped_objectness
+from tsuiseki.tracking.filters.correlation import FilterBank, Samples, join, local_maxima, respond
+from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState, bootstrap
+from tsuiseki.tracking.filters.weights import probabilities
+from tsuiseki.tracking.likelihoods.foreground_colour import ForegroundColour
+from tsuiseki.tracking.likelihoods.response import ResponseMaps, likelihood, object_overlap
+from tsuiseki.tracking.trackers.single import kcf
+from tsuiseki.tracking.trackers.single.archive import Archive
+from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
+from tsuiseki.tracking.trackers.single.particles import (
+    best_by_filter,
+    dispersion,
+    draw_particles,
+    random_walk,
+    step_deviation,
+)
+from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+
+Past = Literal["uniform", "score"]
+PROPOSALS = 100
+SMALLEST_LIKELIHOOD = 1e-6
+
+
+@dataclass(frozen=True)
+class KcfParticleSettings:
+    """Constants; the defaults are Table 3.2 and the choices of 3.3.3.
+
+    Attributes:
+        kcf: of the correlation filters.
+        switch: epsilon_1, the search starts when the greatest response is at most this.
+        plain_frames: H, frames after a search in which none starts.
+        stored: U, filters of the past.
+        particles: N.
+        divisor: a, of the covariance S of the motion.
+        past_share: mu, probability of a filter of the past.
+        convergence: epsilon_2, the search ends when V / (w1 h1) is below.
+        response_share: alpha of equation (3.4); 1 leaves objectness out.
+        hypotheses: M, maxima of the response.
+        past: filters of the past drawn all alike, or by the response that each had when it was stored.
+
+        spread: factor on the standard deviation of S: 2.7 pixels for a target of 25 is less than people move.
+        reach: windows searched to each side of the one about the target; 0 is the thesis.
+        sharpness: power of the likelihood; responses of right and wrong places differ by less than a factor of two.
+        colour: weight of `ForegroundColour` in the exponent of the likelihood; 0 leaves it out.
+        relative_switch: the search also starts when the response falls below this share of its running mean.
+        drift_switch: likewise for the colour score: a filter that has settled on the background stays confident.
+        drift_interval: frames between looks at the colours.
+        end_response: the search ends only when the best particle's response is at least this share of epsilon_1.
+        learns_while_searching: whether filters learn before it is known who is right.
+        keeps_first: keep the filter of the first frame, the only one that is surely right, in the store.
+        store_interval: frames between stored filters.
+        lost_after: frames of search after which the target counts as lost.
+        redetect_reach: like ``reach``, once it is lost; 0 leaves ``reach``.
+    """
+
+    kcf: kcf.KcfSettings = field(default_factory=lambda: kcf.THESIS)
+    switch: float = 0.2
+    plain_frames: int = 50
+    stored: int = 20
+    particles: int = 200
+    divisor: float = 10 / 3
+    past_share: float = 0.5
+    convergence: float = 0.03
+    response_share: float = 0.3
+    hypotheses: int = 20
+    past: Past = "uniform"
+
+    spread: float = 1.0
+    reach: int = 0
+    sharpness: float = 1.0
+    colour: float = 0.0
+    relative_switch: float = 0.0
+    drift_switch: float = 0.0
+    drift_interval: int = 5
+    end_response: float = 0.0
+    learns_while_searching: bool = True
+    keeps_first: bool = False
+    store_interval: int = 1
+    lost_after: int = 30
+    redetect_reach: int = 0
+
+
+THESIS = KcfParticleSettings()
+ROBUST = KcfParticleSettings(
+    kcf=kcf.KcfSettings(),
+    plain_frames=3,
+    past="score",
+    response_share=1.0,
+    spread=3.0,
+    reach=1,
+    sharpness=2.0,
+    colour=6.0,
+    relative_switch=0.65,
+    drift_switch=0.7,
+    end_response=0.8,
+    stored=8,
+    store_interval=3,
+    learns_while_searching=False,
+    keeps_first=True,
+)
+
+
+@dataclass(frozen=True)
+class Running:
+    """A running mean, and how a new value compares to it."""
+
+    mean: float | None = None
+    rate: float = 0.05
+
+    def add(self, value: float) -> Running:
+        """With one more value."""
+        return Running(value if self.mean is None else self.mean + self.rate * (value - self.mean), self.rate)
+
+    def falls_below(self, share: float, value: float) -> bool:
+        """Whether ``value`` is less than ``share`` of the mean so far."""
+        return self.mean is not None and value < share * self.mean
+
+
+@dataclass(frozen=True)
+class Search:
+    """The particle filter at work.
+
+    Attributes:
+        state: particles ``x, y, filter`` and their log-weights.
+        bank: the filters in use, by number.
+        frames: how long it has lasted, this frame included.
+    """
+
+    state: ParticleState
+    bank: FilterBank
+    frames: int
+
+
+@dataclass(frozen=True)
+class SearchView:
+    """What the particles see of one frame."""
+
+    maps: ResponseMaps
+    image: ImageArray
+    proposals: FloatArray
+
+
+class KcfParticle:
+    """The combined tracker of one target; see the module.
+
+    Attributes:
+        settings: constants.
+        target: where the target is, and the filter that tracks alone.
+        search: the particle filter, None while the filter tracks alone.
+        searched_frames: in how many frames the particle filter ran.
+    """
+
+    def __init__(
+        self, settings: KcfParticleSettings = ROBUST, seed: int = 0, objectness: ObjectnessModel | None = None
+    ) -> None:
+        self.settings = settings
+        self._rng = np.random.default_rng(seed)
+        self._objectness = objectness
+        self.search: Search | None = None
+        self.searched_frames = 0
+
+    def start(self, image: ImageArray, box: FloatArray) -> None:
+        """Take ``box`` ``(4,)`` of the first frame as the target."""
+        size = box[2:] - box[:2]
+        settings = self.settings
+        self._model = kcf.Kcf.of(settings.kcf, float(size[0]), float(size[1]))
+        self.target = kcf.start(self._model, image, box_centre(box))
+        self._deviation = step_deviation(self._model.target, settings.divisor) * settings.spread
+        self._archive = Archive(settings.stored, self.target.bank if settings.keeps_first else None)
+        self._colour = ForegroundColour.learn(image, box) if settings.colour or settings.drift_switch else None
+        self._peaks, self._colours = Running(), Running(rate=0.1)
+        self._frame = self._plain_left = self.searched_frames = 0
+        self.search = None
+        if settings.response_share < 1 and self._objectness is None:
+            self._objectness = shipped_objectness()
+        if self._objectness is not None:
+            self._near_sizes = self._objectness.near(float(size[0]), float(size[1]))
+
+    def follow(self, image: ImageArray) -> Sighting:
+        """The target in the next frame."""
+        self._frame += 1
+        if self.search is None:
+            found = kcf.locate(self._model, self.target, image)
+            if self._plain_left > 0 or not self._doubtful(image, found):
+                self._go_on(image, found)
+                return Sighting(self._box(), found.peak, "tracking")
+            self._begin_search(image)
+        else:
+            self._continue_search(image, self.search)
+        return Sighting(self._box(), self.target.peak, self._status())
+
+    def _doubtful(self, image: ImageArray, found: kcf.KcfState) -> bool:
+        """3.2.2: whether the particle filter takes over."""
+        settings = self.settings
+        if found.peak <= settings.switch or self._peaks.falls_below(settings.relative_switch, found.peak):
+            return True
+        if self._colour is None or not settings.drift_switch or self._frame % settings.drift_interval:
+            return False
+        score = float(self._colour.score(image, self._model.box(found.centre, found.size)[None])[0])
+        return self._colours.falls_below(settings.drift_switch, score)
+
+    def _go_on(self, image: ImageArray, found: kcf.KcfState) -> None:
+        """Learn from the frame, as KCF does, and keep the filter, 3.2.7."""
+        self._plain_left = max(self._plain_left - 1, 0)
+        bank = self._model.update(found.bank, image, found.centre[None], np.array([found.size]))
+        self.target = replace(found, bank=bank)
+        self._peaks = self._peaks.add(found.peak)
+        if self._frame % self.settings.store_interval == 0:
+            self._archive = self._archive.add(bank, found.peak)
+        if self._colour is not None and self._frame % self.settings.drift_interval == 0:
+            self._colours = self._colours.add(float(self._colour.score(image, self._box()[None])[0]))
+            new = ForegroundColour.learn(image, self._box())
+            self._colour = self._colour if new is None else self._colour.blend(new, 0.04)
+
+    def _begin_search(self, image: ImageArray) -> None:
+        """Algorithm 1: particles about the highest maxima of the present filter's response."""
+        settings = self.settings
+        past = self._archive.candidates()
+        peaks = self._highest_maxima(image)
+        weights = self._archive.weights(settings.past == "score")
+        particles = draw_particles(
+            peaks, len(past), weights, settings.past_share, settings.particles, self._deviation, self._rng
+        )
+        banks = [self.target.bank] * len(peaks) + list(past)
+        if not settings.learns_while_searching:  # the hypotheses stay one filter, which then responds only once
+            particles[:, 2] = np.maximum(particles[:, 2] - (len(peaks) - 1), 0)
+            banks = banks[len(peaks) - 1 :]
+        used, numbers = np.unique(particles[:, 2].astype(np.int64), return_inverse=True)
+        particles[:, 2] = numbers
+        bank = join([banks[number] for number in used])
+        state = self._filter(move=False).init(particles)
+        self._weigh(image, Search(state, bank, 0), move=False)
+
+    def _continue_search(self, image: ImageArray, search: Search) -> None:
+        self._weigh(image, search, move=True)
+
+    def _windows(self, image: ImageArray) -> tuple[Samples, FloatArray]:
+        """The windows of a frame of search and their centres."""
+        settings, target = self.settings, self.target
+        lost = self.search is not None and self._status() == "lost"
+        reach = settings.redetect_reach if lost and settings.redetect_reach else settings.reach
+        if reach == 0:
+            return self._model.window.describe(image, target.centre[None], np.array([target.size])), target.centre[None]
+        return self._model.window.describe_around(image, target.centre, target.size, reach)
+
+    def _view(self, image: ImageArray, bank: FilterBank) -> SearchView:
+        """Responses of all filters in all windows, and what looks like an object near them."""
+        windows, centres = self._windows(image)
+        kernel = self.settings.kcf.kernel
+        maps = np.stack([respond(bank, windows.select(slice(k, k + 1)), kernel) for k in range(len(centres))])
+        proposals = np.empty((0, 4))
+        if self.settings.response_share < 1:
+            half = self._model.target * self.target.size * self.settings.kcf.padding / 2
+            region = np.concatenate([centres.min(axis=0) - half, centres.max(axis=0) + half])
+            proposals, _ = propose(image, self._near_sizes, PROPOSALS, region)
+        return SearchView(ResponseMaps(maps, centres, self._model.window.cell_pixels(self.target.size)), image, proposals)
+
+    def _boxes(self, particles: FloatArray) -> FloatArray:
+        half = self._model.target * self.target.size / 2
+        return np.concatenate([particles[:, :2] - half, particles[:, :2] + half], axis=1)
+
+    def _log_likelihood(self, particles: FloatArray, view: SearchView) -> FloatArray:
+        """Equation (3.4), sharpened and joined with the colours where the settings say so."""
+        settings = self.settings
+        boxes = self._boxes(particles)
+        response = view.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
+        overlap = object_overlap(boxes, view.proposals) if settings.response_share < 1 else np.zeros(len(boxes))
+        result = np.log(likelihood(response, overlap, settings.response_share) + SMALLEST_LIKELIHOOD)
+        if settings.colour and self._colour is not None:
+            score = self._colour.score(view.image, boxes)
+            usual = self._colours.mean if self._colours.mean is not None else float(score.max())
+            result += settings.colour * np.minimum(score - usual, 0)
+        return settings.sharpness * result
+
+    def _filter(self, move: bool) -> ParticleFilter[SearchView]:
+        """Sequential importance resampling in every frame; the particles of the first one stay where they were drawn."""
+        motion = random_walk(self._deviation) if move else _stay
+        return ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=1.0)
+
+    def _weigh(self, image: ImageArray, search: Search, move: bool) -> None:
+        """One frame of search: move, weigh, take the heaviest particle, learn, and see whether they agree."""
+        settings = self.settings
+        view = self._view(image, search.bank)
+        state, _ = self._filter(move).step(search.state, view, self._rng)
+        weights = probabilities(state.log_weights)
+        best = state.particles[int(np.argmax(weights))]
+        response = float(view.maps.at(best[None, :2], best[None, 2].astype(np.int64))[0])
+        self.searched_frames += 1
+        self.target = replace(self.target, centre=best[:2].copy(), peak=response)
+        used, places = best_by_filter(state.particles, weights)
+        bank = search.bank.select(used)
+        if settings.learns_while_searching:
+            bank = self._model.update(bank, image, places, np.full(len(places), self.target.size))
+            strongest = int(np.argmax(view.maps.maps[:, used].max(axis=(0, 2, 3))))
+            value = float(view.maps.maps[:, used[strongest]].max())
+            self._archive = self._archive.add(bank.select(slice(strongest, strongest + 1)), value)
+        numbers = np.searchsorted(used, state.particles[:, 2])
+        particles = np.column_stack([state.particles[:, :2], numbers])
+        self.search = Search(ParticleState(particles, state.log_weights), bank, search.frames + 1)
+        spread = dispersion(particles, weights, self._deviation**2) / float(np.prod(self._model.target))
+        if spread < settings.convergence and response >= settings.end_response * settings.switch:
+            self._end_search(bank.select(slice(int(numbers[np.argmax(weights)]), int(numbers[np.argmax(weights)]) + 1)))
+
+    def _end_search(self, bank: FilterBank) -> None:
+        """3.2.6: the best particle's filter goes on alone."""
+        self.target = replace(self.target, bank=bank)
+        self.search, self._plain_left = None, self.settings.plain_frames
+
+    def _highest_maxima(self, image: ImageArray) -> FloatArray:
+        """Places ``(M, 2)`` of the highest maxima of the present filter's responses, highest first."""
+        view = self._view(image, self.target.bank)
+        places, values = [], []
+        for k, centre in enumerate(view.maps.centres):
+            shifts, heights = local_maxima(view.maps.maps[k, 0], self.settings.hypotheses)
+            found = centre + shifts * view.maps.cell
+            # Windows overlap: a maximum counts in the window whose centre is nearest.
+            nearest = np.argmin(((found[:, None] - view.maps.centres[None]) ** 2).sum(axis=2), axis=1)
+            places.append(found[nearest == k])
+            values.append(heights[nearest == k])
+        order = np.argsort(-np.concatenate(values), kind="stable")[: self.settings.hypotheses]
+        # A flat response, as on a constant image, has no maximum: the target is where it was.
+        return np.concatenate(places)[order] if len(order) else self.target.centre[None]
+
+    def _box(self) -> FloatArray:
+        return self._model.box(self.target.centre, self.target.size)
+
+    def _status(self) -> Status:
+        if self.search is None:
+            return "tracking"
+        return "searching" if self.search.frames <= self.settings.lost_after else "lost"
+
+
+def _stay(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
+    del rng
+    return particles
