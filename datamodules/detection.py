@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import cv2
@@ -16,6 +17,8 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
+from tsuiseki.datamodules.scene_images import write_scene_images
+from tsuiseki.datamodules.scenes.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks import fit_image
 from tsuiseki.tracking.onnx import ModelCard
@@ -196,6 +199,14 @@ class DetectionData(lightning.LightningDataModule):
         self.augmentation = augmentation
         self.composition = composition
         self.seed = seed
+
+    def prepare_data(self) -> None:
+        """Generate the pictures of sources that ask for it, where their folder is missing."""
+        settings = TrainingSettings(width=self.size[1], height=self.size[0])
+        for source in [*self.sources["train"], *self.sources["val"]]:
+            if source.generate and not Path(source.folder).exists():
+                print(f"generating {source.generate} pictures into {source.folder}", flush=True)
+                write_scene_images(Path(source.folder), source.generate, settings, source.seed)
 
     def setup(self, stage: str) -> None:
         """Read the labels, decode what fits into memory, cut people out and render others."""

@@ -27,12 +27,18 @@ class Source:
         frames: first and last frame of each sequence, 1-based and both included; null for all.
         share: how often examples come from here, relative to the other sources.
         fixed_camera: the camera stands still in each sequence, so that people can be cut out and pasted.
+        least_visible: people of whom a smaller share is visible are ignored, in [0, 1].
+        generate: fill a folder that does not exist with this many random generated pictures.
+        seed: of those.
     """
 
     folder: str
     frames: tuple[int, int] | None = None
     share: float = 1.0
     fixed_camera: bool = False
+    least_visible: float = 0.25
+    generate: int = 0
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -80,7 +86,7 @@ class Footage:
         """The labelled image at ``index``."""
         label = self.labels[index]
         image = read_image(label.path) if self._decoded is None else self._decoded[index]
-        return Example(image, label.boxes, label.ignored)
+        return Example(image, label.boxes, label.ignored | (label.visibility < self.source.least_visible))
 
     def view(self, index: int) -> FixedView | None:
         """The fixed view that image ``index`` belongs to, if the source says that the camera stands still."""

@@ -1,7 +1,7 @@
-"""Losses that learn a distance from identities: contrastive and triplet, on the hardest pairs of a batch.
+"""Losses that learn a distance from identities: contrastive and triplet, on the hardest pairs of a batch or on all.
 
-A batch holds P identities with K views each. Every view is once the anchor; its farthest view of the same identity
-and its closest view of another are the pairs that count (batch-hard mining, Hermans et al. 2017).
+A batch holds P identities with K views each, and every view is once the anchor. Batch-hard mining (Hermans et al.
+2017) counts only its farthest view of the same identity and its closest view of another.
 """
 
 from __future__ import annotations
@@ -29,14 +29,11 @@ def hardest_distances(features: Tensor, ids: Tensor) -> tuple[Tensor, Tensor]:
     Raises:
         ValueError: an anchor has no positive or no negative.
     """
-    same = ids[:, None] == ids[None, :]
-    other = ~torch.eye(len(ids), dtype=torch.bool, device=ids.device)
-    positive, negative = same & other, ~same
-    if not bool(positive.any(dim=1).all() and negative.any(dim=1).all()):
-        raise ValueError(f"expected at least two identities with two views each, got ids {ids.tolist()}")
+    same = _same_person(ids)
+    itself = torch.eye(len(ids), dtype=torch.bool, device=ids.device)
     distances = pairwise_distances(features)
-    farthest = distances.masked_fill(~positive, -torch.inf).amax(dim=1)
-    closest = distances.masked_fill(~negative, torch.inf).amin(dim=1)
+    farthest = distances.masked_fill(~same | itself, -torch.inf).amax(dim=1)
+    closest = distances.masked_fill(same, torch.inf).amin(dim=1)
     return farthest, closest
 
 
@@ -62,3 +59,34 @@ def contrastive_loss(features: Tensor, ids: Tensor, margin: float) -> Tensor:
     """
     farthest, closest = hardest_distances(features, ids)
     return ((farthest**2 + functional.relu(margin - closest) ** 2) / 2).mean()
+
+
+def softmax_contrastive_loss(features: Tensor, ids: Tensor, temperature: float) -> Tensor:
+    """Contrastive loss over all pairs of a batch (supervised contrastive, Khosla et al. 2020, eq. 2).
+
+    For every anchor, the mean over its positives of -log of the positive's share in the sum of
+    exp(cosine / temperature) over all others: hard pairs weigh most, but none is left out, so it learns from the
+    first step on, where the hardest pairs alone still say little.
+
+    Args:
+        features: ``(B, D)`` of unit length.
+        ids: ``(B,)`` identities; each at least twice, and at least two different ones.
+        temperature: above 0; the lower, the more the hardest pairs count.
+
+    Raises:
+        ValueError: an anchor has no positive or no negative.
+    """
+    itself = torch.eye(len(ids), dtype=torch.bool, device=ids.device)
+    positive = _same_person(ids) & ~itself
+    logits = (features @ features.T / temperature).masked_fill(itself, -torch.inf)
+    log_share = logits - logits.logsumexp(dim=1, keepdim=True)
+    return -(log_share.masked_fill(~positive, 0).sum(dim=1) / positive.sum(dim=1)).mean()
+
+
+def _same_person(ids: Tensor) -> Tensor:
+    """``(B, B)`` whether two views show one person; every view needs another of its person and one of somebody else."""
+    same = ids[:, None] == ids[None, :]
+    count = same.sum(dim=1)
+    if not bool(((count > 1) & (count < len(ids))).all()):
+        raise ValueError(f"expected at least two identities with two views each, got ids {ids.tolist()}")
+    return same

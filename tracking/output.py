@@ -107,7 +107,15 @@ class RunRecord:
             "files": sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()),
             "frames": self.frames,
         }
-        (folder / RUN_FILE).write_text(json.dumps(values, indent=1, default=str) + "\n", encoding="utf-8")
+        (folder / RUN_FILE).write_text(_readable(values), encoding="utf-8")
+
+
+def _readable(values: Mapping[str, Any]) -> str:
+    """JSON with a line for each setting and each column of numbers."""
+    text = json.dumps({**values, "frames": None}, indent=2, default=str)
+    columns = ",\n".join(f"    {json.dumps(name)}: {json.dumps(list(c))}" for name, c in values["frames"].items())
+    assert text.endswith('"frames": null\n}')
+    return text.removesuffix("null\n}") + ("{\n" + columns + "\n  }" if columns else "{}") + "\n}\n"
 
 
 def versions() -> dict[str, str]:

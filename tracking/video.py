@@ -296,7 +296,8 @@ def _common_size(images: tuple[Path, ...]) -> tuple[int, int]:
 def _image_size(path: Path) -> tuple[int, int]:
     try:
         with Image.open(path) as image:
-            turned = image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
+            # Asking a PNG for tags that it does not have would decode it all.
+            turned = "exif" in image.info and image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
             return (image.height, image.width) if turned else (image.width, image.height)
     except (UnidentifiedImageError, OSError, Image.DecompressionBombError, SyntaxError) as error:
         raise RequestError(f"{path}: expected an image, got something that cannot be decoded") from error

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Literal
@@ -36,7 +40,8 @@ class VideoWriter:
         if self._writer is None:
             self._size = (width, height)
             fourcc = cv2.VideoWriter.fourcc(*self.codec)
-            self._writer = cv2.VideoWriter(str(self.path), fourcc, self.frame_rate, self._size)
+            with _silent_stderr():
+                self._writer = cv2.VideoWriter(str(self.path), fourcc, self.frame_rate, self._size)
             if not self._writer.isOpened():
                 raise RunError(f"{self.path}: OpenCV cannot write WebM video ({self.codec}) on this machine")
         if (width, height) != self._size:
@@ -51,3 +56,18 @@ class VideoWriter:
     ) -> None:
         if self._writer is not None:
             self._writer.release()
+
+
+@contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """OpenCV prints that the container has no tag for the codec, which WebM needs none for, whatever its log level."""
+    sys.stderr.flush()
+    before = os.dup(2)
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 2)
+        yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+        os.close(nothing)

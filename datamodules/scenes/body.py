@@ -193,7 +193,7 @@ def _limbs(
     build: Build, pose: Pose, k: int, chest: FloatArray, pelvis_axes: FloatArray, trunk_axes: FloatArray
 ) -> tuple[FloatArray, ...]:
     side, height = SIDES[k], build.height
-    shoulder = chest + trunk_axes @ np.array([0, side * 0.105 * height * build.shoulders, 0])
+    shoulder = chest + trunk_axes @ np.array([0, side * 0.105 * height * build.shoulders, -0.01 * height])
     elbow = shoulder + trunk_axes @ hanging(pose.shoulder[k], pose.spread[k], side) * UPPER_ARM * height
     forearm = trunk_axes @ hanging(pose.shoulder[k] + pose.elbow[k], pose.spread[k] - pose.inward[k], side)
     wrist = elbow + forearm * FOREARM * height

@@ -59,21 +59,21 @@ def random_degradation(rng: np.random.Generator, strength: float = 1.0) -> Degra
 
 
 def automatic_exposure(linear: Float32) -> float:
-    """The factor that brings a picture's middle to a middle grey, as a camera does."""
-    return 0.2 / max(float(np.median(linear[::8, ::8])), 1e-3)
+    """The factor that brings a picture's middle to a middle grey and keeps its bright parts, as a camera does."""
+    middle, bright = np.percentile(linear[::8, ::8], [50, 95])
+    return min(0.25 / max(float(middle), 1e-3), 1.1 / max(float(bright), 1e-3))
 
 
 def degrade(linear: Float32, how: Degradation, rng: np.random.Generator) -> ImageArray:
     """``(H, W, 3)`` linear light to a uint8 RGB image."""
     factors = np.float32(how.exposure) * np.array(how.cast, dtype=np.float32)
     image = np.sqrt(np.clip(linear * factors, 0, 1))
-    image = (image - np.float32(0.45)) * np.float32(how.contrast * (1 - how.haze)) + np.float32(
-        0.45 * (1 - how.haze) + 0.75 * how.haze
-    )
-    if how.saturation != 1:
-        grey = image.mean(axis=2, keepdims=True)
-        image = grey + np.float32(how.saturation) * (image - grey)
-    return finish(image * np.float32(255), how, rng)
+    # Saturation, contrast and haze are one affine map of the colours.
+    mixing = how.saturation * np.eye(3) + (1 - how.saturation) / 3
+    gain = how.contrast * (1 - how.haze)
+    offset = 0.45 * (1 - how.haze) + 0.75 * how.haze - 0.45 * gain
+    affine = 255 * np.concatenate([gain * mixing, np.full((3, 1), offset)], axis=1)
+    return finish(np.asarray(cv2.transform(image, affine), dtype=np.float32), how, rng)
 
 
 def finish(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageArray:
@@ -89,10 +89,17 @@ def finish(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageA
     if how.sharpen > 0:
         image = image + np.float32(how.sharpen) * (image - cv2.GaussianBlur(image, (0, 0), 1.2))
     if how.noise > 0:
-        image = image + np.float32(how.noise) * rng.standard_normal((height, width, 3), dtype=np.float32)
+        image = image + np.float32(how.noise) * _sensor_noise(rng, height, width)
     result = np.clip(image, 0, 255).astype(np.uint8)
     if how.jpeg:
         # The order of the colours matters to JPEG, which keeps less of the blue.
         data = cv2.imencode(".jpg", result[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, how.jpeg])[1]
         result = np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)[:, :, ::-1])
     return result
+
+
+def _sensor_noise(rng: np.random.Generator, height: int, width: int) -> Float32:
+    """``(height, width, 3)`` of about unit deviation: fine in brightness, coarser and weaker in colour."""
+    grey = np.float32(0.85) * rng.standard_normal((height, width, 1), dtype=np.float32)
+    coarse = np.float32(0.75) * rng.standard_normal(((height + 1) // 2, (width + 1) // 2, 3), dtype=np.float32)
+    return np.asarray(grey + cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR))

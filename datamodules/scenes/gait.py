@@ -58,7 +58,7 @@ def random_manner(rng: np.random.Generator) -> Manner:
 def stride_length(build: Build, manner: Manner, speed: float) -> float:
     """Metres between two steps of the same foot at ``speed`` m/s: faster people take longer strides."""
     hurry = min(speed / SHUFFLE, 1.0)
-    return max(manner.stride * build.height * build.legs * (0.34 + 0.31 * min(speed, 2.2)) * hurry, 0.01)
+    return max(manner.stride * build.height * build.legs * (0.36 + 0.27 * min(speed, 2.0)) * hurry, 0.01)
 
 
 def walking(build: Build, manner: Manner, phase: float, speed: float) -> Pose:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,6 +12,9 @@ from tsuiseki.datamodules.scenes.raster import Camera, Layer, silhouette_box, tr
 from tsuiseki.datamodules.scenes.shading import Light, shade
 from tsuiseki.datamodules.scenes.solids import Float32, Solids
 from tsuiseki.tracking.types import BoolArray, FloatArray
+
+# Share of all light that reaches the ground under a thing less than beside it.
+OCCLUSION = 0.3
 
 
 @dataclass(frozen=True)
@@ -153,25 +156,48 @@ def _by_pixel(fine: Float32, samples: int) -> Float32:
     return np.asarray(cv2.resize(fine, (width // samples, height // samples), interpolation=cv2.INTER_AREA))
 
 
-def shadows(things: list[Thing], camera: Camera, light: Light, softness: float) -> Float32:
-    """``(H, W)`` share of the sunlight that ``things`` keep from the ground, in [0, 1].
+def darken(
+    picture: Picture, things: list[Thing], camera: Camera, light: Light, sunlit: Float32, softness: float
+) -> tuple[Picture, Float32]:
+    """``picture`` with the shadows of ``things`` on its ground, and the ``(H, W)`` sunlit share that is left.
+
+    Beside the sun's shadow, a thing keeps some of the sky's light from the ground right under it.
+
+    Args:
+        picture: to be darkened where nothing stands.
+        things: that throw shadows.
+        camera: of the picture.
+        light: of the scene.
+        sunlit: ``(H, W)`` share of the light that comes straight from the sun.
+        softness: standard deviation of the blur of the shadows, pixels.
+    """
+    sun = shadows(things, camera, light.direction, softness)
+    under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 2.0 + softness)
+    kept = (1 - sun * sunlit) * (1 - np.float32(OCCLUSION) * under)
+    open_ground = picture.open_ground
+    shade_factor = 1 - open_ground * (1 - kept)
+    return replace(picture, colour=picture.colour * shade_factor[:, :, None]), sunlit * (1 - sun) * open_ground
+
+
+def shadows(things: list[Thing], camera: Camera, direction: Float32, softness: float) -> Float32:
+    """``(H, W)`` share of the ground that ``things`` hide from ``direction``, in [0, 1].
 
     A cone-sphere's shadow is the convex hull of its spheres' shadows; ``softness`` blurs it, in pixels.
     """
     mask = np.zeros((camera.height, camera.width), dtype=np.uint8)
-    if light.direction[2] < 0.05:
+    if direction[2] < 0.05:
         return mask.astype(np.float32)
     for thing in things:
-        for polygon in _shadow_polygons(thing.solids, camera, light):
+        for polygon in _shadow_polygons(thing.solids, camera, direction):
             cv2.fillConvexPoly(mask, polygon, 255, lineType=cv2.LINE_AA, shift=4)
     blurred = cv2.GaussianBlur(mask, (0, 0), softness) if softness > 0 else mask
     return np.asarray(blurred, dtype=np.float32) / np.float32(255)
 
 
 def _shadow_polygons(
-    solids: Solids, camera: Camera, light: Light
+    solids: Solids, camera: Camera, direction: Float32
 ) -> list[np.ndarray[tuple[int, ...], np.dtype[np.int32]]]:
-    sun = light.direction.astype(np.float64)
+    sun = direction.astype(np.float64)
     across = np.cross(sun, [0.0, 0.0, 1.0] if sun[2] < 0.99 else [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
     upward = np.cross(across, sun)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from tsuiseki.datamodules.scenes.degrade import Degradation, automatic_exposure, degrade
 from tsuiseki.datamodules.scenes.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.person import person_solids
-from tsuiseki.datamodules.scenes.scene import Picture, Thing, compose, empty_picture, shadows
+from tsuiseki.datamodules.scenes.scene import Picture, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.shading import Light, random_light
 from tsuiseki.datamodules.scenes.solids import Float32
 from tsuiseki.datamodules.scenes.staging import (
@@ -27,13 +31,14 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
 from tsuiseki.tracking.geometry import areas, clip_boxes
-from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 CAMERAS = 300
 # Share of the image in which people have a wanted size, at least.
-WALKABLE = 0.35
+WALKABLE = 0.45
 LARGEST = 0.05
+# Square metres of the ground in view for each person, at least.
+ROOM = 5.0
 # Share of a person's box that lies inside the image, at least, for a row of the truth.
 INSIDE = 0.1
 
@@ -69,7 +74,7 @@ class StreetSettings:
     people: int = 10
     occluders: int = 7
     camera_height: tuple[float, float] = (2.5, 9.0)
-    person_height: tuple[float, float] = (30.0, 220.0)
+    person_height: tuple[float, float] = (30.0, 170.0)
     groups: float = 0.35
     pauses: float = 0.25
     look_alikes: float = 0.15
@@ -88,13 +93,21 @@ class StreetSettings:
             (self.people >= 1 and self.occluders >= 0, "people >= 1, occluders >= 0", (self.people, self.occluders)),
             (0 < self.camera_height[0] <= self.camera_height[1], "camera_height as (low, high)", self.camera_height),
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
+            (
+                all(0 <= p <= 1 for p in (self.groups, self.pauses, self.look_alikes)),
+                "groups, pauses and look_alikes in [0, 1]",
+                (self.groups, self.pauses, self.look_alikes),
+            ),
             (1 <= self.jpeg <= 100 and 1 <= self.samples <= 8, "jpeg 1-100, samples 1-8", (self.jpeg, self.samples)),
             (self.speed[0] > 0 and self.speed[1] >= 0, "a positive mean speed", self.speed),
-            (min(self.noise, self.blur, self.exposure_drift) >= 0, "no negative noise, blur or drift", "one"),
+            (min(self._lens()) >= 0, "no negative noise, blur or drift", self._lens()),
         )
         for holds, what, got in expected:
             if not holds:
                 raise RequestError(f"street clip: expected {what}, got {got}")
+
+    def _lens(self) -> tuple[float, float, float]:
+        return self.noise, self.blur, self.exposure_drift
 
 
 @dataclass(frozen=True)
@@ -137,10 +150,8 @@ def plan_street(settings: StreetSettings, seed: int) -> Street:
     middles = [t.solids.start[0, :2].astype(np.float64) for t in static]
     obstacles = [[*m, reach_of(t.solids, m)] for m, t in zip(middles, static, strict=True)]
     static += buildings_behind(rng, int(rng.integers(1, 4)), float(np.linalg.norm(spots, axis=1).max()))
-    dark = shadows(static, camera, light, 1.0)
-    background, _ = compose(
-        empty_picture(ground * (1 - dark * sunlit)[:, :, None], settings.samples), static, camera, light
-    )
+    bare, sunlit = darken(empty_picture(ground, settings.samples), static, camera, light, sunlit, 1.0)
+    background, _ = compose(bare, static, camera, light)
     walkers = crowd(
         rng,
         CrowdSettings(settings.people, settings.groups, settings.pauses, settings.speed, settings.look_alikes),
@@ -161,8 +172,7 @@ def plan_street(settings: StreetSettings, seed: int) -> Street:
     seconds = np.arange(settings.frames) / settings.frame_rate
     waves = zip(rng.uniform(0.02, 0.3, 3), rng.uniform(0, 2 * np.pi, 3), strict=True)
     drift = np.exp(settings.exposure_drift * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
-    open_sun = sunlit * (1 - dark) * background.open_ground
-    return Street(settings, seed, camera, light, background, open_sun, walkers, lens, np.asarray(drift))
+    return Street(settings, seed, camera, light, background, sunlit, walkers, lens, np.asarray(drift))
 
 
 def draw_street(street: Street, frame: int) -> tuple[ImageArray, FrameTruth]:
@@ -174,8 +184,7 @@ def draw_street(street: Street, frame: int) -> tuple[ImageArray, FrameTruth]:
         t = frame - walker.first
         solids = person_solids(walker.person, walker.pose(frame), walker.positions[t], float(walker.headings[t]))
         things.append(Thing(solids, walker.person.look))
-    dark = shadows(things, camera, street.light, 1.0)
-    picture = replace(street.background, colour=street.background.colour * (1 - dark * street.sunlit)[:, :, None])
+    picture, _ = darken(street.background, things, camera, street.light, street.sunlit, 1.0)
     picture, sightings = compose(picture, things, camera, street.light)
     rng = np.random.default_rng([street.seed, 1, frame])
     image = degrade(picture.colour, replace(street.lens, exposure=street.lens.exposure * street.drift[frame]), rng)
@@ -194,25 +203,72 @@ def street_frames(settings: StreetSettings, seed: int) -> Iterator[tuple[ImageAr
         yield draw_street(street, frame)
 
 
-def write_street(folder: str | Path, settings: StreetSettings, seed: int, overwrite: bool = False) -> Path:
+def write_street(
+    folder: str | Path, settings: StreetSettings, seed: int, overwrite: bool = False, name: str = ""
+) -> Path:
     """Write a clip in the MOTChallenge layout: ``img1/000001.jpg``, ..., ``gt/gt.txt``, ``seqinfo.ini``.
 
-    An interrupted run leaves nothing under the final name.
+    It is written beside and renamed: an interrupted run leaves nothing under the final name.
+
+    Args:
+        folder: does not exist yet or is empty, unless ``overwrite``.
+        settings: of the clip.
+        seed: of all chance.
+        overwrite: a clip that the folder holds is replaced, and its other files stay.
+        name: of the sequence; by default the folder's.
 
     Raises:
-        RequestError: ``folder`` is a file, or holds files while ``overwrite`` is False.
+        RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
     """
-    folder = Path(folder)
-    truths = []
-    with output_folder(folder, overwrite) as work:
-        (work / "img1").mkdir()
-        for frame, (image, truth) in enumerate(street_frames(settings, seed)):
-            truths.append(truth)
-            data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, settings.jpeg])[1]
-            (work / "img1" / f"{frame + 1:06d}.jpg").write_bytes(data.tobytes())
-        write_ground_truth(work / "gt" / "gt.txt", as_ground_truth(truths))
-        write_sequence_info(work, folder.name, settings.frame_rate, settings.frames, settings.width, settings.height)
+    folder = Path(folder).resolve()
+    if folder.is_file():
+        raise RequestError(f"expected a folder for the clip, but {folder} is a file; choose another name")
+    filled = folder.is_dir() and any(folder.iterdir())
+    if filled and not overwrite:
+        raise RequestError(f"{folder} already holds files; choose another folder or add --overwrite")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise RequestError(f"cannot write a clip at {folder}: {error.strerror}; choose another folder") from error
+    try:
+        _write_clip(work, settings, seed, name or folder.name)
+        # The folder for temporary use is the owner's alone; a result is for everybody whom the umask lets.
+        work.chmod(0o777 & ~_umask())
+        if filled:
+            _replace_clip(work, folder)
+        else:
+            work.replace(folder)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
     return folder
+
+
+def _replace_clip(work: Path, folder: Path) -> None:
+    for new in work.iterdir():
+        old = folder / new.name
+        if old.is_dir() and not old.is_symlink():
+            shutil.rmtree(old)
+        elif new.is_dir():
+            old.unlink(missing_ok=True)
+        new.replace(old)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _write_clip(folder: Path, settings: StreetSettings, seed: int, name: str) -> None:
+    (folder / "img1").mkdir()
+    truths = []
+    for frame, (image, truth) in enumerate(street_frames(settings, seed)):
+        truths.append(truth)
+        data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, settings.jpeg])[1]
+        (folder / "img1" / f"{frame + 1:06d}.jpg").write_bytes(data.tobytes())
+    write_ground_truth(folder / "gt" / "gt.txt", as_ground_truth(truths))
+    write_sequence_info(folder, name, settings.frame_rate, settings.frames, settings.width, settings.height)
 
 
 def as_ground_truth(truths: list[FrameTruth]) -> GroundTruth:
@@ -239,12 +295,13 @@ def _camera(rng: np.random.Generator, settings: StreetSettings) -> tuple[Pinhole
         camera = random_camera(rng, settings.width, settings.height, settings.camera_height)
         spots = camera.ground(feet)[:, :2]
         apparent = apparent_heights(camera, spots)
-        good = (apparent > low) & (apparent < high)
-        if good.mean() >= WALKABLE:
+        heads, _ = camera.project(np.nan_to_num(np.insert(spots, 2, 1.8, axis=1)))
+        good = (apparent > low) & (apparent < high) & (heads[:, 1] > 0)
+        if good.mean() >= WALKABLE and ConvexHull(spots[good]).volume >= ROOM * settings.people:
             return camera, spots[good]
     raise RequestError(
-        f"expected a person_height that cameras {settings.camera_height} m over the ground can show, "
-        f"got {settings.person_height} pixels; widen one of the two"
+        f"street clip: expected a person_height that cameras {settings.camera_height} m over the ground can show with "
+        f"room for {settings.people} people, got {settings.person_height} pixels; widen one of the two or ask for fewer"
     )
 
 

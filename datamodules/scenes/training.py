@@ -9,7 +9,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.degrade import automatic_exposure, degrade, random_degradation
 from tsuiseki.datamodules.scenes.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.person import person_solids, random_person
-from tsuiseki.datamodules.scenes.scene import Sighting, Thing, compose, empty_picture, shadows
+from tsuiseki.datamodules.scenes.scene import Sighting, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.shading import random_light
 from tsuiseki.datamodules.scenes.sprites import random_pose
 from tsuiseki.datamodules.scenes.staging import apparent_heights, buildings_behind, clutter_around, random_camera
@@ -52,9 +52,12 @@ class TrainingSettings:
         for name in ("people", "person_height", "clutter", "camera_height"):
             low, high = getattr(self, name)
             if not 0 <= low <= high:
-                raise ValueError(f"expected {name} as (least, greatest) with 0 <= least <= greatest, got {low}, {high}")
-        if min(self.width, self.height) < 32 or self.samples < 1:
-            raise ValueError(f"expected at least 32x32 pixels, got {self.width}x{self.height}")
+                raise RequestError(f"training scenes: expected {name} as (least, greatest) from 0, got {low}, {high}")
+        if min(self.width, self.height) < 32 or not 1 <= self.samples <= 8 or self.degradation < 0:
+            raise RequestError(
+                "training scenes: expected at least 32x32 pixels, samples 1-8 and no negative degradation, "
+                f"got {self.width}x{self.height}, {self.samples} and {self.degradation}"
+            )
 
 
 def random_training_scene(
@@ -74,8 +77,8 @@ def random_training_scene(
     count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1))
     static = clutter_around(rng, camera, count, spots, LARGEST)
     static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
-    dark = shadows(static + people, camera, light, float(rng.uniform(0.5, 2.5)))
-    picture = empty_picture(ground * (1 - dark * sunlit)[:, :, None], settings.samples)
+    picture = empty_picture(ground, settings.samples)
+    picture, _ = darken(picture, static + people, camera, light, sunlit, float(rng.uniform(0.5, 2.5)))
     # One pass: static things and people hide each other alike.
     picture, sightings = compose(picture, people + static, camera, light)
     how = random_degradation(rng, settings.degradation)

@@ -6,11 +6,13 @@ A learnt affinity and the hand-set costs share one interface, ``TransitionCost``
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from tsuiseki.tracking.association.gating import GateSettings, pairs_by_gap
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -77,6 +79,35 @@ def pair_features(
     )
 
 
+def priced_pairs(
+    frames: IntArray,
+    boxes: FloatArray,
+    features: FloatArray | None,
+    gate: GateSettings,
+    transition: TransitionCost,
+    miss: float,
+    first_head: int = 0,
+) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Tails, heads and costs of all plausible transitions, one gap at a time.
+
+    Args:
+        frames: ``(N,)`` frame numbers.
+        boxes: ``(N, 4)`` pixels.
+        features: ``(N, D)`` unit length, or None.
+        gate: which pairs are plausible.
+        transition: prices them.
+        miss: added for every frame in between.
+        first_head: only pairs whose later detection has at least this index.
+    """
+    for tail, head, gap in pairs_by_gap(frames, boxes, gate):
+        if first_head:
+            wanted = head >= first_head
+            tail, head = tail[wanted], head[wanted]
+        if len(tail):
+            pairs = pair_features(boxes, features, tail, head, np.full(len(tail), gap))
+            yield tail, head, transition(pairs) + miss * (gap - 1)
+
+
 def cosine_distances(features: FloatArray | None, i: IntArray, j: IntArray) -> FloatArray:
     """``(P,)`` cosine distances in [0, 2] of the unit-length rows ``i`` and ``j``; NaN where one has a NaN."""
     if features is None:
@@ -119,29 +150,39 @@ class ObservationCost:
 class HandSetCost:
     """Transition cost set by hand on position, size and appearance: nothing is learnt.
 
-    The exponent q of thesis eq. 2.14 is a weighted sum in place of boosted trees (eq. 2.15); the cost is
-    log(1 + exp(q)).
+    The exponent q of thesis eq. 2.14 is the logarithm of how much likelier two different people are than one, under
+    simple assumptions in place of boosted trees (eq. 2.15); the cost is log(1 + exp(q)).
 
     Attributes:
-        bias: q of two detections that do not differ at all; negative.
-        position: weight of the squared distance of the centres, in heights.
-        drift: how much of that distance one more frame of gap explains, in heights.
-        size: weight of the absolute log ratio of the heights.
+        bias: q of two detections one frame apart that do not differ, of neutral appearance.
+        noise: standard deviation of the difference of two detected centres, in heights.
+        speed_x: standard deviation of a person's horizontal velocity, in heights a frame.
+        speed_y: standard deviation of the vertical velocity, in heights a frame.
+        spread: how much longer gaps count against a link, as their region of likely positions grows.
+        size: standard deviation of the log ratio of two detected heights of one person.
         appearance: weight of the cosine distance.
-        unknown: cosine distance taken where the appearance is not known.
+        neutral: cosine distance that speaks neither for nor against, taken also where the distance is not known.
     """
 
     bias: float = -3.0
-    position: float = 4.0
-    drift: float = 0.15
-    size: float = 3.0
-    appearance: float = 8.0
-    unknown: float = 0.3
+    noise: float = 0.064
+    speed_x: float = 0.03
+    speed_y: float = 0.022
+    spread: float = 0.85
+    size: float = 0.15
+    appearance: float = 10.0
+    neutral: float = 0.2
 
     def __call__(self, pairs: PairFeatures) -> FloatArray:
         """``(P,)`` costs, above 0."""
-        explained = 1 + self.drift * (pairs.gap - 1)
-        distance = (pairs.dx**2 + pairs.dy**2) / explained**2
-        appearance = np.where(np.isnan(pairs.appearance), self.unknown, pairs.appearance)
-        q = self.bias + self.position * distance + self.size * np.abs(pairs.dh) + self.appearance * appearance
+        gap = pairs.gap.astype(np.float64)
+        noise = self.noise**2
+        variance_x, variance_y = noise + (self.speed_x * gap) ** 2, noise + (self.speed_y * gap) ** 2
+        nearest = (noise + self.speed_x**2) * (noise + self.speed_y**2)
+        q = pairs.dx**2 / variance_x + pairs.dy**2 / variance_y + (pairs.dh / self.size) ** 2
+        q += self.spread * np.log(variance_x * variance_y / nearest)
+        q /= 2
+        q += self.bias
+        known = ~np.isnan(pairs.appearance)
+        q[known] += self.appearance * (pairs.appearance[known] - self.neutral)
         return np.logaddexp(0, q)

@@ -6,6 +6,7 @@ worth is decided by the costs.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,29 +54,44 @@ def candidate_pairs(
         ``(P,)`` arrays ``i``, ``j`` and ``gap`` with ``frames[j] - frames[i] == gap`` and ``1 <= gap <= window``,
         sorted by i, then by j's frame.
     """
-    settings = settings or GateSettings()
-    frames = np.asarray(frames, dtype=np.int64)
-    if len(frames) == 0:
+    pieces = list(pairs_by_gap(frames, boxes, settings or GateSettings()))
+    if not pieces:
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64)
+    gap = np.repeat([gap for _, _, gap in pieces], [len(i) for i, _, _ in pieces])
+    i, j = np.concatenate([i for i, _, _ in pieces]), np.concatenate([j for _, j, _ in pieces])
+    by_detection = np.lexsort((j, gap, i))
+    return i[by_detection], j[by_detection], gap[by_detection]
+
+
+def pairs_by_gap(
+    frames: IntArray, boxes: FloatArray, settings: GateSettings
+) -> Iterator[tuple[IntArray, IntArray, int]]:
+    """The same pairs, one gap at a time, so that they can be priced and thinned out before the next come.
+
+    Args:
+        frames: ``(N,)`` frame numbers, in any order.
+        boxes: ``(N, 4)`` pixels.
+        settings: the gate.
+
+    Yields:
+        Arrays ``i`` and ``j`` of the pairs ``gap`` frames apart, and ``gap``, from 1 on.
+    """
+    if len(frames) == 0:
+        return
+    frames = np.asarray(frames, dtype=np.int64)
     x, y = (boxes[:, 0] + boxes[:, 2]) / 2, (boxes[:, 1] + boxes[:, 3]) / 2
     height = boxes[:, 3] - boxes[:, 1]
     order = np.lexsort((x, frames))
     frames, x, y, height = frames[order] - frames.min(), x[order], y[order], height[order]
     # One sorted key holds frame and x, so that a range of it is the strip of one frame within reach; the key of a
     # frame is wider than the strip, and no strip runs into the next frame.
-    reach = height * (settings.reach + settings.speed * (settings.window - 1))
+    furthest = height.max() * (settings.reach + settings.speed * (settings.window - 1))
     x = x - x.min()
-    width = x.max() + 2 * reach.max() + 1.0
+    width = x.max() + 2 * furthest + 1.0
     key = frames * width + x
-    found = [
-        _pairs_at_gap(gap, key, width, x, y, height, settings) for gap in range(1, min(settings.window, frames[-1]) + 1)
-    ]
-    if not found:
-        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64)
-    gap = np.repeat(np.arange(1, len(found) + 1), [len(i) for i, _ in found])
-    i, j = order[np.concatenate([i for i, _ in found])], order[np.concatenate([j for _, j in found])]
-    by_detection = np.lexsort((j, gap, i))
-    return i[by_detection], j[by_detection], gap[by_detection]
+    for gap in range(1, min(settings.window, int(frames[-1])) + 1):
+        i, j = _pairs_at_gap(gap, key, width, x, y, height, settings)
+        yield order[i], order[j], gap
 
 
 def _pairs_at_gap(

@@ -15,6 +15,7 @@ costs as given.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,24 +70,21 @@ class FlowSolution:
     Attributes:
         used: ``(N,)`` detections that belong to a track: f_obsv.
         follower: ``(N,)`` index of the next detection of the same track, -1 at a track's end or where not used.
+        link: ``(N,)`` cost of the transition to it, 0 where there is none.
         cost: the objective of eq. 2.17.
     """
 
     used: BoolArray
     follower: IntArray
+    link: FloatArray
     cost: float
 
 
 def build_graph(
     observation: FloatArray,
-    tail: IntArray,
-    head: IntArray,
-    gap: IntArray,
-    transition: FloatArray,
-    *,
+    transitions: Iterable[tuple[IntArray, IntArray, FloatArray]],
     entry: float,
     exit: float,
-    miss: float,
 ) -> FlowGraph:
     """The network of one video, without the transitions that no cheapest flow can use.
 
@@ -95,24 +93,23 @@ def build_graph(
 
     Args:
         observation: ``(N,)`` cost of each detection.
-        tail: ``(P,)`` index of the earlier detection of each candidate pair.
-        head: ``(P,)`` index of the later one.
-        gap: ``(P,)`` frames between the two.
-        transition: ``(P,)`` cost of each pair, without missed frames.
+        transitions: arrays of tails, heads and costs; in pieces, so that not all candidates are held at once.
         entry: cost of a track's start.
         exit: cost of a track's end.
-        miss: cost of every frame between two linked detections.
     """
-    cost = transition + miss * (gap - 1)
-    worth = np.flatnonzero(cost < entry + exit)
+    pieces = []
+    for tail, head, cost in transitions:
+        worth = np.flatnonzero(cost < entry + exit)
+        pieces.append((tail[worth], head[worth], cost[worth]))
     count = len(observation)
+    none = np.empty(0, dtype=np.int64)
     return FlowGraph(
         np.asarray(observation, dtype=np.float64),
         np.full(count, float(entry)),
         np.full(count, float(exit)),
-        tail[worth],
-        head[worth],
-        cost[worth],
+        np.concatenate([none, *(tail for tail, _, _ in pieces)]),
+        np.concatenate([none, *(head for _, head, _ in pieces)]),
+        np.concatenate([np.empty(0), *(cost for _, _, cost in pieces)]),
     )
 
 
@@ -129,9 +126,9 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     """
     count = len(graph)
     if count == 0:
-        return FlowSolution(np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64), 0.0)
+        return FlowSolution(np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64), np.zeros(0), 0.0)
     solver = min_cost_flow.SimpleMinCostFlow()
-    arcs = _add_arcs(solver, graph)
+    arcs = add_arcs(solver, graph)
     if inflow is not None and inflow.any():
         continued = np.flatnonzero(inflow)
         solver.set_nodes_supplies(
@@ -144,7 +141,7 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     return _solution(graph, flows)
 
 
-def _add_arcs(solver: min_cost_flow.SimpleMinCostFlow, graph: FlowGraph) -> IntArray:
+def add_arcs(solver: min_cost_flow.SimpleMinCostFlow, graph: FlowGraph) -> IntArray:
     """Fill the solver; returns the numbers of the observation, exit and transition arcs, then the entry arcs.
 
     Node 2i is u_i, node 2i + 1 is v_i; then come the source and the sink.
@@ -170,13 +167,10 @@ def _solution(graph: FlowGraph, flows: BoolArray) -> FlowSolution:
     used, ends, links, starts = np.split(flows, np.cumsum([count, count, len(graph.tail)]))
     follower = np.full(count, -1, dtype=np.int64)
     follower[graph.tail[links]] = graph.head[links]
-    cost = (
-        graph.observation[used].sum()
-        + graph.entry[starts].sum()
-        + graph.exit[ends].sum()
-        + graph.transition[links].sum()
-    )
-    return FlowSolution(used, follower, float(cost))
+    link = np.zeros(count)
+    link[graph.tail[links]] = graph.transition[links]
+    cost = graph.observation[used].sum() + graph.entry[starts].sum() + graph.exit[ends].sum() + link.sum()
+    return FlowSolution(used, follower, link, float(cost))
 
 
 def track_labels(solution: FlowSolution) -> IntArray:

@@ -6,13 +6,14 @@ underscores, as the function's parameters do.
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import inspect
 import re
 import shutil
 from argparse import SUPPRESS, Action
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
 from jsonargparse import ArgumentError, ArgumentParser, DefaultHelpFormatter, Namespace
 from jsonargparse._actions import ActionConfigFile, _ActionConfigLoad
@@ -21,12 +22,13 @@ from tsuiseki.tracking.errors import RequestError
 
 METAVARS = {"int": "N", "float": "X", "str": "TEXT", "Path": "FILE"}
 # What a value means says more than its type.
-METAVARS_BY_NAME = {"out": "DIR", "frames": "FIRST-LAST"}
+METAVARS_BY_NAME = {"frames": "FIRST-LAST"}
 KIND_NAMES = {
     "int": "a whole number",
     "float": "a number",
     "bool": "true or false",
 }
+HELP_ALL = "--help-all"
 CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
 PRINT_HELP = "print all options as YAML, as a start for --config, and exit"
 
@@ -39,17 +41,21 @@ class HelpFormatter(DefaultHelpFormatter):
         super().__init__(prog, max_help_position=30, width=width)  # type: ignore[no-untyped-call]
 
     def _get_help_string(self, action: Action) -> str:
-        text = (action.help or "").removesuffix(".")
+        text = (action.help or "").removesuffix(".").replace("``", "")
         if action.required and action.option_strings:
             return f"{text} (required)"
         default = action.default
-        if not action.option_strings or default in (None, SUPPRESS) or isinstance(default, bool | Namespace):
+        if not action.option_strings or default in (None, "", SUPPRESS) or isinstance(default, bool | Namespace):
             return text
+        if isinstance(default, dict):
+            name, value = next(iter(default.items()))
+            option = f"{action.dest}.{name}".replace("_", "-")
+            return f"{text} (such as --{option} {value})"
         shown = ",".join(map(str, default)) if isinstance(default, tuple | list) else default
         return f"{text} (default: {shown})"
 
     def _get_default_metavar_for_optional(self, action: Action) -> str:
-        return METAVARS_BY_NAME.get(action.dest) or metavar(getattr(action, "_typehint", action.type))
+        return shown_value(action.dest, getattr(action, "_typehint", action.type), action.help or "")
 
     def _format_args(self, action: Action, default_metavar: str) -> str:
         # Lists are given as one word, 1,2: jsonargparse would show [ITEM,...].
@@ -86,17 +92,29 @@ def parse(prog: str, function: Callable[..., Any], positional: Sequence[str], wo
         RequestError: an unknown option, a wrong type, a missing option, a broken YAML file.
         SystemExit: help was asked for.
     """
-    parser = build_parser(prog, function, positional)
+    # jsonargparse also leaves out of --print-config what its help does not show: hide options for --help alone.
+    parser = build_parser(prog, function, positional, every_option=not {"-h", "--help"} & set(words))
     try:
         found = parser.parse_args(_normalised(words, parser))
     except ArgumentError as error:
         raise RequestError(friendly(str(error), parser.option_names())) from error
-    values = parser.instantiate(found)
+    for name, kind in inspect.get_annotations(function, eval_str=True).items():
+        if dataclasses.is_dataclass(kind) and not isinstance(found[name], Namespace):
+            raise RequestError(f"{name}: expected options of its own below it, got {found[name]!r}")
+    try:
+        values = parser.instantiate(found)
+    except ValueError as error:  # a settings dataclass refuses a value
+        raise RequestError(friendly(str(error), parser.option_names())) from error
     return {name: values[name] for name in inspect.signature(function).parameters}
 
 
-def build_parser(prog: str, function: Callable[..., Any], positional: Sequence[str]) -> Parser:
-    """A parser whose options are the parameters of ``function``."""
+def build_parser(
+    prog: str, function: Callable[..., Any], positional: Sequence[str], every_option: bool = False
+) -> Parser:
+    """A parser whose options are the parameters of ``function``.
+
+    The options of its dataclass parameters are shown in the help only with ``every_option``.
+    """
     description, places = _documentation(function)
     parser = Parser(
         prog=prog,
@@ -114,8 +132,34 @@ def build_parser(prog: str, function: Callable[..., Any], positional: Sequence[s
         parser.add_argument(name, type=kind, nargs="+" if many else None, metavar=shown, help=places.get(name))
     parser.add_function_arguments(function, as_group=False, skip=set(positional), sub_configs=False)
     parser.add_argument("--config", action=ActionConfigFile, metavar="FILE", help=CONFIG_HELP)
+    groups = [n for n, kind in hints.items() if dataclasses.is_dataclass(kind)]
+    if groups:
+        parser.add_argument(
+            "--help_all", action="help", help=f"also show {', '.join(f'--{name}.*' for name in groups)}"
+        )
     _show_as_typed(parser._actions, parser._option_string_actions)
+    if not every_option:
+        for action in parser._actions:
+            action.help = SUPPRESS if "." in action.dest else action.help
+    needed = _required(function, positional)
+    required = [f"--{name} {shown_value(name, hints[name], places.get(name, ''))}" for name in needed]
+    several = [n.upper() + (" …" if getattr(hints[n], "__origin__", None) is list else "") for n in positional]
+    parser.usage = " ".join([prog, *several, *required, "[options]"])
     return parser
+
+
+def _required(function: Callable[..., Any], positional: Sequence[str]) -> list[str]:
+    """Options without a default."""
+    parameters = inspect.signature(function).parameters.values()
+    return [p.name for p in parameters if p.default is p.empty and p.name not in positional]
+
+
+def shown_value(name: str, kind: Any, description: str) -> str:
+    """What stands for the value of the option ``name`` in the help."""
+    shown = metavar(kind)
+    if shown == "FILE" and description.startswith("folder"):
+        return "DIR"
+    return METAVARS_BY_NAME.get(name, shown) if shown == "TEXT" else shown
 
 
 def metavar(kind: Any) -> str:
@@ -127,7 +171,7 @@ def metavar(kind: Any) -> str:
     arguments = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
     if arguments and all(isinstance(a, str) for a in arguments):
         return "{" + ",".join(arguments) + "}"
-    if _is_several(kind):
+    if getattr(kind, "__origin__", None) in (tuple, list):
         several = [metavar(a) for a in arguments if a is not Ellipsis]
         return ",".join(several if len(several) > 1 else [*several, "…"])
     if arguments:
@@ -155,13 +199,18 @@ def friendly(message: str, options: Iterable[str]) -> str:
 
 
 def _expectation(text: str) -> str:
-    text = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", text)
-    text = re.sub(r"^Expected a tuple with (\d+) elements", r"expected \1 values separated by commas", text)
-    for name, words in KIND_NAMES.items():
-        text = re.sub(rf"^Expected an? {name}\b", f"expected {words}", text)
+    """What a value should have been and what it was."""
+    text = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", text[:1].lower() + text[1:])
+    # An option that may be left out is a union with None in jsonargparse's words.
+    optional = r"^does not validate against any of the Union subtypes Subtypes: \[(.*), NoneType\].*Given value: (.*)$"
+    text = re.sub(optional, r"expected \1. Got value: \2", text)
+    text = re.sub(r"\. Got value: (.*)$", r", got '\1'", text)
+    text = re.sub(r"^expected an? ", "expected ", text)
     text = re.sub(r"(?:typing\.)?Literal\[(.*?)\]", r"one of \1", text)
-    text = re.sub(r"^Expected an? ", "expected ", text)
-    return re.sub(r"\. Got value: (.*)$", r", got '\1'", text)
+    text = re.sub(r"^expected tuple with (\d+) elements", r"expected \1 values separated by commas", text)
+    for name, words in KIND_NAMES.items():
+        text = re.sub(rf"^expected {name}\b", f"expected {words}", text)
+    return text
 
 
 def _unknown(name: str, options: Iterable[str]) -> str:
@@ -198,7 +247,10 @@ def _normalised(words: Sequence[str], parser: Parser) -> list[str]:
 
 
 def _is_several(kind: Any) -> bool:
-    return getattr(kind, "__origin__", None) in (tuple, list)
+    """Whether ``kind`` is a list or tuple, maybe an optional one."""
+    parts = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
+    origin = getattr(kind, "__origin__", None)
+    return origin in (tuple, list) or (origin not in (Literal,) and len(parts) == 1 and _is_several(parts[0]))
 
 
 def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> None:
@@ -206,7 +258,7 @@ def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> N
     for action in actions:
         if action.dest == "help":
             action.help = "show this help and exit"
-        elif isinstance(action, _ActionConfigLoad):
+        elif action.dest.endswith(".help") or isinstance(action, _ActionConfigLoad):
             action.help = SUPPRESS
         elif "print_config" in action.dest:
             action.help = PRINT_HELP
@@ -223,6 +275,6 @@ def _documentation(function: Callable[..., Any]) -> tuple[str, dict[str, str]]:
     from docstring_parser import parse as parse_docstring
 
     found = parse_docstring(inspect.getdoc(function) or "")
-    text = [found.short_description or "", found.long_description or ""]
+    text = [(part or "").replace("``", "") for part in (found.short_description, found.long_description)]
     parameters = {p.arg_name: " ".join((p.description or "").split()) for p in found.params}
     return "\n\n".join(part for part in text if part), parameters

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.cli.interrupt import graceful_interrupt
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError, RunError
@@ -17,12 +19,16 @@ from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.output import RunRecord
 from tsuiseki.tracking.render import write_overlay
 from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
+from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.people import PeopleTracker
 from tsuiseki.tracking.trackers.run import FrameLog, run_trackers
+from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import Detections, Frame, Track
 from tsuiseki.tracking.video import Source, VideoFile, open_source
 from tsuiseki.tracking.webm import VideoWriter
 
+Method = Literal["sort", "deepsort", "flow"]
 TRACKS_FILE = "tracks.txt"
 OVERLAY_FILE = "overlay.webm"
 RECORDING_FILE = "recording.webm"
@@ -48,6 +54,18 @@ class Inputs:
     def needs_images(self) -> bool:
         """Whether the frames themselves must be decoded."""
         return self.describe is not None or not isinstance(self.detect, Sequence) or self.source.length is None
+
+
+def build_tracker(
+    method: Method, sort: SortSettings, deepsort: DeepSortSettings, flow: FlowSettings, affinity: Affinity | None
+) -> PeopleTracker:
+    """A fresh tracker; the flow has hand-set costs where there is no affinity."""
+    trackers: dict[Method, Callable[[], PeopleTracker]] = {
+        "sort": lambda: Sort(sort),
+        "deepsort": lambda: DeepSort(deepsort),
+        "flow": lambda: FlowTracker(flow, affinity, affinity.observation if affinity else None),
+    }
+    return trackers[method]()
 
 
 @dataclass(frozen=True)
@@ -106,31 +124,26 @@ def run_people(
         if interrupt.asked:
             raise KeyboardInterrupt
         raise RunError(f"{inputs.source.name}: expected frames, got none")
-    if not interrupt.asked:
-        _check_all_used(inputs, log)
     return PeopleRun(tracks, log, interrupt.asked, recording)
 
 
 def write_people_run(
-    folder: Path,
-    run: PeopleRun,
-    tracks: Sequence[Track],
-    record: RunRecord,
-    overlay: Source | None = None,
+    folder: Path, run: PeopleRun, tracks: Sequence[Track], record: RunRecord, source: Source, overlay: bool
 ) -> None:
-    """Write ``tracks.txt``, ``overlay.webm`` where a source is given, and ``run.json``.
+    """Write ``tracks.txt``, ``run.json`` and, with ``overlay``, ``overlay.webm``.
 
     Args:
         folder: where to.
         run: what was done.
         tracks: the result of the tracker that this folder is for.
         record: goes into ``run.json``, filled in with the frames.
-        overlay: the video to draw over; an interrupted run of a file goes without.
+        source: the video.
+        overlay: draw the tracks; an interrupted run goes without.
     """
     write_tracks(folder / TRACKS_FILE, tracks)
-    record.partial = run.stopped and not (overlay is not None and overlay.live)
-    if overlay is not None and not record.partial:
-        _write_overlay(folder / OVERLAY_FILE, run, tracks, overlay)
+    record.partial = run.stopped and not source.live
+    if overlay and not record.partial:
+        _write_overlay(folder / OVERLAY_FILE, run, tracks, source)
     record.frames = run.log.columns(tracks)
     record.write(folder)
 
@@ -148,8 +161,11 @@ def _found(inputs: Inputs, times: StageTimes, recording: Path | None) -> Iterato
     frames: Iterable[Frame] = inputs.source.frames()
     if recording is not None:
         frames = _recorded(frames, recording, inputs.source.frame_rate)
+    last = -1
     for frame, found in stream(frames, inputs.detect, inputs.describe, inputs.batch_size, times):
-        yield frame.index, found
+        last = frame.index
+        yield last, found
+    _check_all_used(inputs, last)
 
 
 def _recorded(frames: Iterable[Frame], path: Path, frame_rate: float) -> Iterator[Frame]:
@@ -180,13 +196,13 @@ def _frames_expected(inputs: Inputs) -> int | None:
     return None if last is None else last - wanted.first + 1
 
 
-def _check_all_used(inputs: Inputs, log: FrameLog) -> None:
+def _check_all_used(inputs: Inputs, last: int) -> None:
     """Refuse detections for frames that a video turned out not to have."""
     if not isinstance(inputs.detect, Sequence) or inputs.source.frames_wanted.last is not None:
         return
-    if inputs.source.length is None and len(inputs.detect) > log.frames[-1] + 1:
+    if inputs.source.length is None and len(inputs.detect) > last + 1:
         raise RunError(
-            f"detection for frame {len(inputs.detect)}, but {inputs.source.name} has {log.frames[-1] + 1} frames; "
+            f"detection for frame {len(inputs.detect)}, but {inputs.source.name} has {last + 1} frames; "
             "are these the detections of another video?"
         )
 
@@ -207,8 +223,6 @@ def report_end(run: PeopleRun, tracks: Sequence[Track], folder: Path, source: So
 
 def plain(value: Any) -> Any:
     """Settings for ``run.json``: dataclasses as mappings, paths as text."""
-    import dataclasses
-
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return dataclasses.asdict(value)
     return str(value) if isinstance(value, Path) else value

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from tsuiseki.tracking.cli.extra import needs_train_extra
+from tsuiseki.tracking.cli.parser import parse
 
 
 def detector(words: Sequence[str]) -> int:
@@ -26,7 +27,7 @@ def affinity(words: Sequence[str]) -> int:
     """Fit the costs of the flow to labelled video."""
     with needs_train_extra():
         from tsuiseki.trainers.affinity import fit_affinity
-    return _fit(fit_affinity, words)
+    return _fit(lambda given: fit_affinity(**parse("tsuiseki train affinity", fit_affinity, (), given)), words)
 
 
 def _fit(function: Callable[[Sequence[str]], Any], words: Sequence[str]) -> int:

@@ -1,0 +1,94 @@
+"""Frames a second of the online trackers on given detections, against a peer in the same run.
+
+    python benchmarks/association.py [--frames 5500] [--people 7] [--repeat 5] [--sequence FOLDER ...]
+
+The peer is SORT of roboflow's ``trackers``; ``pip install trackers`` brings it, and without it only our own trackers
+are timed. The detections are those of walking people, or of MOTChallenge folders given with ``--sequence`` (one after
+the other until there are enough frames). Trackers take turns, repeatedly, and the best turn of each counts: that is
+what the code can do when nothing else is running. Use one thread: ``OMP_NUM_THREADS=1``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+import warnings
+from collections.abc import Callable
+
+from walkers import machine, walking_people
+
+from tsuiseki.tracking.formats.mot import find_sequences, read_detections
+from tsuiseki.tracking.trackers.deepsort import DeepSort
+from tsuiseki.tracking.trackers.people import PeopleTracker
+from tsuiseki.tracking.trackers.sort import Sort
+from tsuiseki.tracking.types import Detections
+
+
+def main() -> None:
+    """Measure and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, default=5500)
+    parser.add_argument("--people", type=int, default=7)
+    parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--sequence", nargs="*", default=[])
+    settings = parser.parse_args()
+    video = _given(settings.sequence, settings.frames) or walking_people(settings.frames, settings.people)
+    turns: dict[str, Callable[[], float]] = {
+        "tsuiseki SORT": lambda: _time_ours(Sort(), video),
+        "tsuiseki DeepSORT, no features": lambda: _time_ours(DeepSort(), video),
+    }
+    peer = _peer(video)
+    if peer is not None:
+        turns["roboflow trackers SORT"] = peer
+    best = dict.fromkeys(turns, float("inf"))
+    for _ in range(settings.repeat):
+        for name, turn in turns.items():
+            best[name] = min(best[name], turn())
+    print(machine("numpy", "scipy", "trackers", "supervision"))
+    print(f"{len(video)} frames, {sum(map(len, video)) / len(video):.1f} detections a frame, best of {settings.repeat}")
+    print(f"{'tracker':32s}{'frames/s':>10s}{'times SORT':>12s}")
+    for name, seconds in best.items():
+        print(f"{name:32s}{len(video) / seconds:10.0f}{best['tsuiseki SORT'] / seconds:12.2f}")
+    if peer is None:
+        print("no peer in this run: pip install trackers")
+
+
+def _given(folders: list[str], frames: int) -> list[Detections]:
+    """As many frames of given detections, the sequences repeated as often as needed."""
+    video: list[Detections] = []
+    for folder in folders:
+        for sequence in find_sequences(folder):
+            video += read_detections(sequence.detections_path, score_range=(-float("inf"), float("inf")))
+    return list(itertools.islice(itertools.cycle(video), frames)) if video else []
+
+
+def _time_ours(tracker: PeopleTracker, video: list[Detections]) -> float:
+    start = time.perf_counter()
+    for found in video:
+        tracker.update(found)
+    return time.perf_counter() - start
+
+
+def _peer(video: list[Detections]) -> Callable[[], float] | None:
+    """Times the peer on the same detections, in its own type made beforehand."""
+    try:
+        import supervision
+        from trackers import SORTTracker
+    except ImportError:
+        return None
+    theirs = [supervision.Detections(xyxy=found.boxes, confidence=found.scores) for found in video]
+
+    def turn() -> float:
+        tracker = SORTTracker()
+        start = time.perf_counter()
+        for found in theirs:
+            tracker.update(found)
+        return time.perf_counter() - start
+
+    warnings.filterwarnings("ignore")
+    return turn
+
+
+if __name__ == "__main__":
+    main()

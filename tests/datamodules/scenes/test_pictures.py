@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from tsuiseki.datamodules.scenes.degrade import Degradation, degrade
+from tsuiseki.datamodules.scenes.identities import CropSettings, paste, render_identity_crops
+from tsuiseki.datamodules.scenes.look import look_alike, random_look
+from tsuiseki.datamodules.scenes.sprites import render_person_sprite
+from tsuiseki.datamodules.scenes.training import TrainingSettings, random_training_scene
+from tsuiseki.tracking.errors import RequestError
+
+SMALL = TrainingSettings(width=160, height=120, people=(2, 5), person_height=(12, 70), clutter=(2, 5), samples=2)
+
+
+@pytest.mark.parametrize("height", [20, 60, 150])
+@pytest.mark.parametrize("tilt", [0.0, 0.5, 1.0])
+def test_sprite_is_tight_and_about_as_tall_as_asked(height: float, tilt: float) -> None:
+    rng = np.random.default_rng(int(height * 10 + tilt))
+    for _ in range(4):
+        sprite = render_person_sprite(rng, height, tilt)
+        alpha = sprite[:, :, 3]
+        assert all(edge.any() for edge in (alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1]))
+        # A stride, an umbrella of the view's tilt and the build change the height by less than half.
+        assert 0.6 * height < sprite.shape[0] < 1.4 * height
+        assert ((alpha > 0) & (alpha < 255)).any()
+        assert (alpha == 255).mean() > 0.1
+
+
+def test_sprites_follow_the_seed() -> None:
+    one, two, other = (render_person_sprite(np.random.default_rng(s), 50) for s in (1, 1, 2))
+    np.testing.assert_array_equal(one, two)
+    assert one.shape != other.shape or (one != other).any()
+
+
+@pytest.mark.parametrize(("height", "tilt"), [(1, 0.0), (float("nan"), 0.0), (50, -0.1), (50, 2.0)])
+def test_impossible_sprites_are_refused(height: float, tilt: float) -> None:
+    with pytest.raises(ValueError, match="expected a"):
+        render_person_sprite(np.random.default_rng(0), height, tilt)
+
+
+def test_paste_blends_and_cuts_off() -> None:
+    canvas = np.zeros((4, 4, 3), dtype=np.float32)
+    sprite = np.full((3, 3, 4), 200, dtype=np.uint8)
+    sprite[:, :, 3] = 51
+    paste(canvas, sprite, 2, -1)
+    np.testing.assert_allclose(canvas[:2, 2:], 40, atol=1e-4)
+    assert canvas.sum() == pytest.approx(4 * 3 * 40, rel=1e-5)
+    paste(canvas, sprite, 10, 10)
+    assert canvas.sum() == pytest.approx(4 * 3 * 40, rel=1e-5)
+
+
+def test_crops_have_the_asked_shape_and_show_people_that_differ() -> None:
+    quiet = CropSettings(person_height=(60, 70), occluded=0.0, jitter=0.0, lighting=0.0, look_alikes=0.0)
+    crops, labels = render_identity_crops(np.random.default_rng(3), 8, 4, (64, 32), quiet)
+    assert crops.shape == (8, 4, 64, 32, 3)
+    assert crops.dtype == np.uint8
+    assert labels.tolist() == [[i] * 4 for i in range(8)]
+    # The middle of the crop is clothing: it varies more between people than between the views of one.
+    middle = crops[:, :, 16:36, 11:21].reshape(8, 4, -1, 3).mean(axis=2)
+    assert middle.mean(axis=1).var(axis=0).sum() > 1.5 * middle.var(axis=1).mean(axis=0).sum()
+
+
+def test_look_alikes_share_most_of_their_clothes() -> None:
+    rng = np.random.default_rng(0)
+    shared = []
+    for _ in range(50):
+        look = random_look(rng)
+        other = look_alike(rng, look)
+        shared.append(sum(getattr(look, n) == getattr(other, n) for n in ("upper", "lower", "hair", "bag")))
+        assert look != other
+    assert np.mean(shared) > 2
+
+
+@pytest.mark.parametrize("arguments", [(0, 2, (64, 32)), (2, 0, (64, 32)), (2, 2, (4, 32))])
+def test_impossible_crops_are_refused(arguments: tuple[int, int, tuple[int, int]]) -> None:
+    with pytest.raises(ValueError, match="expected at least one identity"):
+        render_identity_crops(np.random.default_rng(0), *arguments)
+
+
+def test_training_scenes_hold_their_promises() -> None:
+    for seed in range(6):
+        image, boxes, visibility = random_training_scene(np.random.default_rng(seed), SMALL)
+        assert image.shape == (120, 160, 3)
+        assert image.dtype == np.uint8
+        assert len(boxes) == len(visibility) <= 5
+        assert (boxes[:, :2] >= 0).all()
+        assert (boxes[:, 2:] <= [160, 120]).all()
+        assert (boxes[:, 2:] > boxes[:, :2]).all()
+        assert ((visibility > 0) & (visibility <= 1)).all()
+
+
+def test_training_scenes_follow_the_seed() -> None:
+    digests = []
+    for seed in (4, 4, 5):
+        image, boxes, _ = random_training_scene(np.random.default_rng(seed), SMALL)
+        digests.append(hashlib.sha256(image.tobytes() + boxes.tobytes()).hexdigest())
+    assert digests[0] == digests[1] != digests[2]
+
+
+@pytest.mark.parametrize(
+    "change", [{"people": (5, 2)}, {"width": 8}, {"samples": 0}, {"camera_height": (-1.0, 2.0)}], ids=str
+)
+def test_impossible_training_settings_are_refused(change: dict[str, object]) -> None:
+    with pytest.raises(RequestError, match="expected"):
+        TrainingSettings(**change)  # type: ignore[arg-type]
+
+
+def test_a_size_no_camera_shows_is_refused() -> None:
+    settings = TrainingSettings(width=64, height=64, person_height=(5000, 6000))
+    with pytest.raises(RequestError, match="person_height"):
+        random_training_scene(np.random.default_rng(0), settings)
+
+
+def test_degradation_does_what_it_says() -> None:
+    rng = np.random.default_rng(0)
+    grey = np.full((40, 40, 3), 0.25, dtype=np.float32)
+    np.testing.assert_allclose(degrade(grey, Degradation(), rng), 127, atol=1)
+    assert degrade(grey, Degradation(exposure=2.0), rng).mean() == pytest.approx(255 * np.sqrt(0.5), abs=1)
+    colour = grey * np.array([2.0, 1.0, 0.5], dtype=np.float32)
+    drained = degrade(colour, Degradation(saturation=0.0), rng)
+    assert np.ptp(drained.astype(int), axis=2).max() <= 1
+    noisy = degrade(grey, Degradation(noise=8.0), rng).astype(float)
+    assert 4 < noisy.std() < 12
+    edge = grey.copy()
+    edge[:, 20:] = 0.81
+    sharp, blurred = (degrade(edge, Degradation(blur=b), rng).astype(int) for b in (0.0, 2.0))
+    assert np.abs(np.diff(blurred, axis=1)).max() < 0.5 * np.abs(np.diff(sharp, axis=1)).max()

@@ -1,0 +1,250 @@
+"""Every kind of bad input gets one clear line and the right exit status, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.onnx import FORMAT_VERSION, ModelCard
+from tsuiseki.tracking.webm import VideoWriter
+
+ROW = "{frame},-1,9,9,16,32,0.9\n"
+
+
+def rows(*frames: int) -> str:
+    return "".join(ROW.format(frame=frame) for frame in frames)
+
+
+def images(folder: Path, inputs: Any) -> Path:
+    shutil.copytree(inputs.images, folder / "images")
+    return folder / "images"
+
+
+def mixed_sizes(folder: Path, inputs: Any) -> Path:
+    path = images(folder, inputs)
+    cv2.imwrite(str(path / "000005.png"), np.zeros((32, 32, 3), np.uint8))
+    return path
+
+
+def image_of_text(folder: Path, inputs: Any) -> Path:
+    path = images(folder, inputs)
+    (path / "000005.png").write_text("no image")
+    return path
+
+
+def not_only_images(folder: Path, inputs: Any) -> Path:
+    path = images(folder, inputs)
+    (path / "notes.txt").write_text("no image")
+    return path
+
+
+def text_video(folder: Path, _: Any) -> Path:
+    (folder / "text.mp4").write_text("no video")
+    return folder / "text.mp4"
+
+
+def zero_frames(folder: Path, _: Any) -> Path:
+    with VideoWriter(folder / "zero.webm", 10):
+        pass
+    (folder / "zero.webm").touch()
+    return folder / "zero.webm"
+
+
+def header_only(folder: Path, inputs: Any) -> Path:
+    (folder / "head.webm").write_bytes(inputs.video.read_bytes()[:300])
+    return folder / "head.webm"
+
+
+def truncated(folder: Path, _: Any) -> Path:
+    path = folder / "cut.webm"
+    rng = np.random.default_rng(0)
+    with VideoWriter(path, 10) as writer:
+        for _number in range(12):
+            writer.write(rng.integers(0, 256, (48, 64, 3), dtype=np.uint8))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    return path
+
+
+def broken_later(folder: Path, inputs: Any) -> Path:
+    path = images(folder, inputs)
+    (path / "000005.png").write_bytes((path / "000005.png").read_bytes()[:60])
+    return path
+
+
+Make = Callable[[Path, Any], Path]
+SOURCES: dict[str, tuple[Make, int, str]] = {
+    "missing video": (lambda folder, _: folder / "missing.mp4", 2, "found no"),
+    "text as video": (text_video, 2, "expected a video that OpenCV can decode"),
+    "zero frames": (zero_frames, 2, "expected a video that OpenCV can decode"),
+    "header only": (header_only, 2, "expected a video that OpenCV can decode"),
+    "truncated video": (truncated, 1, "expected 12 frames, but the video breaks off after frame"),
+    "mixed sizes": (mixed_sizes, 2, "000005.png: expected 64x48 pixels as in 000001.png, got 32x32"),
+    "text as image": (image_of_text, 2, "000005.png: expected an image"),
+    "not only images": (not_only_images, 2, "expected only images, found notes.txt"),
+    "image that breaks off": (broken_later, 1, "000005.png: expected an image"),
+    "empty folder": (lambda folder, _: folder, 2, "found neither"),
+}
+DETECTIONS: dict[str, tuple[str, int, str]] = {
+    "beyond the video": (rows(1, 13), 2, "detection for frame 13, but the video has 12 frames"),
+    "negative size": ("1,-1,9,9,-16,32,0.9\n", 2, "expected a box with a positive width and height"),
+    "NaN": ("1,-1,nan,9,16,32,0.9\n", 2, "expected finite numbers"),
+    "score outside": ("1,-1,9,9,16,32,7\n", 2, "expected a score in [0, 1], got 7"),
+    "unsorted": (rows(2, 1), 2, "expected rows in the order of the frames"),
+    "repeated": (rows(1, 1), 2, "stands in the file twice"),
+    "frame 0": (rows(0), 2, "whole frame number from 1"),
+    "too few columns": ("1,-1,9,9\n", 2, "numbers separated by commas, got 4"),
+    "no numbers": ("1,-1,a,9,16,32,0.9\n", 2, "expected rows of numbers"),
+    "empty": ("", 2, "is empty"),
+}
+
+
+@pytest.fixture
+def complaint(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[[list[str], int], str]:
+    """Runs a command that must fail, and gives its only line; nothing may be written."""
+
+    def run(words: list[str], status: int) -> str:
+        capsys.readouterr()
+        before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+        assert main([*words, *(() if "--out" in words else ("--out", str(tmp_path / "result")))]) == status
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.startswith("tsuiseki: ")
+        assert captured.err.count("\n") == 1
+        assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
+        return captured.err
+
+    return run
+
+
+Complaint = Callable[[list[str], int], str]
+
+
+@pytest.mark.parametrize("case", list(SOURCES))
+def test_bad_sources(case: str, inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
+    make, status, line = SOURCES[case]
+    assert line in complaint(inputs.words(make(tmp_path, inputs)), status)
+
+
+@pytest.mark.parametrize("source", ["video", "images"])
+@pytest.mark.parametrize("case", list(DETECTIONS))
+def test_bad_detections(case: str, source: str, inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
+    text, status, line = DETECTIONS[case]
+    file = tmp_path / "det.txt"
+    file.write_text(text)
+    words = ["track", "people", str(getattr(inputs, source)), "--method", "sort", "--detections", str(file)]
+    if case == "beyond the video" and source == "video":
+        status, line = 1, "detection for frame 13, but v.webm has 12 frames"
+    assert line in complaint(words, status)
+
+
+def test_detections_far_beyond_a_video_are_refused_before_it_is_played(
+    inputs: Any, tmp_path: Path, complaint: Complaint
+) -> None:
+    file = tmp_path / "det.txt"
+    file.write_text(rows(1, 500))
+    words = ["track", "people", str(inputs.video), "--method", "sort", "--detections", str(file)]
+    assert "detection for frame 500, but the video has 12 frames" in complaint(words, 2)
+
+
+def newer_version(path: Path) -> None:
+    card = ModelCard("detector", "small", ("person",), 24, 32, settings={"variances": [0.1, 0.2]})
+    save_detector(path, dataclasses.replace(card, format_version=FORMAT_VERSION + 1).to_json())
+
+
+def save_detector(path: Path, card: str | None) -> None:
+    """A sound graph with another card."""
+    import onnx
+    from onnx import TensorProto, helper
+
+    from tsuiseki.tracking.onnx import METADATA_KEY
+
+    value = helper.make_tensor_value_info("images", TensorProto.FLOAT, ["n", 3, 24, 32])
+    result = helper.make_tensor_value_info("logits", TensorProto.FLOAT, ["n", 3, 24, 32])
+    graph = helper.make_graph([helper.make_node("Identity", ["images"], ["logits"])], "g", [value], [result])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9)
+    if card is not None:
+        helper.set_model_props(model, {METADATA_KEY: card})
+    onnx.save(model, path)
+
+
+MODELS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (lambda _: None, "expected an ONNX file"),
+    "not ONNX": (lambda path: path.write_text("no model"), "is not a readable ONNX model"),
+    "without metadata": (lambda path: save_detector(path, None), "carries no tsuiseki metadata"),
+    "broken metadata": (lambda path: save_detector(path, "{}"), "expected metadata of format version up to"),
+    "newer version": (newer_version, f"format version up to {FORMAT_VERSION}, got format version {FORMAT_VERSION + 1}"),
+    "other outputs": (
+        lambda path: save_detector(path, ModelCard("detector", "small").to_json()),
+        "expected outputs logits, offsets and anchors, got logits",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", list(MODELS))
+def test_bad_models(case: str, inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
+    make, line = MODELS[case]
+    make(tmp_path / "m.onnx")
+    assert line in complaint([*inputs.words(), "--detector", str(tmp_path / "m.onnx")], 2)
+
+
+@pytest.mark.parametrize(
+    ("option", "other"),
+    [("detector", "appearance"), ("appearance", "affinity"), ("affinity", "detector")],
+)
+def test_models_of_another_kind(option: str, other: str, inputs: Any, complaint: Complaint) -> None:
+    line = complaint([*inputs.words(), f"--{option}", str(getattr(inputs, other))], 2)
+    assert f"expected a model of kind {option!r}, got {other!r}" in line
+
+
+@pytest.mark.parametrize(
+    ("yaml", "line"),
+    [
+        ("ovrlay: true", "unknown option --ovrlay; did you mean --overlay?"),
+        ("flow:\n  entri: 3", "unknown option --flow.entri; did you mean --flow.entry?"),
+        ("seed: lots", "--seed: expected a whole number, got 'lots'"),
+        ("method: magic", "--method: expected one of 'sort', 'deepsort', 'flow', got 'magic'"),
+        ("flow:\n  entry: high", "--flow.entry: expected a number, got 'high'"),
+        ("flow: {entry: -1}", "expected finite entry, exit and miss costs of 0 or more"),
+        ("seed: [1", "problems parsing config"),
+    ],
+)
+def test_bad_configurations(yaml: str, line: str, inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
+    (tmp_path / "c.yaml").write_text(yaml)
+    assert line in complaint([*inputs.words(), "--config", str(tmp_path / "c.yaml")], 2)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--score-threshold", "2"], "--score-threshold: expected a number from 0 to 1, got 2"),
+        (["--batch-size", "0"], "--batch-size: expected at least 1 frame, got 0"),
+        (["--threads", "-1"], "--threads: expected 0 or more, got -1"),
+        (["--frames", "0-4"], "expected --frames FIRST-LAST"),
+        (["--frames", "5-99"], "expected frames within 1-12, got --frames 5-99"),
+        (["--detections", "d.txt"], "expected --detections or --detector, got both"),
+        (["--method", "sort"], "--appearance: --method sort does not look at people"),
+    ],
+)
+def test_bad_options(words: list[str], line: str, inputs: Any, complaint: Complaint) -> None:
+    assert line in complaint([*inputs.words(), *words], 2)
+
+
+def test_an_output_folder_that_is_a_file(inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
+    (tmp_path / "file").write_text("keep me")
+    for extra in ([], ["--overwrite"]):
+        assert "is a file" in complaint([*inputs.words(), "--out", str(tmp_path / "file"), *extra], 2)
+
+
+def test_an_output_folder_full_of_results(inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
+    out = tmp_path / "o"
+    assert main([*inputs.words(), "--out", str(out)]) == 0
+    line = complaint([*inputs.words(), "--out", str(out)], 2)
+    assert "already holds run.json, tracks.txt; choose another folder or add --overwrite" in line

@@ -1,0 +1,62 @@
+"""Tracks are drawn where they are, in colours that tell them apart, and the frames stay as they were."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.render import Overlay, track_colour, write_overlay
+from tsuiseki.tracking.types import Frame, ImageArray, Track
+from tsuiseki.tracking.video import open_source
+
+
+def grey(index: int) -> Frame:
+    return Frame(index, index / 10, np.full((120, 160, 3), 128, dtype=np.uint8))
+
+
+def still(identity: int, frames: range, x: float, observed: bool = True) -> Track:
+    count = len(frames)
+    box = np.tile([x, 40.0, x + 30, 100.0], (count, 1))
+    return Track(identity, np.array(frames), box, np.ones(count), np.full(count, observed))
+
+
+def coloured(image: ImageArray, identity: int) -> int:
+    """Number of pixels in the colour of a track."""
+    return int((np.abs(image.astype(int) - track_colour(identity)).max(axis=2) < 20).sum())
+
+
+def test_neighbouring_ids_have_colours_apart() -> None:
+    colours = np.array([track_colour(n) for n in range(1, 40)], dtype=float)
+    near = [np.abs(a - b).max() for a, b in itertools.pairwise(colours)]
+    assert min(near) > 100
+
+
+def test_a_box_is_drawn_in_its_frames_only() -> None:
+    overlay = Overlay([still(5, range(3, 6), 60)], frame_rate=10)
+    for index in range(8):
+        frame = grey(index)
+        drawn = overlay.draw(frame)
+        assert (coloured(drawn, 5) > 100) == (3 <= index < 6)
+        assert (frame.image == 128).all()
+    inside = drawn[55:85, 75:80]
+    assert (inside == 128).all()
+
+
+def test_a_box_without_detection_is_dashed() -> None:
+    seen = Overlay([still(5, range(1), 60)], 10).draw(grey(0))
+    filled_in = Overlay([still(5, range(1), 60, observed=False)], 10).draw(grey(0))
+    left_edge = slice(50, 90), slice(58, 63)
+    assert coloured(filled_in[left_edge], 5) < 0.75 * coloured(seen[left_edge], 5)
+    assert coloured(filled_in[left_edge], 5) > 0.25 * coloured(seen[left_edge], 5)
+
+
+def test_boxes_far_outside_the_image_do_no_harm() -> None:
+    wild = [still(1, range(1), 1e6), still(2, range(1), -1e6, observed=False), still(3, range(1), 150, observed=False)]
+    assert Overlay(wild, 10).draw(grey(0)).shape == (120, 160, 3)
+
+
+def test_the_overlay_has_all_frames_and_no_tracks_are_fine(tmp_path: Path) -> None:
+    write_overlay(tmp_path / "o.webm", (grey(n) for n in range(7)), [], 10)
+    assert len(list(open_source(tmp_path / "o.webm").frames())) == 7

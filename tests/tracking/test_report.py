@@ -1,0 +1,121 @@
+"""The report is one page that needs nothing else, and shows text from inputs as text."""
+
+from __future__ import annotations
+
+import base64
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.evaluation.coverage import coverage, spans
+from tsuiseki.tracking.evaluation.multi import evaluate_sequence
+from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.report import Report, ReportedMethod, report_page
+from tsuiseki.tracking.types import Track
+
+NASTY = "<script>alert('x')</script> & \"q\" $a$ {b}"
+LENGTH = 20
+
+
+def walk(identity: int, frames: range, x: float) -> Track:
+    numbers = np.array(frames)
+    boxes = np.column_stack([x + numbers, 0 * numbers + 5.0, x + numbers + 10, 0 * numbers + 35.0])
+    return Track(identity, numbers, boxes, np.ones(len(numbers)))
+
+
+def truth_of(*tracks: Track) -> GroundTruth:
+    frames = np.concatenate([t.frames for t in tracks])
+    ids = np.concatenate([np.full(len(t), t.id) for t in tracks])
+    every = np.ones(len(frames), dtype=bool)
+    boxes = np.concatenate([t.boxes for t in tracks])
+    return GroundTruth(frames, ids, boxes, every, ~every, every.astype(float)).select(np.argsort(frames, kind="stable"))
+
+
+def make_report(tmp_path: Path) -> Report:
+    truth = truth_of(walk(1, range(LENGTH), 0), walk(2, range(5, 15), 100))
+    video = tmp_path / "o.webm"
+    video.write_bytes(b"video bytes")
+    results = {"good": [walk(8, range(LENGTH), 0)], NASTY: [walk(3, range(10), 0), walk(4, range(10, 20), 0)]}
+    methods = [
+        ReportedMethod(name, evaluate_sequence(truth, tracks, LENGTH), tracks) for name, tracks in results.items()
+    ]
+    return Report(NASTY, NASTY, methods, truth, LENGTH, 10, video, {NASTY: 1.0}, {NASTY: NASTY})
+
+
+class Page(HTMLParser):
+    """What a browser would see: elements in order, whether they close, and the text."""
+
+    VOID = frozenset({"meta", "br", "img", "use", "path", "rect"})
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.seen: list[str] = []
+        self.open: list[str] = []
+        self.links: list[str] = []
+        self.text = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.append(tag)
+        self.links += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_the_page_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
+    text = report_page(make_report(tmp_path))
+    page = Page(text)
+    assert page.open == []
+    assert {"table", "video", "svg"} <= set(page.seen)
+    outside = [link for link in page.links if not link.startswith(("#", "data:"))]
+    assert outside == []
+    assert not re.search(r"@import|url\((?!#)", text)
+    assert base64.b64encode(b"video bytes").decode() in text
+
+
+def test_text_from_inputs_stays_text(tmp_path: Path) -> None:
+    page = Page(report_page(make_report(tmp_path)))
+    assert "script" not in page.seen
+    assert page.text.count(NASTY) >= 8
+
+
+def test_light_and_dark_screens_take_the_ink_of_the_page(tmp_path: Path) -> None:
+    text = report_page(make_report(tmp_path))
+    assert "prefers-color-scheme: dark" in text
+    assert "currentColor" in text
+    assert "#010203" not in text
+
+
+def test_the_page_is_the_same_every_time(tmp_path: Path) -> None:
+    assert report_page(make_report(tmp_path)) == report_page(make_report(tmp_path))
+
+
+@pytest.mark.parametrize("tracks", [[], [walk(1, range(3), 500)]])
+def test_results_that_find_nobody_have_a_page_too(tracks: list[Track]) -> None:
+    truth = truth_of(walk(1, range(LENGTH), 0))
+    methods = [ReportedMethod("m", evaluate_sequence(truth, tracks, LENGTH), tracks)]
+    assert Page(report_page(Report("t", "i", methods, truth, LENGTH, 10))).open == []
+
+
+def test_coverage_says_who_followed_whom() -> None:
+    truth = truth_of(walk(7, range(10), 0), walk(3, range(4, 8), 100))
+    tracks = [walk(1, range(2, 6), 0), walk(2, range(6, 9), 1), walk(5, range(4, 6), 100), walk(6, range(10), 300)]
+    first, second = coverage(truth, tracks)
+    assert (first.id, first.track_ids.tolist()) == (7, [0, 0, 1, 1, 1, 1, 2, 2, 2, 0])
+    assert (second.id, second.frames.tolist(), second.track_ids.tolist()) == (3, [4, 5, 6, 7], [5, 5, 0, 0])
+    assert [(s.first, s.last, s.value) for s in spans(first.frames, first.track_ids)] == [
+        (0, 1, 0),
+        (2, 5, 1),
+        (6, 8, 2),
+        (9, 9, 0),
+    ]

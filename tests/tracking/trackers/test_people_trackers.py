@@ -1,0 +1,240 @@
+"""SORT, DeepSORT and flow on people whose tracks are known, then what they share, then bad input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
+from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings
+from tsuiseki.tracking.trackers.people import PeopleTracker, track_people
+from tsuiseki.tracking.trackers.sort import Sort, SortSettings
+from tsuiseki.tracking.types import Detections, Track
+
+MAKERS: dict[str, Callable[[], PeopleTracker]] = {
+    "sort": Sort,
+    "deepsort": DeepSort,
+    "flow": FlowTracker,
+    "sliding flow": lambda: FlowTracker(FlowSettings(chunk=7)),
+}
+EACH = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
+
+
+def crowd(
+    rng: np.random.Generator, people: int, length: int, miss: float = 0.0, clutter: float = 0.0, noise: float = 1.0
+) -> tuple[list[Detections], np.ndarray]:
+    """People on straight ways in lanes of their own, with looks; and the true boxes ``(length, people, 4)``."""
+    looks = np.abs(rng.normal(size=(people, 16))) ** 3
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    start = np.stack([rng.uniform(0, 600, people), 120.0 * np.arange(people)], axis=1)
+    step = np.stack([rng.uniform(-4, 4, people), rng.uniform(-0.3, 0.3, people)], axis=1)
+    corner = start + np.arange(length)[:, None, None] * step
+    truth = np.concatenate([corner, corner + np.array([30, 80])], axis=2)
+    video = []
+    for boxes in truth:
+        seen = rng.random(people) >= miss
+        false = rng.uniform(0, 600, (rng.poisson(clutter), 2))
+        found = np.vstack(
+            [(boxes + rng.normal(0, noise, boxes.shape))[seen], np.hstack([false, false + np.array([30, 80])])]
+        )
+        described = np.vstack([looks[seen], np.abs(rng.normal(size=(len(false), 16)))])
+        described = described + rng.normal(0, 0.02, described.shape)
+        described /= np.linalg.norm(described, axis=1, keepdims=True)
+        scores = np.append(rng.uniform(0.95, 1, seen.sum()), rng.uniform(0.5, 0.7, len(false)))
+        order = rng.permutation(len(found))
+        video.append(Detections(found[order], scores[order], described[order]))
+    return video, truth
+
+
+def owners(tracks: list[Track], truth: np.ndarray) -> list[set[int]]:
+    """For each track the people that its boxes are on."""
+    centre = (truth[..., :2] + truth[..., 2:]) / 2
+    found = []
+    for track in tracks:
+        middle = (track.boxes[:, None, :2] + track.boxes[:, None, 2:]) / 2
+        found.append(set(np.linalg.norm(centre[track.frames] - middle, axis=2).argmin(axis=1).tolist()))
+    return found
+
+
+@EACH
+def test_people_seen_in_every_frame_get_one_track_each(make: Callable[[], PeopleTracker]) -> None:
+    video, truth = crowd(np.random.default_rng(0), 5, 30)
+    tracks = track_people(video, make())
+    assert [track.id for track in tracks] == [1, 2, 3, 4, 5]
+    assert all(track.frames.tolist() == list(range(30)) for track in tracks)
+    assert sorted(next(iter(people)) for people in owners(tracks, truth)) == [0, 1, 2, 3, 4]
+    assert all(len(people) == 1 for people in owners(tracks, truth))
+
+
+@EACH
+def test_missed_and_false_detections_do_not_break_tracks(make: Callable[[], PeopleTracker]) -> None:
+    video, truth = crowd(np.random.default_rng(1), 5, 60, miss=0.1, clutter=0.5)
+    tracks = [track for track in track_people(video, make()) if len(track) > 20]
+    assert sorted(map(tuple, owners(tracks, truth))) == [(0,), (1,), (2,), (3,), (4,)]
+
+
+@EACH
+def test_detections_without_features_do(make: Callable[[], PeopleTracker]) -> None:
+    video, truth = crowd(np.random.default_rng(2), 4, 25)
+    tracks = track_people((Detections(found.boxes, found.scores) for found in video), make())
+    assert sorted(map(tuple, owners(tracks, truth))) == [(0,), (1,), (2,), (3,)]
+
+
+@EACH
+def test_same_input_same_tracks_and_own_ids(make: Callable[[], PeopleTracker]) -> None:
+    video, _ = crowd(np.random.default_rng(3), 6, 30, miss=0.2, clutter=1.0)
+    one, two = make(), make()
+    for found in video:
+        one.update(found)
+        two.update(found)
+    for a, b in zip(one.tracks(), two.tracks(), strict=True):
+        assert a.id == b.id
+        np.testing.assert_array_equal(a.boxes, b.boxes)
+
+
+@EACH
+def test_the_input_is_never_written_to(make: Callable[[], PeopleTracker]) -> None:
+    video, _ = crowd(np.random.default_rng(4), 4, 15, clutter=1.0)
+    for found in video:
+        for array in (found.boxes, found.scores, found.features):
+            assert array is not None
+            array.setflags(write=False)
+    assert track_people(video, make())
+
+
+@EACH
+def test_asking_for_tracks_early_changes_nothing(make: Callable[[], PeopleTracker]) -> None:
+    video, _ = crowd(np.random.default_rng(5), 4, 31, miss=0.2, clutter=0.5)
+    quiet, asked = make(), make()
+    for found in video:
+        quiet.update(found)
+        asked.update(found)
+        asked.tracks()
+    for a, b in zip(quiet.tracks(), asked.tracks(), strict=True):
+        np.testing.assert_array_equal(a.frames, b.frames)
+        np.testing.assert_allclose(a.boxes, b.boxes)
+
+
+@EACH
+def test_no_frames_no_detections_one_frame(make: Callable[[], PeopleTracker]) -> None:
+    assert make().tracks() == []
+    assert track_people([Detections.empty()] * 20, make()) == []
+    video, _ = crowd(np.random.default_rng(6), 3, 1)
+    assert track_people(video, make()) == []
+
+
+@EACH
+def test_empty_frames_count_as_frames(make: Callable[[], PeopleTracker]) -> None:
+    video, _ = crowd(np.random.default_rng(7), 2, 12)
+    tracks = track_people([Detections.empty()] * 5 + video, make())
+    assert {track.frames[0] for track in tracks} == {5}
+
+
+@EACH
+def test_unknown_features_are_no_obstacle(make: Callable[[], PeopleTracker]) -> None:
+    video, truth = crowd(np.random.default_rng(8), 3, 24)
+    patchy = []
+    for frame, found in enumerate(video):
+        assert found.features is not None
+        features = found.features.copy()
+        features[frame % 3 :: 2] = np.nan
+        patchy.append(found.with_features(features) if frame % 5 else Detections(found.boxes, found.scores))
+    assert sorted(map(tuple, owners(track_people(patchy, make()), truth))) == [(0,), (1,), (2,)]
+
+
+@pytest.mark.parametrize("make", [DeepSort, FlowTracker], ids=["deepsort", "flow"])
+def test_features_of_changing_length_are_refused(make: Callable[[], PeopleTracker]) -> None:
+    video, _ = crowd(np.random.default_rng(9), 2, 4)
+    shorter = [found.with_features(np.ones((len(found), 3)) / np.sqrt(3)) for found in video]
+    with pytest.raises(ValueError, match="features of"):
+        track_people([*video, *shorter], make())
+
+
+def _apart_then_swapped() -> list[Detections]:
+    """Two people side by side, unseen for two frames in which they change places."""
+    looks = np.eye(2)
+    here, there = [0, 0, 30, 80.0], [35, 0, 65, 80.0]
+    before = [Detections(np.array([here, there]), np.full(2, 0.99), looks)] * 8
+    after = [Detections(np.array([here, there]), np.full(2, 0.99), looks[::-1])] * 8
+    return [*before, Detections.empty(), Detections.empty(), *after]
+
+
+def test_sort_goes_by_place_and_deepsort_by_looks() -> None:
+    video = _apart_then_swapped()
+    by_place, by_looks = track_people(video, Sort()), track_people(video, DeepSort())
+    assert [len(track) for track in by_place] == [len(track) for track in by_looks] == [16, 16]
+    assert abs(by_place[0].boxes[-1, 0] - by_place[0].boxes[0, 0]) < 5
+    assert abs(by_looks[0].boxes[-1, 0] - by_looks[0].boxes[0, 0]) > 20
+
+
+def test_deepsort_gates_are_separate() -> None:
+    """Where looks are barred by their gate position decides, and with both barred nobody is followed."""
+    video, _ = crowd(np.random.default_rng(32), 2, 12)
+    turning = [found.with_features(np.tile([np.sin(k), np.cos(k)], (len(found), 1))) for k, found in enumerate(video)]
+    assert len(track_people(turning, DeepSort(DeepSortSettings(feature_gate=0.01)))) == 2
+    assert track_people(turning, DeepSort(DeepSortSettings(feature_gate=0.01, position_gate=0.0))) == []
+
+
+def test_sort_lifecycle() -> None:
+    box = np.array([[0, 0, 30, 80.0]])
+    seen, blank = Detections(box, np.array([0.9])), Detections.empty()
+    settings = SortSettings(lifecycle=LifecycleSettings(min_hits=3, max_age=2))
+    frames = [track.frames.tolist() for track in track_people([seen] * 3 + [blank] * 2 + [seen] * 3, Sort(settings))]
+    assert frames == [[0, 1, 2, 5, 6, 7]]
+    frames = [track.frames.tolist() for track in track_people([seen] * 3 + [blank] * 3 + [seen] * 3, Sort(settings))]
+    assert frames == [[0, 1, 2], [6, 7, 8]]
+    assert track_people([seen, seen, blank] * 4, Sort(settings)) == []
+    weak = Detections(box, np.array([0.4]))
+    assert track_people([weak] * 9, Sort(settings)) == []
+    assert len(track_people([seen, *[weak] * 8], Sort(settings))[0]) == 9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sliding_flow_is_the_flow(seed: int) -> None:
+    video, _ = crowd(np.random.default_rng(20 + seed), 6, 90, miss=0.25, clutter=1.5, noise=3.0)
+    gate = GateSettings(window=4)
+    whole = track_people(video, FlowTracker(FlowSettings(gate=gate)))
+    sliding = FlowTracker(FlowSettings(gate=gate, chunk=5 + seed))
+    for a, b in zip(whole, track_people(video, sliding), strict=True):
+        np.testing.assert_array_equal(a.frames, b.frames)
+        np.testing.assert_allclose(a.boxes, b.boxes)
+    assert sliding.exact
+
+
+def test_flow_fills_gaps_and_says_so() -> None:
+    video, _ = crowd(np.random.default_rng(30), 3, 40, noise=0.5)
+    video[15:19] = [Detections.empty()] * 4
+    for track in track_people(video, FlowTracker()):
+        assert track.frames.tolist() == list(range(40))
+        assert np.flatnonzero(~track.observed).tolist() == [15, 16, 17, 18]
+    plain = FlowSettings(gaps=None, smoothing=None)
+    for track, person in zip(track_people(video, FlowTracker(plain)), range(3), strict=True):
+        assert track.frames.tolist() == [*range(15), *range(19, 40)]
+        assert track.observed.all()
+        assert any((track.boxes[0] == box).all() for box in video[0].boxes), person
+
+
+def test_flow_prices_by_what_it_is_given() -> None:
+    """A transition cost that forbids every link leaves no track; an observation cost of nothing explains nothing."""
+    video, _ = crowd(np.random.default_rng(31), 3, 20)
+    assert track_people(video, FlowTracker(transition=lambda pairs: np.full(len(pairs), 1e3))) == []
+    assert track_people(video, FlowTracker(observation=lambda scores: np.zeros(len(scores)))) == []
+
+
+@pytest.mark.parametrize("wrong", [{"entry": -1.0}, {"miss": np.nan}, {"exit": np.inf}, {"chunk": 0}])
+def test_flow_settings_must_make_sense(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        FlowSettings(**wrong)  # type: ignore[arg-type]
+
+
+def test_online_settings_must_make_sense() -> None:
+    with pytest.raises(ValueError, match="min_iou"):
+        SortSettings(min_iou=0.0)
+    with pytest.raises(ValueError, match="min_hits"):
+        LifecycleSettings(min_hits=0)
+    with pytest.raises(ValueError, match="feature_gate"):
+        DeepSortSettings(feature_gate=3.0)

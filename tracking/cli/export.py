@@ -1,0 +1,66 @@
+"""`tsuiseki export`: a trained model as ONNX, which runs without torch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from tsuiseki.tracking.cli.extra import needs_train_extra
+
+
+def detector(
+    out: Path,
+    checkpoint: Path | None = None,
+    weights: Literal["coco"] | None = None,
+    architecture: Literal["ssdlite320", "ssd300"] = "ssdlite320",
+    state: Path | None = None,
+    training_data: str = "",
+    float16: bool = False,
+    overwrite: bool = False,
+) -> None:
+    """Write a person detector as ONNX, and check that it gives what torch gives.
+
+    Either from a checkpoint of your own, or from torchvision's COCO-trained weights, of which the person class is kept:
+    with those, your own street video works on the first day.
+
+    Args:
+        out: ONNX file to write.
+        checkpoint: best.ckpt of tsuiseki train detector.
+        weights: coco downloads torchvision's weights.
+        architecture: of the COCO weights.
+        state: file of those weights, for a machine that cannot download them.
+        training_data: what the model was trained on, in words; kept in the file.
+        float16: store weights as 16-bit numbers, half the size.
+        overwrite: replace an existing file.
+    """
+    with needs_train_extra():
+        from tsuiseki.trainers.export import export_detector
+    worst = export_detector(
+        checkpoint, weights, architecture, out, training_data, float16=float16, overwrite=overwrite, state=state
+    )
+    _say(out, worst)
+
+
+def appearance(
+    out: Path,
+    checkpoint: Path,
+    training_data: str = "",
+    float16: bool = False,
+    overwrite: bool = False,
+) -> None:
+    """Write an appearance network as ONNX, and check that it gives what torch gives.
+
+    Args:
+        out: ONNX file to write.
+        checkpoint: best.ckpt of tsuiseki train appearance.
+        training_data: what the model was trained on, in words; kept in the file.
+        float16: store weights as 16-bit numbers, half the size.
+        overwrite: replace an existing file.
+    """
+    with needs_train_extra():
+        from tsuiseki.trainers.export import export_appearance
+    _say(out, export_appearance(checkpoint, out, training_data, float16=float16, overwrite=overwrite))
+
+
+def _say(out: Path, worst: float) -> None:
+    print(f"{out}: {out.stat().st_size / 2**20:.1f} MiB; differs from torch by {worst:.1g} of the range at most")

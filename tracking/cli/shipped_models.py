@@ -1,0 +1,47 @@
+"""The commands that make the shipped models, as they stand in the README."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from importlib import resources
+from pathlib import Path
+
+from tsuiseki.tracking.cli.models import SHIPPED
+from tsuiseki.tracking.errors import RunError
+
+# {configs}: the configurations of the package; {work}: where checkpoints and clips go; {models}: where the models go.
+COMMANDS = (
+    "train detector --config {configs}/detector_scenes.yaml --out {work}/detector",
+    "export detector --checkpoint {work}/detector/checkpoints/best.ckpt --float16 --out {models}/detector_street.onnx "
+    "--training-data 'generated scenes'",
+    "train appearance --config {configs}/appearance_scenes.yaml --out {work}/appearance",
+    "export appearance --checkpoint {work}/appearance/checkpoints/best.ckpt --float16 "
+    "--out {models}/appearance_people.onnx --training-data 'generated scenes'",
+    *(f"simulate street --seed {seed} --frames 300 --out {{work}}/streets/street-{seed}" for seed in range(8)),
+    "train affinity --config {configs}/affinity_scenes.yaml --folders {work}/streets "
+    "--appearance {models}/appearance_people.onnx --out {models}/affinity_people.onnx",
+)
+
+
+def make_models(folder: Path) -> dict[str, Path]:
+    """Run `COMMANDS`; the models come to lie in ``folder``.
+
+    Raises:
+        RequestError: the `train` extra is missing.
+        RunError: a command failed.
+    """
+    from tsuiseki.tracking.cli import main
+
+    folder.mkdir(parents=True, exist_ok=True)
+    places = {
+        "configs": shlex.quote(str(resources.files("tsuiseki.configs"))),
+        "work": shlex.quote(str(folder / "training")),
+        "models": shlex.quote(str(folder)),
+    }
+    for command in COMMANDS:
+        words = shlex.split(command.format(**places))
+        print(f"$ tsuiseki {shlex.join(words)}", file=sys.stderr, flush=True)
+        if main(words) != 0:
+            raise RunError(f"`tsuiseki {' '.join(words[:2])}` failed; its message stands above")
+    return {kind: folder / name for kind, name in SHIPPED.items()}
