@@ -71,7 +71,10 @@ COMMANDS: Tree = {
     ),
     "track": Group(
         "follow something through a video with exported models",
-        {"people": Command("everyone in view, each with an id", "track", "people", ("source",))},
+        {
+            "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
+            "single": Command("one target, from its box in the first frame", "track_single", "single", ("source",)),
+        },
     ),
     "evaluate": Group(
         "score results against labels",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from tsuiseki.tracking.evaluation.plots import COLOURS
 from tsuiseki.tracking.evaluation.single import DISTANCES, OVERLAPS, PRECISION_AT
 from tsuiseki.tracking.evaluation.single_table import Curves
+from tsuiseki.tracking.types import Estimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,3 +74,28 @@ def _label(axes: Axes, x: str, y: str, title: str) -> None:
 
 def _plain(name: str) -> str:
     return name.replace("$", r"\$")
+
+
+def peaks_figure(estimates: Sequence[Estimate]) -> Figure:
+    """The score of every frame, with the frames of search and of loss shaded."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3), layout="constrained")
+    axes = figure.subplots()
+    frames = np.array([e.frame + 1 for e in estimates])[1:]
+    axes.plot(frames, [e.score for e in estimates][1:], color=COLOURS[0], linewidth=1.2)
+    for status, colour in (("searching", COLOURS[1]), ("lost", COLOURS[4])):
+        chosen = [e.frame + 1 for e in estimates if e.status == status]
+        for n, frame in enumerate(chosen):
+            axes.axvspan(frame - 0.5, frame + 0.5, color=colour, alpha=0.25, linewidth=0, label=status if n == 0 else None)
+    axes.set_xlabel("Frame")
+    axes.set_ylabel("Score")
+    axes.spines[["top", "right"]].set_visible(False)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=False)
+    return figure
+
+
+def save_peaks(estimates: Sequence[Estimate], path: Path) -> None:
+    """Write `peaks_figure` as the image that the suffix of ``path`` names."""
+    peaks_figure(estimates).savefig(path, dpi=130, facecolor="white")
