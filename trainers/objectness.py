@@ -61,11 +61,12 @@ def generated_images(count: int, seed: int) -> list[LabelledImage]:
     images = []
     while len(images) < count:
         size = float(rng.choice([20, 35, 60, 100, 160]))
-        settings = ChaseSettings(frames=12, person_height=(size, 1.6 * size), passers=0, obstacles=int(rng.integers(0, 3)))
+        settings = ChaseSettings(
+            frames=12, person_height=(size, 1.6 * size), passers=0, obstacles=int(rng.integers(0, 3))
+        )
         clip = render_chase(rng, settings)
-        for k in range(0, settings.frames, 4):
-            if clip.visibility[k] > 0.8:
-                images.append(LabelledImage(clip.images[k], clip.boxes[k : k + 1]))
+        seen = [k for k in range(0, settings.frames, 4) if clip.visibility[k] > 0.8]
+        images.extend(LabelledImage(clip.images[k], clip.boxes[k : k + 1]) for k in seen)
     return images[:count]
 
 
@@ -80,7 +81,9 @@ def fit_objectness(images: Sequence[LabelledImage], settings: ObjectnessSettings
     rng = np.random.default_rng(settings.seed)
     positives = [g for item in images for g in _gradients(item.image, item.boxes)]
     if len(positives) < settings.least_examples:
-        raise RequestError(f"expected at least {settings.least_examples} labelled boxes to learn from, got {len(positives)}")
+        raise RequestError(
+            f"expected at least {settings.least_examples} labelled boxes to learn from, got {len(positives)}"
+        )
     negatives = [g for item in images for g in _gradients(item.image, _windows_without_object(item, settings, rng))]
     features = np.array(positives + negatives, dtype=np.float64) / 255
     labels = np.repeat([1, 0], [len(positives), len(negatives)])
@@ -129,7 +132,9 @@ def _calibrate(
         for item in images:
             boxes, values = propose(item.image, single, 30)
             if len(boxes):
-                covers = iou_matrix(boxes, item.boxes).max(axis=1) >= 0.5 if len(item.boxes) else np.zeros(len(boxes), bool)
+                covers = (
+                    iou_matrix(boxes, item.boxes).max(axis=1) >= 0.5 if len(item.boxes) else np.zeros(len(boxes), bool)
+                )
                 scores.append(values)
                 labels.append(covers)
         truth = np.concatenate(labels) if labels else np.empty(0, dtype=bool)

@@ -71,7 +71,9 @@ class _Walker:
     sizes: FloatArray
 
 
-def _walk_cycle(rng: np.random.Generator, person: Person, height: float, light: Light, turning: float) -> list[ImageArray]:
+def _walk_cycle(
+    rng: np.random.Generator, person: Person, height: float, light: Light, turning: float
+) -> list[ImageArray]:
     heading, tilt = float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(0, 0.3))
     cycle = []
     for phase in range(2 * PHASES):
@@ -122,7 +124,9 @@ def _camera(rng: np.random.Generator, path: FloatArray, settings: ChaseSettings)
     return np.asarray(follow + np.clip(shakes, -low, low) - np.array([settings.width, settings.height]) / 2)
 
 
-def _obstacles(rng: np.random.Generator, path: FloatArray, height: float, count: int) -> list[tuple[int, int, ImageArray]]:
+def _obstacles(
+    rng: np.random.Generator, path: FloatArray, height: float, count: int
+) -> list[tuple[int, int, ImageArray]]:
     """Left, top and ``(h, w, 4)`` picture of things that stand on the path."""
     things = []
     for _ in range(count):
@@ -170,7 +174,9 @@ def _draw(
         walker = walkers[k]
         sprite = walker.sprites[t % len(walker.sprites)]
         size = float(walker.sizes[t])
-        sprite = cv2.resize(sprite, None, fx=size, fy=size, interpolation=cv2.INTER_AREA if size < 1 else cv2.INTER_LINEAR)
+        sprite = cv2.resize(
+            sprite, None, fx=size, fy=size, interpolation=cv2.INTER_AREA if size < 1 else cv2.INTER_LINEAR
+        )
         place = walker.path[t] - corner
         left, top = round(place[0] - sprite.shape[1] / 2), round(place[1] - sprite.shape[0] / 2)
         paste(view, sprite, left, top)
@@ -184,7 +190,9 @@ def _draw(
     return box, float(free.sum()) / max(full, 1.0)
 
 
-def _cover(free: np.ndarray[tuple[int, ...], np.dtype[np.float32]], sprite: ImageArray, left: int, top: int, owner: bool) -> None:
+def _cover(
+    free: np.ndarray[tuple[int, ...], np.dtype[np.float32]], sprite: ImageArray, left: int, top: int, owner: bool
+) -> None:
     """Marks the owner's pixels, and clears those that something else hides, in place."""
     height, width = free.shape
     x1, y1 = max(left, 0), max(top, 0)

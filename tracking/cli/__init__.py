@@ -60,6 +60,7 @@ COMMANDS: Tree = {
             "detector": Command("where people are", "train", "detector", forwarded=True),
             "appearance": Command("what they look like", "train", "appearance", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
+            "objectness": Command("which boxes look like an object", "train_objectness", "objectness"),
         },
     ),
     "export": Group(
@@ -82,6 +83,14 @@ COMMANDS: Tree = {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
             "single": Command("one target: success and precision", "evaluate_single", "single", ("truth", "results")),
+        },
+    ),
+    "reproduce": Group(
+        "run a paper's experiment: a table with the paper's numbers beside ours",
+        {
+            "multi-correlation-filter": Command(
+                "correlation filters selected by a particle filter", "reproduce_single", "multi_correlation_filter"
+            ),
         },
     ),
 }

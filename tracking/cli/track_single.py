@@ -43,8 +43,8 @@ def single(
     with --overlay, overlay.webm.
 
     Args:
-        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), the number of a webcam
-            or the address of a stream.
+        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), the number of a
+            webcam or the address of a stream.
         out: folder for the results.
         box: the target in the first frame, X,Y,W,H in pixels counted from 0; a labelled sequence folder has its own.
         select: draw the box with the mouse; needs a display.
@@ -126,7 +126,13 @@ def parse_box(text: str) -> FloatArray:
 
 
 def _tracker(
-    method: Method, preset: Preset, scale: bool | None, past: Past | None, redetect: bool, objectness: Path | None, seed: int
+    method: Method,
+    preset: Preset,
+    scale: bool | None,
+    past: Past | None,
+    redetect: bool,
+    objectness: Path | None,
+    seed: int,
 ) -> tuple[SingleTracker, Any]:
     from dataclasses import asdict, replace
 

@@ -30,7 +30,9 @@ def curves_figure(results: Mapping[str, Mapping[str, Curves]]) -> Figure:
 
     groups = [g for g in next(iter(results.values())) if g != "ALL"]
     figure = Figure(figsize=(11, 8.2 if groups else 4.4), layout="constrained")
-    axes = figure.subplot_mosaic([["success", "precision"], ["groups", "groups"]] if groups else [["success", "precision"]])
+    axes = figure.subplot_mosaic(
+        [["success", "precision"], ["groups", "groups"]] if groups else [["success", "precision"]]
+    )
     ranked = sorted(results.items(), key=lambda item: -item[1]["ALL"].auc)
     for number, (name, curves) in enumerate(ranked):
         style = {"color": COLOURS[number % len(COLOURS)], "linestyle": STYLES[number // len(COLOURS) % len(STYLES)]}
@@ -87,7 +89,9 @@ def peaks_figure(estimates: Sequence[Estimate]) -> Figure:
     for status, colour in (("searching", COLOURS[1]), ("lost", COLOURS[4])):
         chosen = [e.frame + 1 for e in estimates if e.status == status]
         for n, frame in enumerate(chosen):
-            axes.axvspan(frame - 0.5, frame + 0.5, color=colour, alpha=0.25, linewidth=0, label=status if n == 0 else None)
+            axes.axvspan(
+                frame - 0.5, frame + 0.5, color=colour, alpha=0.25, linewidth=0, label=status if n == 0 else None
+            )
     axes.set_xlabel("Frame")
     axes.set_ylabel("Score")
     axes.spines[["top", "right"]].set_visible(False)

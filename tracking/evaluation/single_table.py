@@ -19,8 +19,6 @@ from tsuiseki.tracking.formats.single import PublishedScores, SingleSequence, re
 from tsuiseki.tracking.types import FloatArray
 
 
-
-
 @dataclass(frozen=True)
 class Curves:
     """Mean curves over some sequences.
@@ -79,7 +77,9 @@ def find_results(sequences: list[SingleSequence], result: Path) -> dict[str, Flo
     """
     if result.is_file():
         if len(sequences) != 1:
-            raise RequestError(f"{result}: expected a folder with a result for each of {len(sequences)} sequences, got a file")
+            raise RequestError(
+                f"{result}: expected a folder with a result for each of {len(sequences)} sequences, got a file"
+            )
         return {sequences[0].name: read_result(result)}
     if not result.is_dir():
         raise RequestError(f"expected a result file or a folder of results at {result}, found none")
@@ -117,12 +117,17 @@ def single_table(results: Mapping[str, Compared], by: str) -> Table:
     if by == "sequence":
         names = list(dict.fromkeys(n for r in results.values() for n in r.sequences))
         for name in names:
-            table.add_row(Text(name), *(_percent(r.sequences[name].auc if name in r.sequences else None) for r in results.values()))
+            table.add_row(
+                Text(name),
+                *(_percent(r.sequences[name].auc if name in r.sequences else None) for r in results.values()),
+            )
         table.add_section()
     else:
         groups = [g for g in next(iter(results.values())).groups if g != "ALL"]
         for group in groups:
-            table.add_row(group, *(_percent(r.groups[group].auc if group in r.groups else None) for r in results.values()))
+            table.add_row(
+                group, *(_percent(r.groups[group].auc if group in r.groups else None) for r in results.values())
+            )
         table.add_section()
     whole = [r.groups["ALL"] for r in results.values()]
     table.add_row("AUC, 21 thresholds", *(_percent(c.auc) for c in whole))

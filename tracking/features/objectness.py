@@ -3,7 +3,7 @@
 Cheng et al., "BING: binarized normed gradients for objectness estimation at 300fps", CVPR 2014; thesis 3.2.5. A window,
 resized to 8 x 8, is described by its normed gradients ``min(|gx| + |gy|, 255)`` and scored by one linear model for all
 sizes; a second stage turns the score into one that can be compared between sizes. Both sides are binarised as in the
-paper: gradients keep their four highest bits, the model is a sum of a few ``beta * a`` with ``a`` of plus and minus ones.
+paper: gradients keep their four highest bits, the model is a sum of a few ``beta * a`` with ``a`` of plus or minus one.
 The paper multiplies by counting bits; here OpenCV filters with the binarised model, which gives the same numbers.
 """
 
@@ -48,7 +48,7 @@ class ObjectnessModel:
     trained_on: str
 
     def near(self, width: float, height: float, factor: float = 2.0) -> ObjectnessModel:
-        """The model for windows whose sides differ from ``width`` and ``height`` by at most ``factor``; at least one."""
+        """The model for sizes whose sides differ from ``width`` and ``height`` by at most ``factor``, at least one."""
         ratio = np.abs(np.log(self.sizes / [width, height])).max(axis=1)
         chosen = ratio <= max(np.log(factor), float(ratio.min()) + 1e-9)
         return ObjectnessModel(
@@ -143,7 +143,7 @@ def propose(
     boxes, scores = [np.empty((0, 4))], [np.empty(0)]
     for (w, h), gain, offset in zip(model.sizes, model.gains, model.offsets, strict=True):
         found, values = _score_size(part, model.weights, float(w), float(h), per_size)
-        boxes.append(found + [x1, y1, x1, y1])
+        boxes.append(found + np.array([x1, y1, x1, y1]))
         scores.append(gain * values + offset)
     all_boxes, all_scores = np.concatenate(boxes), np.concatenate(scores)
     order = np.argsort(-all_scores, kind="stable")[:count]
@@ -164,9 +164,7 @@ def _score_size(
     if columns < SIDE or rows < SIDE:
         return np.empty((0, 4)), np.empty(0)
     small = cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
-    scores = cv2.matchTemplate(
-        normed_gradients(small).astype(np.float32), weights.astype(np.float32), cv2.TM_CCORR
-    )
+    scores = cv2.matchTemplate(normed_gradients(small).astype(np.float32), weights.astype(np.float32), cv2.TM_CCORR)
     # A window gives way to a better one whose corner is within two of its 8 x 8 cells, as in the paper.
     greatest = cv2.dilate(scores, np.ones((5, 5), dtype=np.uint8))
     kept = np.flatnonzero(scores >= greatest)

@@ -21,9 +21,7 @@ _AREA_SCALE = 2.0
 _SMALLEST_GRID = 4  # cells; fewer leave no room for a shift
 
 
-def cut(
-    image: ImageArray, centres: FloatArray, scales: FloatArray, width: int, height: int
-) -> ImageArray:
+def cut(image: ImageArray, centres: FloatArray, scales: FloatArray, width: int, height: int) -> ImageArray:
     """``(B, height, width[, C])`` patches around places; outside the image the border pixels repeat.
 
     From scale 2 on, where pixels would be left out and thin structures alias, a patch pixel is the mean of the pixels
@@ -135,7 +133,9 @@ class WindowShape:
         patches = cut(image, centres, self.scale * np.asarray(sizes), width, height)
         return hog(patches, self.cell) if self.features == "hog" else _grey(patches, self.cell)
 
-    def describe_around(self, image: ImageArray, centre: FloatArray, size: float, reach: int) -> tuple[Samples, FloatArray]:
+    def describe_around(
+        self, image: ImageArray, centre: FloatArray, size: float, reach: int
+    ) -> tuple[Samples, FloatArray]:
         """Samples of overlapping windows on a grid about ``centre``, described once where they overlap.
 
         Args:
@@ -176,7 +176,5 @@ def window_shape(
     the target, so that the cost does not grow with it. Both sides are a whole even number of cells.
     """
     scale = padding * max(width, height) / longest
-    rows, columns = (
-        max(_SMALLEST_GRID, 2 * round(padding * side / (2 * cell * scale))) for side in (height, width)
-    )
+    rows, columns = (max(_SMALLEST_GRID, 2 * round(padding * side / (2 * cell * scale))) for side in (height, width))
     return WindowShape(rows, columns, cell, scale, features, 1 / padding)

@@ -202,9 +202,7 @@ def local_maxima(response: Float32Array, count: int) -> tuple[FloatArray, FloatA
     """
     padded = np.pad(response, 1, mode="wrap")
     rows, columns = response.shape
-    around = np.stack(
-        [padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
-    )
+    around = np.stack([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)])
     is_maximum = (response >= around.max(axis=0)) & (response > around.min(axis=0))
     flat = np.flatnonzero(is_maximum)
     order = flat[np.argsort(-response.ravel()[flat], kind="stable")[:count]]

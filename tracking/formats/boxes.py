@@ -44,7 +44,9 @@ def read_boxes(path: str | Path) -> FloatArray:
         raise RequestError(f"{path}: expected one box a line, found an empty file")
     if len({len(row) for row in rows}) > 1:
         odd = next(n for n, row in enumerate(rows, 1) if len(row) != len(rows[0]))
-        raise RequestError(f"{path}: expected {len(rows[0])} numbers in every line, found {len(rows[odd - 1])} in box {odd}")
+        raise RequestError(
+            f"{path}: expected {len(rows[0])} numbers in every line, found {len(rows[odd - 1])} in box {odd}"
+        )
     values = np.array(rows)
     boxes = corners_from_xywh(values - [1, 1, 0, 0]) if values.shape[1] == RECTANGLE else polygon_hulls(values)
     _check_first(boxes, path)
@@ -58,7 +60,9 @@ def _numbers(line: str, path: Path, number: int) -> list[float]:
     except ValueError:
         values = []
     if len(values) not in (RECTANGLE, POLYGON):
-        raise RequestError(f"{path}, line {number}: expected x,y,width,height or four corners, got {line.strip()[:60]!r}")
+        raise RequestError(
+            f"{path}, line {number}: expected x,y,width,height or four corners, got {line.strip()[:60]!r}"
+        )
     missing = sum(map(math.isnan, values))
     if any(map(math.isinf, values)) or 0 < missing < len(values):
         raise RequestError(
@@ -89,7 +93,7 @@ def polygon_hulls(polygons: FloatArray) -> FloatArray:
 
 def write_boxes(path: Path, boxes: FloatArray) -> None:
     """Write ``(T, 4)`` corners as OTB text, ``x,y,width,height`` with 1-based pixels."""
-    rows = xywh_from_corners(boxes) + [1, 1, 0, 0]
+    rows = xywh_from_corners(boxes) + np.array([1, 1, 0, 0])
     path.write_text("".join(",".join(f"{v:.4f}" for v in row) + "\n" for row in rows), encoding="utf-8")
 
 

@@ -81,7 +81,9 @@ def find_single_sequences(folder: str | Path, attributes: Path | None = None) ->
     elif not folder.is_dir():
         raise RequestError(f"expected a folder of sequences or a label file at {folder}, found none")
     else:
-        found = _in_folder(folder) or [s for child in sorted(folder.iterdir()) if child.is_dir() for s in _in_folder(child)]
+        found = _in_folder(folder) or [
+            s for child in sorted(folder.iterdir()) if child.is_dir() for s in _in_folder(child)
+        ]
         found = found or _label_files(folder, listed)
     if listed is not None:
         found = [_with_attributes(s, listed) for s in found if same_name(s.name) in listed]
@@ -94,8 +96,8 @@ def read_attributes(path: Path) -> dict[str, frozenset[str]]:
     """Attributes by `same_name`.
 
     Args:
-        path: a list like OTB's ``tb_50.txt``, or a folder of tracker_benchmark's score files ``IV.json`` and so on, whose
-            lists of sequences differ from it in some names.
+        path: a list like OTB's ``tb_50.txt``, or a folder of tracker_benchmark's score files ``IV.json`` and so on,
+            whose lists of sequences differ from it in some names.
 
     Raises:
         RequestError: the list is missing, or names an unknown attribute.

@@ -1,7 +1,7 @@
 """How much the colours inside a box are those of the target and not those around it.
 
 Two histograms, one of the target's inner part and one of its surroundings, give each colour a probability of being the
-target; a box scores the mean over its inner part. This is blind to shape, so it fails on other frames than gradients do:
+target; a box scores the mean over its inner part. It is blind to shape, so it fails on other frames than gradients do:
 a correlation filter that has settled on the background keeps a high response and loses its colours.
 """
 
@@ -85,12 +85,12 @@ def _shrunk(boxes: FloatArray) -> FloatArray:
 
 def _clipped(box: FloatArray, image: ImageArray) -> tuple[int, int, int, int]:
     height, width = image.shape[:2]
-    x1, y1, x2, y2 = (int(round(float(value))) for value in box)
+    x1, y1, x2, y2 = (round(float(value)) for value in box)
     return max(x1, 0), max(y1, 0), min(x2, width), min(y2, height)
 
 
 def _mask(box: FloatArray, shape: tuple[int, ...]) -> BoolArray:
     mask = np.zeros(shape, dtype=np.bool_)
-    x1, y1, x2, y2 = (max(int(round(float(value))), 0) for value in box)
+    x1, y1, x2, y2 = (max(round(float(value)), 0) for value in box)
     mask[y1:y2, x1:x2] = True
     return mask

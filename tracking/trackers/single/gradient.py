@@ -18,8 +18,8 @@ MOST_FORWARD_BACKWARD = 2.0  # pixels
 class MeanShift:
     """The mode of the back-projected hue histogram; the score is the Bhattacharyya coefficient (2.4).
 
-    Comaniciu et al., "Real-time tracking of non-rigid objects using mean shift", CVPR 2000; with ``adapts_size`` the box
-    grows and shrinks with the mass under it: CamShift, Bradski, 1998.
+    Comaniciu et al., "Real-time tracking of non-rigid objects using mean shift", CVPR 2000; with ``adapts_size`` the
+    box grows and shrinks with the mass under it: CamShift, Bradski, 1998.
     """
 
     def __init__(self, adapts_size: bool = False, lost_below: float = 0.5) -> None:
@@ -123,7 +123,7 @@ class MedianFlow:
 
 
 class Mil:
-    """OpenCV's tracker by multiple instance learning, Babenko et al., CVPR 2009. It gives no score: it is 1 throughout."""
+    """OpenCV's tracker by multiple instance learning, Babenko et al., CVPR 2009. It gives no score, so it is 1."""
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""

@@ -173,6 +173,7 @@ class KcfParticle:
 
     Attributes:
         settings: constants.
+        model: what is fixed for the target.
         target: where the target is, and the filter that tracks alone.
         search: the particle filter, None while the filter tracks alone.
         searched_frames: in how many frames the particle filter ran.
@@ -191,9 +192,9 @@ class KcfParticle:
         """Take ``box`` ``(4,)`` of the first frame as the target."""
         size = box[2:] - box[:2]
         settings = self.settings
-        self._model = kcf.Kcf.of(settings.kcf, float(size[0]), float(size[1]))
-        self.target = kcf.start(self._model, image, box_centre(box))
-        self._deviation = step_deviation(self._model.target, settings.divisor) * settings.spread
+        self.model = kcf.Kcf.of(settings.kcf, float(size[0]), float(size[1]))
+        self.target = kcf.start(self.model, image, box_centre(box))
+        self._deviation = step_deviation(self.model.target, settings.divisor) * settings.spread
         self._archive = Archive(settings.stored, self.target.bank if settings.keeps_first else None)
         self._colour = ForegroundColour.learn(image, box) if settings.colour or settings.drift_switch else None
         self._peaks, self._colours = Running(), Running(rate=0.1)
@@ -208,7 +209,7 @@ class KcfParticle:
         """The target in the next frame."""
         self._frame += 1
         if self.search is None:
-            found = kcf.locate(self._model, self.target, image)
+            found = kcf.locate(self.model, self.target, image)
             if self._plain_left > 0 or not self._doubtful(image, found):
                 self._go_on(image, found)
                 return Sighting(self._box(), found.peak, "tracking")
@@ -224,13 +225,13 @@ class KcfParticle:
             return True
         if self._colour is None or not settings.drift_switch or self._frame % settings.drift_interval:
             return False
-        score = float(self._colour.score(image, self._model.box(found.centre, found.size)[None])[0])
+        score = float(self._colour.score(image, self.model.box(found.centre, found.size)[None])[0])
         return self._colours.falls_below(settings.drift_switch, score)
 
     def _go_on(self, image: ImageArray, found: kcf.KcfState) -> None:
         """Learn from the frame, as KCF does, and keep the filter, 3.2.7."""
         self._plain_left = max(self._plain_left - 1, 0)
-        bank = self._model.update(found.bank, image, found.centre[None], np.array([found.size]))
+        bank = self.model.update(found.bank, image, found.centre[None], np.array([found.size]))
         self.target = replace(found, bank=bank)
         self._peaks = self._peaks.add(found.peak)
         if self._frame % self.settings.store_interval == 0:
@@ -268,8 +269,8 @@ class KcfParticle:
         lost = self.search is not None and self._status() == "lost"
         reach = settings.redetect_reach if lost and settings.redetect_reach else settings.reach
         if reach == 0:
-            return self._model.window.describe(image, target.centre[None], np.array([target.size])), target.centre[None]
-        return self._model.window.describe_around(image, target.centre, target.size, reach)
+            return self.model.window.describe(image, target.centre[None], np.array([target.size])), target.centre[None]
+        return self.model.window.describe_around(image, target.centre, target.size, reach)
 
     def _view(self, image: ImageArray, bank: FilterBank) -> SearchView:
         """Responses of all filters in all windows, and what looks like an object near them."""
@@ -278,13 +279,15 @@ class KcfParticle:
         maps = np.stack([respond(bank, windows.select(slice(k, k + 1)), kernel) for k in range(len(centres))])
         proposals = np.empty((0, 4))
         if self.settings.response_share < 1:
-            half = self._model.target * self.target.size * self.settings.kcf.padding / 2
+            half = self.model.target * self.target.size * self.settings.kcf.padding / 2
             region = np.concatenate([centres.min(axis=0) - half, centres.max(axis=0) + half])
             proposals, _ = propose(image, self._near_sizes, PROPOSALS, region)
-        return SearchView(ResponseMaps(maps, centres, self._model.window.cell_pixels(self.target.size)), image, proposals)
+        return SearchView(
+            ResponseMaps(maps, centres, self.model.window.cell_pixels(self.target.size)), image, proposals
+        )
 
     def _boxes(self, particles: FloatArray) -> FloatArray:
-        half = self._model.target * self.target.size / 2
+        half = self.model.target * self.target.size / 2
         return np.concatenate([particles[:, :2] - half, particles[:, :2] + half], axis=1)
 
     def _log_likelihood(self, particles: FloatArray, view: SearchView) -> FloatArray:
@@ -301,7 +304,7 @@ class KcfParticle:
         return settings.sharpness * result
 
     def _filter(self, move: bool) -> ParticleFilter[SearchView]:
-        """Sequential importance resampling in every frame; the particles of the first one stay where they were drawn."""
+        """Resampling in every frame; the particles of the first one stay where they were drawn."""
         motion = random_walk(self._deviation) if move else _stay
         return ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=1.0)
 
@@ -318,14 +321,14 @@ class KcfParticle:
         used, places = best_by_filter(state.particles, weights)
         bank = search.bank.select(used)
         if settings.learns_while_searching:
-            bank = self._model.update(bank, image, places, np.full(len(places), self.target.size))
+            bank = self.model.update(bank, image, places, np.full(len(places), self.target.size))
             strongest = int(np.argmax(view.maps.maps[:, used].max(axis=(0, 2, 3))))
             value = float(view.maps.maps[:, used[strongest]].max())
             self._archive = self._archive.add(bank.select(slice(strongest, strongest + 1)), value)
         numbers = np.searchsorted(used, state.particles[:, 2])
         particles = np.column_stack([state.particles[:, :2], numbers])
         self.search = Search(ParticleState(particles, state.log_weights), bank, search.frames + 1)
-        spread = dispersion(particles, weights, self._deviation**2) / float(np.prod(self._model.target))
+        spread = dispersion(particles, weights, self._deviation**2) / float(np.prod(self.model.target))
         if spread < settings.convergence and response >= settings.end_response * settings.switch:
             self._end_search(bank.select(slice(int(numbers[np.argmax(weights)]), int(numbers[np.argmax(weights)]) + 1)))
 
@@ -350,7 +353,7 @@ class KcfParticle:
         return np.concatenate(places)[order] if len(order) else self.target.centre[None]
 
     def _box(self) -> FloatArray:
-        return self._model.box(self.target.centre, self.target.size)
+        return self.model.box(self.target.centre, self.target.size)
 
     def _status(self) -> Status:
         if self.search is None:

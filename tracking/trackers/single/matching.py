@@ -20,7 +20,7 @@ REACH = 1.0  # how far from the last place is searched, in sides of the target
 
 
 def match(area: ImageArray, template: ImageArray, measure: Measure) -> NDArray[np.float32]:
-    """Likeness ``(H - h + 1, W - w + 1)`` of a template ``(h, w)`` to every region of a grey area ``(H, W)``, at most 1.
+    """Likeness ``(H - h + 1, W - w + 1)`` of a template ``(h, w)`` to the regions of a grey area ``(H, W)``, at most 1.
 
     ``ncc`` is equation (2.3); ``ssd`` (2.1) and ``sad`` (2.2) become ``1 - root of the mean square`` and ``1 - mean``
     of the differences, over 255.
@@ -39,8 +39,8 @@ class TemplateMatching:
 
     Attributes:
         measure: of likeness.
-        smoothed: a Kalman filter of constant velocity, equations (2.7)-(2.8), says where the window stands and takes the
-            best match as its measurement.
+        smoothed: a Kalman filter of constant velocity, equations (2.7)-(2.8), says where the window stands and takes
+            the best match as its measurement.
     """
 
     def __init__(self, measure: Measure = "ncc", smoothed: bool = False, lost_below: float = 0.75) -> None:
@@ -56,7 +56,8 @@ class TemplateMatching:
         self._shape = height, width
         self._template = self._grey(image, box_centre(box), width, height)
         self._motion = Gaussians(
-            np.concatenate([box_centre(box), np.zeros(2)])[None], np.diag([1.0, 1.0, 4.0, 4.0])[None] * self._size.mean()
+            np.concatenate([box_centre(box), np.zeros(2)])[None],
+            np.diag([1.0, 1.0, 4.0, 4.0])[None] * self._size.mean(),
         )
 
     def follow(self, image: ImageArray) -> Sighting:
@@ -97,9 +98,9 @@ def active_search(bins: ImageArray, reference: FloatArray, height: int, width: i
     """The window ``height`` x ``width`` whose histogram intersects ``reference`` most, without looking at all.
 
     Two windows that share a part ``p`` of their pixels differ by at most ``1 - p`` in their intersection, so around a
-    poor window none can be good (Vinod and Murase, "Focused color intersection with efficient searching", 1997). Windows
-    on a coarse grid come first; of the others only those that could beat the best one are looked at. The answer is that of
-    looking everywhere.
+    poor window none can be good (Vinod and Murase, "Focused color intersection with efficient searching", 1997).
+    Windows on a coarse grid come first; of the others only those that could beat the best one are looked at. The answer
+    is that of looking everywhere.
 
     Args:
         bins: ``(H, W)`` from `colour_bins`, at least as large as the window.

@@ -35,7 +35,9 @@ METHODS: tuple[Method, ...] = get_args(Method)
 Preset = Literal["robust", "thesis", "paper"]
 
 
-def make_tracker(method: Method, preset: Preset = "robust", scale_search: bool | None = None, seed: int = 0) -> SingleTracker:
+def make_tracker(
+    method: Method, preset: Preset = "robust", scale_search: bool | None = None, seed: int = 0
+) -> SingleTracker:
     """A new tracker.
 
     Args:

@@ -1,0 +1,1 @@
+"""One file per paper's experiment: simulate, fit, track, evaluate, table and plot."""
