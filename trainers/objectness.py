@@ -47,7 +47,7 @@ class ObjectnessSettings:
         seed: of all draws.
     """
 
-    sides: tuple[int, ...] = (12, 17, 24, 34, 48, 68, 96, 136, 192, 272)
+    sides: tuple[int, ...] = (12, 18, 27, 40, 60, 90, 135, 200)
     steepest: float = 4.0
     negatives: int = 50
     regularisation: float = 1.0
@@ -62,10 +62,10 @@ def generated_images(count: int, seed: int) -> list[LabelledImage]:
     while len(images) < count:
         size = float(rng.choice([20, 35, 60, 100, 160]))
         settings = ChaseSettings(
-            frames=12, person_height=(size, 1.6 * size), passers=0, obstacles=int(rng.integers(0, 3))
+            frames=3, person_height=(size, 1.6 * size), passers=0, obstacles=int(rng.integers(0, 3))
         )
         clip = render_chase(rng, settings)
-        seen = [k for k in range(0, settings.frames, 4) if clip.visibility[k] > 0.8]
+        seen = [k for k in range(settings.frames) if clip.visibility[k] > 0.8]
         images.extend(LabelledImage(clip.images[k], clip.boxes[k : k + 1]) for k in seen)
     return images[:count]
 

@@ -72,11 +72,11 @@ class _Walker:
 
 
 def _walk_cycle(
-    rng: np.random.Generator, person: Person, height: float, light: Light, turning: float
+    rng: np.random.Generator, person: Person, height: float, light: Light, turning: float, frames: int
 ) -> list[ImageArray]:
     heading, tilt = float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(0, 0.3))
     cycle = []
-    for phase in range(2 * PHASES):
+    for phase in range(min(2 * PHASES, frames)):
         heading += float(rng.normal(0, turning))
         pose = walking(person.build, person.manner, phase / PHASES, 1.3)
         cycle.append(render_person_sprite(rng, height, tilt, person, pose, heading, light))
@@ -107,7 +107,7 @@ def _walkers(rng: np.random.Generator, settings: ChaseSettings) -> list[_Walker]
             meeting = int(rng.integers(settings.frames))
             path = path - path[meeting] + own[meeting] + rng.normal(0, 0.15 * height, 2)
         own_height = height * (1.0 if k == 0 else float(rng.uniform(0.85, 1.15)))
-        walkers.append(_Walker(_walk_cycle(rng, person, own_height, light, settings.turning), path, sizes))
+        walkers.append(_Walker(_walk_cycle(rng, person, own_height, light, settings.turning, settings.frames), path, sizes))
     return walkers
 
 

@@ -13,7 +13,7 @@ def objectness(
     data: list[Path] | None = None,
     test: list[Path] | None = None,
     interval: int = 10,
-    images: int = 240,
+    images: int = 160,
     overwrite: bool = False,
     seed: int = 0,
 ) -> None:

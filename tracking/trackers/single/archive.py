@@ -36,7 +36,7 @@ class Archive:
         return (self.first, *self.banks) if self.first is not None else self.banks
 
     def weights(self, by_score: bool) -> FloatArray:
-        """Relative probabilities P_K of the candidates: all alike, or by score; the first frame's counts as the best."""
+        """Relative probabilities P_K of the candidates: alike, or by score; the first frame's counts as the best."""
         scores = [max(self.scores, default=1.0)] if self.first is not None else []
         scores += self.scores
         return np.maximum(np.array(scores), 1e-6) if by_score else np.ones(len(scores))
