@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import lightning
 import numpy as np
@@ -24,9 +24,9 @@ from tsuiseki.datamodules.identity_crops import (
 from tsuiseki.datamodules.rendered_people import put_on_ground, render_people
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks import crop_boxes
-from tsuiseki.tracking.onnx import ModelCard, normalise
+from tsuiseki.tracking.types import ImageArray
 
-CARD = ModelCard(kind="appearance", name="")
+Sample: TypeAlias = tuple[ImageArray, int, int, bool]
 
 
 class Draw(NamedTuple):
@@ -38,7 +38,7 @@ class Draw(NamedTuple):
 
 
 class AppearanceBatch(NamedTuple):
-    """Crops ``(B, 3, H, W)`` normalised, with ``(B,)`` identities, frame numbers and whether each is a query."""
+    """Crops ``(B, H, W, 3)`` uint8 RGB, with ``(B,)`` identities, frame numbers and whether each is a query."""
 
     images: Tensor
     ids: Tensor
@@ -102,7 +102,7 @@ def _choose(rng: np.random.Generator, views: NDArray[np.int64], count: int) -> N
     return rng.choice(views, count, replace=len(views) < count)
 
 
-class TrainingCrops(Dataset[tuple[NDArray[np.uint8], int]]):
+class TrainingCrops(Dataset[Sample]):
     """Augmented views, each fully decided by its `Draw`."""
 
     def __init__(self, crops: IdentityCrops, augmentation: CropAugmentation, size: tuple[int, int]) -> None:
@@ -111,16 +111,16 @@ class TrainingCrops(Dataset[tuple[NDArray[np.uint8], int]]):
     def __len__(self) -> int:
         return len(self.crops)
 
-    def __getitem__(self, draw: Draw) -> tuple[NDArray[np.uint8], int]:
+    def __getitem__(self, draw: Draw) -> Sample:
         camera = draw_camera(np.random.default_rng([*draw.seed, 0]), self.augmentation, self.size[0])
         rng = np.random.default_rng([*draw.seed, 1, draw.place])
         cover = self.crops.images[int(rng.integers(len(self.crops)))]
         image, box = self.crops.images[draw.view], self.crops.boxes[draw.view]
         crop = augment_crop(rng, self.augmentation, camera, image, box, cover, self.size)
-        return crop, int(self.crops.ids[draw.view])
+        return crop, int(self.crops.ids[draw.view]), int(self.crops.frames[draw.view]), False
 
 
-class ValidationCrops(Dataset[tuple[NDArray[np.uint8], int, int, bool]]):
+class ValidationCrops(Dataset[Sample]):
     """Views as the tracker will see them, every fourth of a person a query against the others."""
 
     def __init__(self, crops: IdentityCrops, size: tuple[int, int]) -> None:
@@ -132,7 +132,7 @@ class ValidationCrops(Dataset[tuple[NDArray[np.uint8], int, int, bool]]):
     def __len__(self) -> int:
         return len(self.crops)
 
-    def __getitem__(self, index: int) -> tuple[NDArray[np.uint8], int, int, bool]:
+    def __getitem__(self, index: int) -> Sample:
         image, box = self.crops.images[index], self.crops.boxes[index]
         if image.shape[2] == 4:
             image, box = put_on_ground(np.random.default_rng(index), image, None)
@@ -140,16 +140,10 @@ class ValidationCrops(Dataset[tuple[NDArray[np.uint8], int, int, bool]]):
         return crop, int(self.crops.ids[index]), int(self.crops.frames[index]), bool(self.query[index])
 
 
-def collate_training(samples: list[tuple[NDArray[np.uint8], int]]) -> tuple[Tensor, Tensor]:
-    """Normalised crops ``(B, 3, H, W)`` and identities ``(B,)``."""
-    crops, ids = zip(*samples, strict=True)
-    return torch.from_numpy(normalise(np.stack(crops), CARD)), torch.tensor(ids)
-
-
-def collate_validation(samples: list[tuple[NDArray[np.uint8], int, int, bool]]) -> AppearanceBatch:
-    """An `AppearanceBatch` of what `ValidationCrops` gives."""
+def collate(samples: list[Sample]) -> AppearanceBatch:
+    """A batch of samples."""
     crops, ids, frames, query = zip(*samples, strict=True)
-    images = torch.from_numpy(normalise(np.stack(crops), CARD))
+    images = torch.from_numpy(np.stack(crops))
     return AppearanceBatch(images, torch.tensor(ids), torch.tensor(frames), torch.tensor(query))
 
 
@@ -241,7 +235,7 @@ class AppearanceData(lightning.LightningDataModule):
         trainer = self.trainer
         return (self.seed, trainer.current_epoch, trainer.global_rank) if trainer else (self.seed,)
 
-    def train_dataloader(self) -> DataLoader[tuple[NDArray[np.uint8], int]]:
+    def train_dataloader(self) -> DataLoader[Sample]:
         """P x K batches."""
         sampler = IdentityBatches(
             self.train_crops, self.identities, self.views, self.batches, self.rendered_share, self._epoch_seed
@@ -250,12 +244,10 @@ class AppearanceData(lightning.LightningDataModule):
             TrainingCrops(self.train_crops, self.augmentation, self.size),
             batch_sampler=sampler,
             num_workers=self.workers,
-            collate_fn=collate_training,
+            collate_fn=collate,
             persistent_workers=self.workers > 0,
         )
 
-    def val_dataloader(self) -> DataLoader[tuple[NDArray[np.uint8], int, int, bool]]:
+    def val_dataloader(self) -> DataLoader[Sample]:
         """Every validation crop once."""
-        return DataLoader(
-            ValidationCrops(self.validation_crops, self.size), batch_size=64, collate_fn=collate_validation
-        )
+        return DataLoader(ValidationCrops(self.validation_crops, self.size), batch_size=64, collate_fn=collate)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.scenes.sprites import render_person_sprite
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Change against the background, in grey levels, that is surely noise and surely a person.
 _NOISE, _CERTAIN = 10.0, 28.0
@@ -72,10 +72,31 @@ def fit_size_by_row(boxes: FloatArray) -> SizeByRow:
     return SizeByRow(slope, intercept, spread, (float(feet.min()), float(feet.max())))
 
 
-def median_image(images: Sequence[ImageArray], most: int = 60) -> ImageArray:
-    """The per-pixel median of up to ``most`` images spread over a fixed camera's sequence: it without people."""
-    chosen = np.unique(np.linspace(0, len(images) - 1, most).astype(int))
-    return np.asarray(np.median(np.stack([images[i] for i in chosen]), axis=0), dtype=np.uint8)
+def empty_view(examples: Sequence[Example], most: int = 60) -> Example:
+    """A fixed camera's view without people: the per-pixel median over up to ``most`` frames outside all labels.
+
+    What labels cover in every frame keeps its people; boxes about those places are returned as ignored.
+    """
+    chosen = [examples[i] for i in np.unique(np.linspace(0, len(examples) - 1, most).astype(int))]
+    covered = np.stack([_inside(e) for e in chosen])
+    images = np.stack([e.image for e in chosen])
+    always = np.asarray(covered.all(axis=0))
+    # Labelled pixels go to the end of the order, from where the middle of the others never reaches them.
+    order = np.sort(np.where(covered[..., None] & ~always[..., None], 256, images.astype(np.int16)), axis=0)
+    count = np.where(always, len(chosen), (~covered).sum(axis=0))
+    middle = np.take_along_axis(order, ((count - 1) // 2)[None, ..., None], axis=0)[0]
+    _, _, statistics, _ = cv2.connectedComponentsWithStats(np.asarray(always, dtype=np.uint8))
+    x, y, width, height = statistics[1:, :4].astype(np.float64).T
+    boxes = np.stack([x, y, x + width, y + height], axis=1)
+    return Example(middle.astype(np.uint8), boxes, np.ones(len(boxes), dtype=np.bool_))
+
+
+def _inside(example: Example) -> BoolArray:
+    """``(H, W)`` pixels within a label."""
+    mask = np.zeros(example.image.shape[:2], dtype=np.bool_)
+    for x1, y1, x2, y2 in example.boxes.round().astype(int).clip(0):
+        mask[y1:y2, x1:x2] = True
+    return mask
 
 
 def cut_out_people(example: Example, background: ImageArray) -> list[Cutout | None]:

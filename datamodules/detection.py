@@ -114,15 +114,17 @@ class TrainingExamples(Dataset[Example]):
     ) -> Example:
         settings = self.composition
         kind = rng.random()
-        if kind < settings.empty + settings.foreign:
-            image = view.background if kind < settings.empty else self._foreign(rng, view.background.shape[:2])
+        if kind < settings.empty:
+            canvas = Canvas(view.background)
+        elif kind < settings.empty + settings.foreign:
+            image = self._foreign(rng, view.background.image.shape[:2])
             canvas = Canvas(Example(image, np.empty((0, 4)), np.empty(0, dtype=np.bool_)))
         else:
             canvas = Canvas(example)
             for box, person in zip(example.boxes, cutouts, strict=True):
                 if person is not None and rng.random() < settings.reclothe:
                     canvas.repaint(change_clothes(rng, person), box)
-        if not len(canvas.boxes) or rng.random() < settings.add:
+        if kind < settings.empty + settings.foreign or rng.random() < settings.add:
             count = int(rng.integers(1, settings.most_people + 1))
             place_people(rng, canvas, self.pools, count, view.sizes)
         return canvas.finish()

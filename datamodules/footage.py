@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.augmentation import Example
-from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, fit_size_by_row, median_image
+from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, empty_view, fit_size_by_row
 from tsuiseki.datamodules.readers.mot import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import ImageArray
@@ -46,12 +46,12 @@ class FixedView:
     """What a fixed camera's sequence gives for composing.
 
     Attributes:
-        background: the scene without people.
+        background: the scene without people; ignored boxes where there always are some.
         cutouts: for each frame and box the person cut out, or None.
         sizes: how tall people are by row.
     """
 
-    background: ImageArray
+    background: Example
     cutouts: list[list[Cutout | None]]
     sizes: SizeByRow
 
@@ -102,9 +102,9 @@ class Footage:
         for number, name in enumerate(dict.fromkeys(names)):
             members = [i for i, other in enumerate(names) if other == name]
             examples = [self.example(i) for i in members]
-            background = median_image([e.image for e in examples])
+            background = empty_view(examples)
             boxes = np.concatenate([e.boxes[~e.ignored] for e in examples])
-            cutouts = [cut_out_people(e, background) for e in examples]
+            cutouts = [cut_out_people(e, background.image) for e in examples]
             self.views.append(FixedView(background, cutouts, fit_size_by_row(boxes)))
             self._place += [(number, frame) for frame in range(len(members))]
 

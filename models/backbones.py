@@ -7,6 +7,7 @@ from typing import Any, Literal, get_args
 
 import torchvision.models
 from torch import Tensor, nn
+from torchvision.models.vgg import cfgs, make_layers
 
 TrunkName = Literal[
     "mobilenet_v3_small", "mobilenet_v3_large", "resnet18", "resnet50", "resnet101", "wide_resnet50", "vgg16"
@@ -51,6 +52,8 @@ def build_trunk(name: TrunkName, weights: Literal["imagenet"] | None = None) -> 
     """
     if name not in get_args(TrunkName):
         raise ValueError(f"expected a trunk of {', '.join(get_args(TrunkName))}; got {name!r}")
+    if name == "vgg16" and weights is None:
+        return _sequential_trunk(vgg16_layers(), (23, 30), (512, 512, 512))
     model = _classifier(name, weights)
     if name == "mobilenet_v3_small":
         trunk = _sequential_trunk(model.features, (4, 9), (24, 48, 576))
@@ -65,6 +68,16 @@ def build_trunk(name: TrunkName, weights: Literal["imagenet"] | None = None) -> 
     if weights is None:
         set_norm_momentum(trunk, FROM_SCRATCH_MOMENTUM)
     return trunk
+
+
+def vgg16_layers() -> nn.Sequential:
+    """The convolutional layers of VGG16 from scratch; torchvision's whole model has 120 million weights more."""
+    layers: nn.Sequential = make_layers(cfgs["D"])
+    for layer in layers:
+        if isinstance(layer, nn.Conv2d):
+            nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
+            nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
+    return layers
 
 
 def set_norm_momentum(module: nn.Module, momentum: float) -> None:

@@ -9,12 +9,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 from torchvision.models.detection.anchor_utils import DefaultBoxGenerator
-from torchvision.models.detection.ssd import SSD, ssd300_vgg16
+from torchvision.models.detection.ssd import SSD, SSDFeatureExtractorVGG, SSDHead
 from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
 from torchvision.ops import Conv2dNormActivation
 
 from tsuiseki.models.anchors import AnchorSizes, grid_anchors
-from tsuiseki.models.backbones import FROM_SCRATCH_MOMENTUM, Trunk, build_trunk, set_norm_momentum
+from tsuiseki.models.backbones import FROM_SCRATCH_MOMENTUM, Trunk, build_trunk, set_norm_momentum, vgg16_layers
 
 # Chance of a person at an anchor that an untrained detector claims: without it the negatives swamp the first steps.
 _PRIOR = 0.02
@@ -160,7 +160,13 @@ def ssdlite320(classes: int = 1, state: dict[str, Tensor] | None = None) -> Dete
 
 def ssd300(classes: int = 1, state: dict[str, Tensor] | None = None) -> Detector:
     """torchvision's SSD300 with a VGG16 trunk (Liu et al. 2016), optionally with its state dict."""
-    model = ssd300_vgg16(weights=None, weights_backbone=None, num_classes=classes + 1)
+    generator = DefaultBoxGenerator(
+        [[2], [2, 3], [2, 3], [2, 3], [2], [2]],
+        scales=[0.07, 0.15, 0.33, 0.51, 0.69, 0.87, 1.05],
+        steps=[8, 16, 32, 64, 100, 300],
+    )
+    head = SSDHead([512, 1024, 512, 256, 256, 256], generator.num_anchors_per_location(), classes + 1)
+    model = SSD(SSDFeatureExtractorVGG(vgg16_layers(), highres=False), generator, (300, 300), classes + 1, head=head)
     return _from_torchvision(model, 300, classes, state)
 
 

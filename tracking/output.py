@@ -6,6 +6,7 @@ A result folder says in ``run.json`` how it was made and which files belong to i
 from __future__ import annotations
 
 import json
+import os
 import platform
 import shutil
 import tempfile
@@ -110,6 +111,14 @@ class RunRecord:
         (folder / RUN_FILE).write_text(_readable(values), encoding="utf-8")
 
 
+def is_partial(folder: Path) -> bool:
+    """Whether the ``run.json`` in ``folder`` says that the run was stopped before the end of its input."""
+    try:
+        return json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))["partial"] is True
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
 def _readable(values: Mapping[str, Any]) -> str:
     """JSON with a line for each setting and each column of numbers."""
     text = json.dumps({**values, "frames": None}, indent=2, default=str)
@@ -133,10 +142,17 @@ def _working_folder(name: str, parent: Path) -> Path:
     try:
         parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=f".{name}.", suffix=".unfinished", dir=parent))
-        work.chmod(0o755)
+        # A folder for temporary use is the owner's alone; a result is for everybody whom the umask lets.
+        work.chmod(0o777 & ~_umask())
     except OSError as error:
         raise RequestError(f"cannot write to {parent}: {error.strerror}; choose another place") from error
     return work
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 def _publish(work: Path, folder: Path) -> None:

@@ -26,6 +26,7 @@ from tsuiseki.models.pretrained import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
+from tsuiseki.trainers.appearance import AppearanceTraining
 from tsuiseki.trainers.detector import FIXED_SIDES, DetectorTraining, detector_card
 
 # Largest difference to torch, relative to the largest value of an output. Float32 sums in another order differ by a
@@ -136,6 +137,32 @@ def export_detector(
     example = torch.zeros(2, 3, card.input_height, card.input_width)
     outputs = ("logits", "offsets", "anchors")
     return export_onnx(RawHeads(network), card, out, example, outputs, float16, overwrite)
+
+
+def export_appearance(
+    checkpoint: Path, out: Path, training_data: str = "", float16: bool = False, overwrite: bool = False
+) -> float:
+    """Write a trained appearance network as ONNX.
+
+    Args:
+        checkpoint: of `tsuiseki train appearance`.
+        out: the file to write.
+        training_data: for the card, in words.
+        float16: store weights as float16.
+        overwrite: replace an existing file.
+
+    Returns:
+        The largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: a missing or foreign file.
+        RunError: the exported file does not give what torch gives.
+    """
+    module = load_module(AppearanceTraining, checkpoint)
+    card = dataclasses.replace(module.card, training_data=training_data)
+    network = module.network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    return export_onnx(network, card, out, example, ("features",), float16, overwrite)
 
 
 def load_module(kind: type[Module], checkpoint: Path) -> Module:

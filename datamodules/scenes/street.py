@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -203,8 +204,16 @@ def street_frames(settings: StreetSettings, seed: int) -> Iterator[tuple[ImageAr
         yield draw_street(street, frame)
 
 
+Drawn: TypeAlias = tuple[ImageArray, FrameTruth]
+
+
 def write_street(
-    folder: str | Path, settings: StreetSettings, seed: int, overwrite: bool = False, name: str = ""
+    folder: str | Path,
+    settings: StreetSettings,
+    seed: int,
+    overwrite: bool = False,
+    name: str = "",
+    watch: Callable[[Iterator[Drawn]], Iterator[Drawn]] = iter,
 ) -> Path:
     """Write a clip in the MOTChallenge layout: ``img1/000001.jpg``, ..., ``gt/gt.txt``, ``seqinfo.ini``.
 
@@ -216,6 +225,7 @@ def write_street(
         seed: of all chance.
         overwrite: a clip that the folder holds is replaced, and its other files stay.
         name: of the sequence; by default the folder's.
+        watch: passes the frames on as they are drawn, to show how far it is.
 
     Raises:
         RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
@@ -232,7 +242,7 @@ def write_street(
     except OSError as error:
         raise RequestError(f"cannot write a clip at {folder}: {error.strerror}; choose another folder") from error
     try:
-        _write_clip(work, settings, seed, name or folder.name)
+        _write_clip(work, settings, watch(street_frames(settings, seed)), name or folder.name)
         # The folder for temporary use is the owner's alone; a result is for everybody whom the umask lets.
         work.chmod(0o777 & ~_umask())
         if filled:
@@ -260,10 +270,10 @@ def _umask() -> int:
     return mask
 
 
-def _write_clip(folder: Path, settings: StreetSettings, seed: int, name: str) -> None:
+def _write_clip(folder: Path, settings: StreetSettings, frames: Iterator[Drawn], name: str) -> None:
     (folder / "img1").mkdir()
     truths = []
-    for frame, (image, truth) in enumerate(street_frames(settings, seed)):
+    for frame, (image, truth) in enumerate(frames):
         truths.append(truth)
         data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, settings.jpeg])[1]
         (folder / "img1" / f"{frame + 1:06d}.jpg").write_bytes(data.tobytes())

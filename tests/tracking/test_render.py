@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.render import Overlay, track_colour, write_overlay
+from tsuiseki.tracking.render import NOISE_LEVELS, Overlay, track_colour, without_flicker, write_overlay
 from tsuiseki.tracking.types import Frame, ImageArray, Track
 from tsuiseki.tracking.video import open_source
 
@@ -60,3 +60,16 @@ def test_boxes_far_outside_the_image_do_no_harm() -> None:
 def test_the_overlay_has_all_frames_and_no_tracks_are_fine(tmp_path: Path) -> None:
     write_overlay(tmp_path / "o.webm", (grey(n) for n in range(7)), [], 10)
     assert len(list(open_source(tmp_path / "o.webm").frames())) == 7
+
+
+def test_noise_stands_still_and_movement_does_not() -> None:
+    rng = np.random.default_rng(0)
+    before = rng.integers(60, 180, (40, 60, 3), dtype=np.uint8)
+    after = before + rng.integers(0, NOISE_LEVELS + 1, before.shape, dtype=np.uint8)
+    after[10:20, 30:40] += 60
+    calm = without_flicker(after, before)
+    np.testing.assert_array_equal(calm[11:19, 31:39], after[11:19, 31:39])
+    moved = np.zeros((40, 60), dtype=bool)
+    moved[10:20, 30:40] = True
+    np.testing.assert_array_equal(calm[~moved], before[~moved])
+    np.testing.assert_array_equal(without_flicker(after, None), after)

@@ -137,8 +137,8 @@ class ObservationCost:
     [0.0, -2.0]
     """
 
-    alpha: float = 1.0
-    beta: float = -3.0
+    alpha: float = 7.65
+    beta: float = -9.0
     b: float = 0.0
 
     def __call__(self, scores: FloatArray) -> FloatArray:
@@ -151,27 +151,30 @@ class HandSetCost:
     """Transition cost set by hand on position, size and appearance: nothing is learnt.
 
     The exponent q of thesis eq. 2.14 is the logarithm of how much likelier two different people are than one, under
-    simple assumptions in place of boosted trees (eq. 2.15); the cost is log(1 + exp(q)).
+    simple assumptions in place of boosted trees (eq. 2.15); the cost is log(1 + exp(q)). Differences of place and size
+    follow Student's t distribution: now and then a detector is far off, and no single difference rules a link out.
 
     Attributes:
         bias: q of two detections one frame apart that do not differ, of neutral appearance.
-        noise: standard deviation of the difference of two detected centres, in heights.
-        speed_x: standard deviation of a person's horizontal velocity, in heights a frame.
-        speed_y: standard deviation of the vertical velocity, in heights a frame.
-        spread: how much longer gaps count against a link, as their region of likely positions grows.
-        size: standard deviation of the log ratio of two detected heights of one person.
+        noise: scale of the difference of two detected centres, in heights.
+        speed_x: scale of a person's horizontal velocity, in heights a frame.
+        speed_y: scale of the vertical velocity, in heights a frame.
+        spread: how much longer gaps count against a link, as their region of likely positions grows; 1 is by its area.
+        size: scale of the log ratio of two detected heights of one person.
+        tails: degrees of freedom of the distributions; the fewer, the less a large difference counts.
         appearance: weight of the cosine distance.
         neutral: cosine distance that speaks neither for nor against, taken also where the distance is not known.
     """
 
-    bias: float = -3.0
-    noise: float = 0.064
-    speed_x: float = 0.03
-    speed_y: float = 0.022
-    spread: float = 0.85
-    size: float = 0.15
-    appearance: float = 10.0
-    neutral: float = 0.2
+    bias: float = -5.0
+    noise: float = 0.06
+    speed_x: float = 0.04
+    speed_y: float = 0.02
+    spread: float = 1.0
+    size: float = 0.09
+    tails: float = 5.0
+    appearance: float = 12.0
+    neutral: float = 0.27
 
     def __call__(self, pairs: PairFeatures) -> FloatArray:
         """``(P,)`` costs, above 0."""
@@ -179,10 +182,20 @@ class HandSetCost:
         noise = self.noise**2
         variance_x, variance_y = noise + (self.speed_x * gap) ** 2, noise + (self.speed_y * gap) ** 2
         nearest = (noise + self.speed_x**2) * (noise + self.speed_y**2)
-        q = pairs.dx**2 / variance_x + pairs.dy**2 / variance_y + (pairs.dh / self.size) ** 2
-        q += self.spread * np.log(variance_x * variance_y / nearest)
-        q /= 2
-        q += self.bias
+        q = np.log(variance_x * variance_y / nearest) * (self.spread / 2) + self.bias
+        q += surprise(pairs.dx**2 / variance_x + pairs.dy**2 / variance_y, 2, self.tails)
+        q += surprise((pairs.dh / self.size) ** 2, 1, self.tails)
         known = ~np.isnan(pairs.appearance)
         q[known] += self.appearance * (pairs.appearance[known] - self.neutral)
         return np.logaddexp(0, q)
+
+
+def surprise(squared: FloatArray, dimensions: int, tails: float) -> FloatArray:
+    """How much less likely a difference is than none, -log p(x) / p(0), under Student's t distribution.
+
+    Args:
+        squared: squared lengths of differences, in scales.
+        dimensions: of the differences.
+        tails: degrees of freedom.
+    """
+    return np.asarray(np.log1p(squared / tails) * ((tails + dimensions) / 2))

@@ -29,7 +29,7 @@ class GapSettings:
             the middle of the gap, in heights.
     """
 
-    longest: int = 20
+    longest: int = 22
     support: float = 2.0
     mismatch: float = 1.0
 
@@ -47,8 +47,8 @@ class SmoothingSettings:
         size: for width and height, which change more slowly; 0 leaves them as they were detected.
     """
 
-    position: float = 200.0
-    size: float = 10_000.0
+    position: float = 250.0
+    size: float = 20_000.0
 
     def __post_init__(self) -> None:
         if not (0 <= self.position < np.inf and 0 <= self.size < np.inf):

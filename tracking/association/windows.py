@@ -47,13 +47,15 @@ class Decision:
         used: ``(K,)`` whether they belong to a track.
         follower: ``(K,)`` number of the next detection of the track, -1 where there is none. It may not be decided
             itself yet; that it follows is final.
-        cost: ``(K,)`` observation cost and cost of the transition to the follower; 0 where not used.
+        cost: ``(K,)`` observation cost, 0 where not used.
+        link: ``(K,)`` cost of the transition to the follower, 0 where there is none.
     """
 
     numbers: IntArray
     used: BoolArray
     follower: IntArray
     cost: FloatArray
+    link: FloatArray
 
 
 class WindowedFlow:
@@ -150,8 +152,8 @@ class WindowedFlow:
         used, follower = solution.used[done], solution.follower[done]
         # Index -1, a track's end, picks the appended -1.
         following = np.append(self._numbers, -1)[follower]
-        cost = np.where(used, self._graph.observation[done] + solution.link[done], 0.0)
-        return Decision(self._numbers[done], used, following, cost)
+        cost = np.where(used, self._graph.observation[done], 0.0)
+        return Decision(self._numbers[done], used, following, cost, solution.link[done])
 
     def _forget(self, done: BoolArray, solution: FlowSolution) -> None:
         graph = self._graph

@@ -53,6 +53,7 @@ def demo(
     """
     from tsuiseki.datamodules.scenes.street import StreetSettings, write_street
     from tsuiseki.tracking.cli.people_run import run_people
+    from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.output import output_folder
@@ -62,9 +63,11 @@ def demo(
     times = StageTimes()
     with output_folder(out, overwrite) as work:
         models = _models(work, train=train)
-        print(f"generating a street of {frames} frames", flush=True)
         with times.measure("generate"):
-            clip = write_street(work / CLIP_FOLDER, StreetSettings(frames=frames, frame_rate=FRAME_RATE), seed)
+            settings = StreetSettings(frames=frames, frame_rate=FRAME_RATE)
+            clip = write_street(
+                work / CLIP_FOLDER, settings, seed, watch=lambda drawn: progress(drawn, "generating", frames)
+            )
         source = open_source(clip)
         inputs, trackers = _prepare(source, models, threads)
         run = run_people(inputs, {METHODS[name]: tracker for name, tracker in trackers.items()}, times)

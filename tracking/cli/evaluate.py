@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ def people(
     from tsuiseki.tracking.evaluation.pairs import match_results, read_truths
     from tsuiseki.tracking.evaluation.plots import save_comparison
     from tsuiseki.tracking.evaluation.table import people_table, people_values, show
-    from tsuiseki.tracking.output import check_output_file, output_file
+    from tsuiseki.tracking.output import check_output_file, is_partial, output_file
 
     stretch = parse_frames(frames) if frames else None
     shown = _result_names(results, names)
@@ -51,6 +52,9 @@ def people(
         for name, result in zip(shown, results, strict=True)
     }
     show(people_table(scores))
+    for result in results:
+        if is_partial(result if result.is_dir() else result.parent):
+            print(f"note: {result} is a partial result; score the frames it has with --frames", file=sys.stderr)
     if json is not None:
         _write_json(json, people_values(scores), overwrite)
     if plot is not None:

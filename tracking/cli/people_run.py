@@ -217,7 +217,8 @@ def report_end(run: PeopleRun, tracks: Sequence[Track], folder: Path, source: So
             file=sys.stderr,
         )
         return 130
-    print(f"{count} {'person' if count == 1 else 'people'} in {frames} frames: {folder / TRACKS_FILE}")
+    people, length = "person" if count == 1 else "people", "frame" if frames == 1 else "frames"
+    print(f"{count} {people} in {frames} {length}: {folder / TRACKS_FILE}")
     return 0
 
 

@@ -19,7 +19,7 @@ COMMANDS = (
     "export appearance --checkpoint {work}/appearance/checkpoints/best.ckpt --float16 "
     "--out {models}/appearance_people.onnx --training-data 'generated scenes'",
     *(f"simulate street --seed {seed} --frames 300 --out {{work}}/streets/street-{seed}" for seed in range(8)),
-    "train affinity --config {configs}/affinity_scenes.yaml --folders {work}/streets "
+    "train affinity --folders {work}/streets --detections simulated --skips 1,2,3 "
     "--appearance {models}/appearance_people.onnx --out {models}/affinity_people.onnx",
 )
 
@@ -34,14 +34,18 @@ def make_models(folder: Path) -> dict[str, Path]:
     from tsuiseki.tracking.cli import main
 
     folder.mkdir(parents=True, exist_ok=True)
+    for words in commands(folder):
+        print(f"$ tsuiseki {shlex.join(words)}", file=sys.stderr, flush=True)
+        if main(words) != 0:
+            raise RunError(f"`tsuiseki {' '.join(words[:2])}` failed; its message stands above")
+    return {kind: folder / name for kind, name in SHIPPED.items()}
+
+
+def commands(folder: Path) -> list[list[str]]:
+    """The words of `COMMANDS` for models in ``folder``."""
     places = {
         "configs": shlex.quote(str(resources.files("tsuiseki.configs"))),
         "work": shlex.quote(str(folder / "training")),
         "models": shlex.quote(str(folder)),
     }
-    for command in COMMANDS:
-        words = shlex.split(command.format(**places))
-        print(f"$ tsuiseki {shlex.join(words)}", file=sys.stderr, flush=True)
-        if main(words) != 0:
-            raise RunError(f"`tsuiseki {' '.join(words[:2])}` failed; its message stands above")
-    return {kind: folder / name for kind, name in SHIPPED.items()}
+    return [shlex.split(command.format(**places)) for command in COMMANDS]

@@ -30,9 +30,10 @@ def street(
         overwrite: replace what is in the folder.
     """
     from tsuiseki.datamodules.scenes.street import StreetSettings, write_street
+    from tsuiseki.tracking.cli.progress import progress
 
     settings = StreetSettings(
         width=width, height=height, frames=frames, frame_rate=frame_rate, people=people, occluders=occluders
     )
-    folder = write_street(out, settings, seed, overwrite)
-    print(f"{frames} frames of {width}x{height}: {folder}")
+    write_street(out, settings, seed, overwrite, watch=lambda drawn: progress(drawn, "drawing", frames))
+    print(f"{frames} frames of {width}x{height}: {out}")

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.association.tracklets import JoinSettings, Pieces, Tracklets, join, make_tracklets
-from tsuiseki.tracking.association.windows import Decision
+from tsuiseki.tracking.association.pieces import Links, Pieces
+from tsuiseki.tracking.association.tracklets import JoinSettings, Tracklets, join, make_tracklets
 from tsuiseki.tracking.filters.kalman import BoxMotion, predict_boxes, start_boxes, update_boxes
 
 MOTION = BoxMotion()
 
 
-def _decision(numbers: list[int], follower: list[int], unused: tuple[int, ...] = ()) -> Decision:
-    used = np.array([number not in unused for number in numbers])
-    return Decision(np.array(numbers), used, np.array(follower), np.where(used, -1.0, 0.0))
+def _links(numbers: list[int], follower: list[int], features: np.ndarray | None = None) -> Links:
+    return Links(np.array(numbers), np.array(follower), np.full(len(numbers), -1.0), features)
 
 
-def test_decisions_in_parts_are_the_decision_at_once() -> None:
+def test_links_in_parts_are_the_links_at_once() -> None:
     looks = np.eye(8)[[0, 1, 0, 2, 1, 3, 0, 4]]
-    follower = [2, 4, 6, -1, 7, -1, -1, -1]
+    numbers, follower = [0, 1, 2, 4, 5, 6, 7], [2, 4, 6, 7, -1, -1, -1]
     whole, parts = Pieces(), Pieces()
-    whole.add(_decision(list(range(8)), follower, unused=(3,)), looks)
-    for numbers in ([0, 1], [2, 3], [4, 5, 6], [7]):
-        parts.add(_decision(numbers, [follower[n] for n in numbers], unused=(3,)), looks[numbers])
+    whole.add(_links(numbers, follower, looks[numbers]))
+    for part in ([0, 1], [2], [4, 5, 6], [7]):
+        parts.add(_links(part, [follower[numbers.index(n)] for n in part], looks[part]))
     assert whole.labels(8).tolist() == [0, 1, 0, -1, 1, 2, 0, 1]
     assert parts.labels(8).tolist() == whole.labels(8).tolist()
     np.testing.assert_array_equal(parts.costs, whole.costs)
@@ -35,9 +34,9 @@ def test_decisions_in_parts_are_the_decision_at_once() -> None:
 
 def test_a_copy_grows_by_itself() -> None:
     pieces = Pieces()
-    pieces.add(_decision([0], [1]), np.eye(2)[[0]])
+    pieces.add(_links([0], [1], np.eye(2)[[0]]))
     copied = pieces.copy()
-    copied.add(_decision([1], [-1]), np.eye(2)[[1]])
+    copied.add(_links([1], [-1], np.eye(2)[[1]]))
     looks = pieces.looks()
     assert looks is not None
     np.testing.assert_array_equal(looks, [[1, 0]])
@@ -46,12 +45,12 @@ def test_a_copy_grows_by_itself() -> None:
 
 def test_unknown_looks_stay_unknown() -> None:
     pieces = Pieces()
-    pieces.add(_decision([0, 1, 2], [-1, 2, -1]), np.array([[np.nan, np.nan], [np.nan, np.nan], [0, 1]]))
+    pieces.add(_links([0, 1, 2], [-1, 2, -1], np.array([[np.nan, np.nan], [np.nan, np.nan], [0, 1]])))
     looks = pieces.looks()
     assert looks is not None
     np.testing.assert_array_equal(looks, [[np.nan, np.nan], [0, 1]])
     nothing = Pieces()
-    nothing.add(_decision([0], [-1]), None)
+    nothing.add(_links([0], [-1]))
     assert nothing.looks() is None
 
 

@@ -58,7 +58,7 @@ def _windowed(
         flow.extend(*_part(graph, frames, first, first + chunk))
         for decision in [flow.decide(min(first + chunk, length) - 1)] + [flow.remainder()] * (first + chunk >= length):
             used[decision.numbers], follower[decision.numbers] = decision.used, decision.follower
-            cost[decision.numbers] = decision.cost
+            cost[decision.numbers] = decision.cost + decision.link
             times_decided[decision.numbers] += 1
         kept.append(len(flow.undecided))
     assert (times_decided == 1).all()

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
+import itertools
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.cli import COMMANDS, Group, main
+from tsuiseki.tracking.cli.models import SHIPPED
+from tsuiseki.tracking.cli.parser import parse
+from tsuiseki.tracking.cli.shipped_models import commands
 from tsuiseki.tracking.evaluation.pairs import read_truths
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.video import open_source
@@ -47,3 +52,19 @@ def test_demo_with_the_shipped_models(tmp_path: Path) -> None:
     scores = json.loads((tmp_path / "s.json").read_text())["flow"]["combined"]
     assert scores["recall"] > 0.5
     assert scores["precision"] > 0.7
+
+
+def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path) -> None:
+    """Their configurations exist, their options are known, and every shipped file comes out."""
+    made = set()
+    for kind, what, *words in commands(tmp_path):
+        group = COMMANDS[kind]
+        assert isinstance(group, Group)
+        command = group.commands[what]
+        for option, value in itertools.pairwise(words):
+            assert option != "--config" or Path(value).is_file()
+            made |= {Path(value).name} if option == "--out" else set()
+        if not command.forwarded:
+            module = importlib.import_module(f"tsuiseki.tracking.cli.{command.module}")
+            parse(f"tsuiseki {kind} {what}", getattr(module, command.function), command.positional, words)
+    assert set(SHIPPED.values()) <= made

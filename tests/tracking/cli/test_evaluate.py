@@ -69,6 +69,16 @@ def test_one_sequence_takes_a_file_or_a_result_folder(tmp_path: Path, truth: Pat
     assert by_file["motp"] == pytest.approx(29 / 31)
 
 
+@pytest.mark.parametrize("partial", [True, False])
+def test_a_partial_result_is_said_to_be_one(
+    tmp_path: Path, truth: Path, capsys: pytest.CaptureFixture[str], partial: bool
+) -> None:
+    (tmp_path / "tracks.txt").write_text(rows())
+    (tmp_path / "run.json").write_text(json.dumps({"partial": partial}))
+    assert main(["evaluate", "people", str(truth / "A"), str(tmp_path / "tracks.txt")]) == 0
+    assert ("is a partial result" in capsys.readouterr().err) == partial
+
+
 def test_only_the_asked_frames_are_scored(tmp_path: Path, truth: Path) -> None:
     result = tmp_path / "r.txt"
     result.write_text("\n".join(line for line in rows().splitlines() if int(line.split(",")[0]) <= 6) + "\n")

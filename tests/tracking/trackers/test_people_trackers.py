@@ -18,7 +18,7 @@ from tsuiseki.tracking.types import Detections, Track
 MAKERS: dict[str, Callable[[], PeopleTracker]] = {
     "sort": Sort,
     "deepsort": DeepSort,
-    "flow": FlowTracker,
+    "flow": lambda: FlowTracker(FlowSettings(chunk=None)),
     "sliding flow": lambda: FlowTracker(FlowSettings(chunk=7)),
 }
 EACH = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
@@ -197,7 +197,7 @@ def test_sort_lifecycle() -> None:
 def test_sliding_flow_is_the_flow(seed: int) -> None:
     video, _ = crowd(np.random.default_rng(20 + seed), 6, 90, miss=0.25, clutter=1.5, noise=3.0)
     gate = GateSettings(window=4)
-    whole = track_people(video, FlowTracker(FlowSettings(gate=gate)))
+    whole = track_people(video, FlowTracker(FlowSettings(gate=gate, chunk=None)))
     sliding = FlowTracker(FlowSettings(gate=gate, chunk=5 + seed))
     for a, b in zip(whole, track_people(video, sliding), strict=True):
         np.testing.assert_array_equal(a.frames, b.frames)

@@ -1,0 +1,109 @@
+"""Detections as an imperfect detector would give them, from exact labels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.geometry import clip_boxes
+from tsuiseki.tracking.types import Detections, FloatArray
+
+
+@dataclass(frozen=True)
+class DetectorFaults:
+    """How a simulated detector errs.
+
+    Attributes:
+        jitter: standard deviation of the box's centre and of the logarithm of its size, in box sizes.
+        steady: share of that jitter that stays from frame to frame, in [0, 1).
+        missed: chance to miss somebody fully visible, in a frame.
+        hidden: chance to miss somebody of whom a third is visible; it rises smoothly from ``missed``.
+        false_alarms: mean number of false boxes in a frame.
+        persistence: chance that a false box comes again in the next frame, in [0, 1).
+        doubled: chance of a second box on somebody, off to one side.
+    """
+
+    jitter: float = 0.05
+    steady: float = 0.6
+    missed: float = 0.05
+    hidden: float = 0.5
+    false_alarms: float = 0.6
+    persistence: float = 0.7
+    doubled: float = 0.03
+
+
+def simulate_detections(
+    rng: np.random.Generator, truth: GroundTruth, length: int, width: int, height: int, faults: DetectorFaults
+) -> list[Detections]:
+    """One `Detections` a frame: the labelled people moved, missed and added to.
+
+    Scores are high for the clearly visible and lower for the hidden and for false boxes, and overlap as those of a
+    real detector do.
+
+    Args:
+        rng: the source of all chance.
+        truth: labels.
+        length: of the video, frames.
+        width: of the images, pixels.
+        height: likewise.
+        faults: how the detector errs.
+    """
+    people = truth.select(truth.evaluated)
+    offsets = {int(identity): rng.normal(0, faults.jitter, 4) for identity in np.unique(people.ids)}
+    false = np.empty((0, 4))
+    result = []
+    for frame in range(length):
+        rows = people.between(frame, frame)
+        for identity in rows.ids.tolist():
+            fresh = rng.normal(0, faults.jitter, 4)
+            # Weights that keep the variance, whatever the share that stays.
+            offsets[identity] = faults.steady * offsets[identity] + np.sqrt(1 - faults.steady**2) * fresh
+        found = _seen(rng, rows.visibility, faults)
+        boxes = _moved(rows.boxes, np.array([offsets[i] for i in rows.ids.tolist()]).reshape(-1, 4))
+        doubled = found & (rng.random(len(rows)) < faults.doubled)
+        extra = _moved(rows.boxes[doubled], rng.normal(0, 0.35, (int(doubled.sum()), 4)))
+        false = _false_boxes(rng, false, people.boxes, width, height, faults)
+        scores = [_scores(rng, rows.visibility[found], 4.5), _scores(rng, np.zeros(len(extra) + len(false)), 2.0)]
+        result.append(_inside(np.concatenate([boxes[found], extra, false]), np.concatenate(scores), width, height))
+    return result
+
+
+def _seen(rng: np.random.Generator, visibility: FloatArray, faults: DetectorFaults) -> np.ndarray:
+    logit = {share: np.log(share / (1 - share)) for share in (faults.missed, faults.hidden)}
+    slope = (logit[faults.hidden] - logit[faults.missed]) / (1 - 1 / 3)
+    missed = 1 / (1 + np.exp(-(logit[faults.missed] + slope * (1 - visibility))))
+    return np.asarray(rng.random(len(visibility)) >= missed)
+
+
+def _moved(boxes: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Boxes with centres moved and sizes stretched by ``(N, 4)`` offsets in box sizes."""
+    size = boxes[:, 2:] - boxes[:, :2]
+    middle = (boxes[:, :2] + boxes[:, 2:]) / 2 + offsets[:, :2] * size
+    half = size / 2 * np.exp(offsets[:, 2:])
+    return np.concatenate([middle - half, middle + half], axis=1)
+
+
+def _false_boxes(
+    rng: np.random.Generator, before: FloatArray, people: FloatArray, width: int, height: int, faults: DetectorFaults
+) -> FloatArray:
+    """False boxes that stay and new ones, of people's size anywhere in the picture."""
+    kept = before[rng.random(len(before)) < faults.persistence]
+    new = people[rng.integers(0, len(people), rng.poisson(faults.false_alarms * (1 - faults.persistence)))]
+    corner = rng.uniform(0, 1, (len(new), 2)) * [width, height]
+    size = new[:, 2:] - new[:, :2]
+    kept = _moved(kept, rng.normal(0, faults.jitter, kept.shape))
+    return np.concatenate([kept, np.concatenate([corner - size / 2, corner + size / 2], axis=1)])
+
+
+def _scores(rng: np.random.Generator, visibility: FloatArray, clear: float) -> FloatArray:
+    """Scores in (0.3, 1): a logistic function of ``clear`` where all is visible and less where not."""
+    logit = rng.normal(clear - 3 * (1 - visibility) * (clear > 3), 1.3)
+    return 0.3 + 0.7 / (1 + np.exp(-logit))
+
+
+def _inside(boxes: FloatArray, scores: FloatArray, width: int, height: int) -> Detections:
+    boxes = clip_boxes(boxes, width, height)
+    kept = ((boxes[:, 2:] - boxes[:, :2]) >= 2).all(axis=1)
+    return Detections(boxes[kept], scores[kept])

@@ -1,0 +1,106 @@
+"""The learnt transition cost: gradient-boosted trees over pairs of detections (thesis eq. 2.14-2.15), from ONNX.
+
+The trees give the probability that two detections show the same person, whether or not that person was detected in
+between; what frames without a detection cost is the flow's own affair.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.association.costs import ObservationCost, PairFeatures
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import ModelCard, OnnxModel
+from tsuiseki.tracking.types import FloatArray
+
+FeatureSet = Literal["thesis", "extended"]
+FEATURE_SETS: dict[FeatureSet, tuple[str, ...]] = {
+    "thesis": ("iou", "appearance"),
+    "extended": ("iou", "appearance", "gap", "width", "height", "x", "y"),
+}
+# No evidence makes a link certain, and the cost of an impossible one has to stay finite.
+LEAST_PROBABILITY = 1e-6
+ROWS_A_CALL = 1 << 18
+
+
+def feature_rows(pairs: PairFeatures, features: FeatureSet) -> NDArray[np.float32]:
+    """``(P, F)`` what the trees see of P pairs; NaN where the appearance is not known.
+
+    ``thesis`` is eq. 2.15: intersection over union and cosine distance. ``extended`` adds the gap in frames, the
+    change of width and height (absolute log ratio) and the move in x and y (heights of the boxes a frame).
+
+    Raises:
+        RequestError: there is no such feature set.
+    """
+    if features not in FEATURE_SETS:
+        raise RequestError(f"expected features of {', '.join(get_args(FeatureSet))}; got {features!r}")
+    columns = {
+        "iou": pairs.iou,
+        "appearance": pairs.appearance,
+        "gap": pairs.gap,
+        "width": np.abs(pairs.dw),
+        "height": np.abs(pairs.dh),
+        "x": np.abs(pairs.dx) / pairs.gap,
+        "y": np.abs(pairs.dy) / pairs.gap,
+    }
+    return np.stack([columns[name] for name in FEATURE_SETS[features]], axis=1).astype(np.float32)
+
+
+def transition_cost(probability: FloatArray) -> FloatArray:
+    """c_tran of eq. 2.14: with P = 1 / (1 + exp(q)) the cost is -log P, so ``(P,)`` above 0 and finite.
+
+    >>> transition_cost(np.array([0.5])).round(4).tolist()
+    [0.6931]
+    """
+    return -np.log(np.clip(probability, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY))
+
+
+class Affinity:
+    """A learnt transition cost and the observation cost learnt with it; a `TransitionCost`.
+
+    Attributes:
+        card: what the file says of itself.
+        window: largest gap in frames it was learnt on.
+        observation: c_obsv of eq. 2.12-2.13.
+
+    Args:
+        path: the ONNX file.
+        threads: CPU threads; 0 leaves it to onnxruntime.
+
+    Raises:
+        RequestError: the file is no affinity (see `OnnxModel`), or its features are not known here.
+    """
+
+    def __init__(self, path: str | Path, threads: int = 0) -> None:
+        self.model = OnnxModel(path, "affinity", threads)
+        self.card: ModelCard = self.model.card
+        settings = self.card.settings
+        self.features: FeatureSet = settings.get("features", "")
+        if FEATURE_SETS.get(self.features) != self.card.class_names:
+            raise RequestError(
+                f"{path}: expected the features {' or '.join(FEATURE_SETS)}, got {', '.join(self.card.class_names)}; "
+                "update tsuiseki or fit the affinity again"
+            )
+        try:
+            self.window = int(settings["window"])
+            self.observation = ObservationCost(*(float(settings[name]) for name in ("alpha", "beta", "b")))
+        except (KeyError, TypeError, ValueError) as error:
+            raise RequestError(
+                f"{path}: expected numbers window, alpha, beta and b in the metadata, got {error!r}; "
+                "fit the affinity again"
+            ) from error
+
+    def probability(self, pairs: PairFeatures) -> FloatArray:
+        """``(P,)`` probability that the two detections of each pair show the same person."""
+        rows = feature_rows(pairs, self.features)
+        # In pieces: the trees' own buffers grow with the rows of a call.
+        pieces = [self.model.run(rows[k : k + ROWS_A_CALL])[0] for k in range(0, len(rows), ROWS_A_CALL)]
+        return np.concatenate([np.empty(0), *pieces]).astype(np.float64)
+
+    def __call__(self, pairs: PairFeatures) -> FloatArray:
+        """``(P,)`` costs, above 0."""
+        return transition_cost(self.probability(pairs))

@@ -1,0 +1,90 @@
+"""Detections of several frames in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class DetectionRows:
+    """Detections of several frames.
+
+    Attributes:
+        numbers: ``(N,)`` increasing, counted over the whole video.
+        frames: ``(N,)``.
+        boxes: ``(N, 4)`` pixels.
+        scores: ``(N,)``.
+        features: ``(N, D)`` of unit length, NaN where not known; None where nothing was described.
+    """
+
+    numbers: IntArray
+    frames: IntArray
+    boxes: FloatArray
+    scores: FloatArray
+    features: FloatArray | None
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def select(self, which: BoolArray | IntArray) -> DetectionRows:
+        """The rows at a mask or at indices."""
+        features = None if self.features is None else self.features[which]
+        return DetectionRows(self.numbers[which], self.frames[which], self.boxes[which], self.scores[which], features)
+
+
+def rows_of(detections: Sequence[Detections], first_frame: int, first_number: int) -> DetectionRows:
+    """The detections of consecutive frames, at least one.
+
+    Raises:
+        ValueError: features are of different lengths.
+    """
+    lengths = [len(found) for found in detections]
+    boxes = np.concatenate([found.boxes for found in detections])
+    return DetectionRows(
+        first_number + np.arange(len(boxes)),
+        first_frame + np.repeat(np.arange(len(detections)), lengths),
+        boxes,
+        np.concatenate([found.scores for found in detections]),
+        _stacked([found.features for found in detections], lengths),
+    )
+
+
+def no_rows() -> DetectionRows:
+    """A table of nothing."""
+    return rows_of([Detections.empty()], 0, 0)
+
+
+def join_rows(rows: Sequence[DetectionRows]) -> DetectionRows:
+    """The rows of several tables, at least one, one after the other.
+
+    Raises:
+        ValueError: features are of different lengths.
+    """
+    return DetectionRows(
+        np.concatenate([part.numbers for part in rows]),
+        np.concatenate([part.frames for part in rows]),
+        np.concatenate([part.boxes for part in rows]),
+        np.concatenate([part.scores for part in rows]),
+        _stacked([part.features for part in rows], [len(part) for part in rows]),
+    )
+
+
+def _stacked(features: Sequence[FloatArray | None], lengths: Sequence[int]) -> FloatArray | None:
+    """Features one below the other, NaN for those that are not known."""
+    known = {part.shape[1] for part in features if part is not None and len(part)}
+    if not known:
+        return None
+    if len(known) > 1:
+        raise ValueError(f"expected features of one length, got lengths {sorted(known)}")
+    width = known.pop()
+    return np.concatenate(
+        [
+            np.full((length, width), np.nan) if part is None else part.reshape(length, width)
+            for part, length in zip(features, lengths, strict=True)
+        ]
+    )
