@@ -188,6 +188,9 @@ def recall(
     """
     ranks = []
     for boxes, proposed in zip(truths, proposals, strict=True):
+        if not len(proposed):
+            ranks.append(np.full(len(boxes), np.iinfo(np.int64).max))
+            continue
         hit = iou_pairs(boxes[:, None], proposed[None]) >= overlap
         ranks.append(np.where(hit.any(axis=1), hit.argmax(axis=1), np.iinfo(np.int64).max))
     rank = np.concatenate(ranks) if ranks else np.empty(0)
