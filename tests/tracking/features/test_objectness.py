@@ -12,7 +12,6 @@ from tsuiseki.tracking.features.objectness import (
     propose,
     read_objectness,
     recall,
-    shipped_objectness,
 )
 
 
@@ -83,9 +82,3 @@ def test_other_files_are_refused(tmp_path, content):
     (tmp_path / "m.json").write_text(content)
     with pytest.raises(RequestError, match="expected an objectness model"):
         read_objectness(tmp_path / "m.json")
-
-
-def test_the_shipped_model_reads():
-    model = shipped_objectness()
-    assert len(model.sizes) >= 5
-    assert (model.gains > 0).all()
