@@ -17,7 +17,8 @@ import numpy as np
 
 from tsuiseki.datamodules.readers.mot import LabelledImage, labelled_images
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc, evaluate_retrieval
-from tsuiseki.tracking.features.networks import Appearance, crop_boxes
+from tsuiseki.tracking.features.networks import Appearance
+from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 SPACES = {"Lab": cv2.COLOR_RGB2LAB, "HSV": cv2.COLOR_RGB2HSV}

@@ -23,7 +23,7 @@ from tsuiseki.datamodules.identity_crops import (
 )
 from tsuiseki.datamodules.rendered_people import put_on_ground, render_people
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks import crop_boxes
+from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import ImageArray
 
 Sample: TypeAlias = tuple[ImageArray, int, int, bool]

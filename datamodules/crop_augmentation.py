@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.datamodules.rendered_people import put_before, put_on_ground
-from tsuiseki.tracking.features.networks import crop_boxes
+from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Float32Array = NDArray[np.float32]

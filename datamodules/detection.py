@@ -20,8 +20,8 @@ from tsuiseki.datamodules.footage import FixedView, Footage, Source
 from tsuiseki.datamodules.scene_images import write_scene_images
 from tsuiseki.datamodules.scenes.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks import fit_image
 from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import ImageArray
 
 PERSON, IGNORED, PADDING = 1, -1, 0

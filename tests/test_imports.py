@@ -17,7 +17,7 @@ ALLOWED = {
     "models": {"models"},
     "tracking": {"tracking"},
     "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
-                    "tracking.geometry"},
+                    "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output"},
     "trainers": {"trainers", "models", "datamodules", "tracking"},
     "configs": set(),
 }  # fmt: skip

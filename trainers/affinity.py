@@ -30,6 +30,7 @@ from tsuiseki.tracking.features.networks import Appearance, Detector, stream
 from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
 from tsuiseki.tracking.formats.mot import find_sequences, read_detections, read_ground_truth
 from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.output import check_output_file
 from tsuiseki.tracking.trackers.flow import FlowSettings
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, IntArray
 from tsuiseki.trainers.affinity_samples import (
@@ -131,8 +132,7 @@ def fit_affinity(
         RequestError: unusable folders or models, no pairs of both kinds, or the file exists.
     """
     gate, boosting = gate or FlowSettings().gate, boosting or BoostingSettings()
-    if out.exists() and not overwrite:
-        raise RequestError(f"{out} exists; choose another --out or replace it with --overwrite true")
+    check_output_file(out, overwrite)
     models = [Appearance(path) for path in (cross_fit or ([appearance] if appearance else []))]
     find = Detector(detector) if detector is not None else detections
     rng = np.random.default_rng(seed)
@@ -151,12 +151,10 @@ def fit_affinity(
     )
     _check_kinds(samples)
     samples = _with_unknown(samples, FEATURE_SETS[features].index("appearance"), rng)
-    # OpenMP threads that wait for each other on a busy machine cost minutes; one alone needs seconds.
-    with threadpool_limits(1):
-        trees, report = fit_transition(samples, FEATURE_SETS[features], boosting, seed)
+    trees, report = fit_transition(samples, FEATURE_SETS[features], boosting, seed)
     observation = fit_observation(found, b)
     card = _card(features, gate, observation, report, folders, frames)
-    export_affinity(trees, (report.scale, report.shift), card, out, samples.rows)
+    export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, overwrite)
     print(f"{out}: {report.pairs} pairs, {report.positives} of the same person")
     print(
         f"on unseen stretches AUC {report.auc:.4f}, log loss {report.log_loss:.4f}; logit scaled by {report.scale:.2f}"
@@ -215,6 +213,8 @@ def every_nth(found: LabelledDetections, skip: int) -> LabelledDetections:
     )
 
 
+# OpenMP threads that wait for each other on a busy machine cost minutes; one alone needs seconds.
+@threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]
 def fit_transition(
     samples: PairSamples, names: Sequence[str], settings: BoostingSettings, seed: int
 ) -> tuple[HistGradientBoostingClassifier, AffinityReport]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import warnings
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -15,9 +15,11 @@ from onnx import TensorProto, helper, numpy_helper
 from skl2onnx import to_onnx
 from skl2onnx.common.data_types import FloatTensorType
 from sklearn.ensemble import HistGradientBoostingClassifier
+from threadpoolctl import threadpool_limits
 
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
+from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.types import FloatArray
 
 # float32 sums of the leaves against float64 ones; a share of rows may lie on a threshold, where rounding decides.
@@ -33,6 +35,7 @@ def export_affinity(
     card: ModelCard,
     path: Path,
     example: FloatArray,
+    overwrite: bool = False,
 ) -> None:
     """Write the trees and their calibration as ``path``, checked against scikit-learn.
 
@@ -42,32 +45,34 @@ def export_affinity(
         trees: fitted.
         calibration: scale and shift of the trees' logit.
         card: what goes into the metadata.
-        path: of the file; an existing one is replaced.
+        path: of the file.
         example: ``(N, F)`` rows to check on.
+        overwrite: replace an existing file.
 
     Raises:
+        RequestError: the path cannot be written to.
         RunError: the exported model answers otherwise than the trees.
     """
-    model = to_onnx(
-        trees,
-        initial_types=[("features", FloatTensorType([None, example.shape[1]]))],
-        options={"zipmap": False},
-        target_opset={"": OPSET, "ai.onnx.ml": 3},
-    )
+    with warnings.catch_warnings():
+        # skl2onnx hands onnx booleans for integers, which onnx says it will refuse one day.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        model = to_onnx(
+            trees,
+            initial_types=[("features", FloatTensorType([None, example.shape[1]]))],
+            options={"zipmap": False},
+            target_opset={"": OPSET, "ai.onnx.ml": 3},
+        )
     _calibrate(model.graph, calibration)
     card = replace(card, project_version=version("tsuiseki"))
     model.metadata_props.add(key=METADATA_KEY, value=card.to_json())
     onnx.checker.check_model(model)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f"{path.name}.{os.getpid()}.part")
-    beside.write_bytes(model.SerializeToString())
-    try:
-        check_parity(trees, calibration, beside, example)
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+    with output_file(path, overwrite) as work:
+        work.parent.mkdir(parents=True, exist_ok=True)
+        work.write_bytes(model.SerializeToString())
+        check_parity(trees, calibration, work, example)
 
 
+@threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]
 def check_parity(
     trees: HistGradientBoostingClassifier, calibration: tuple[float, float], path: Path, example: FloatArray
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 import warnings
@@ -59,8 +60,8 @@ def fit(task: Task, arguments: Sequence[str]) -> Path:
     """Train as the command line ``arguments`` say.
 
     Besides ``--config FILE``, ``--trainer.*``, ``--model.*`` and ``--data.*`` these are ``--out DIR``,
-    ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``config.yaml``, ``metrics.csv``,
-    TensorBoard events, ``checkpoints/best.ckpt`` and ``checkpoints/last.ckpt``.
+    ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``config.yaml``,
+    ``checkpoints/{best,last}.ckpt``, ``metrics/version_N/metrics.csv`` (N counts the sittings) and TensorBoard events.
 
     Returns:
         The best checkpoint.
@@ -73,6 +74,10 @@ def fit(task: Task, arguments: Sequence[str]) -> Path:
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*isinstance.treespec, LeafSpec.*")
         warnings.filterwarnings("ignore", message=".*number of training batches.*smaller than the logging interval.*")
+        warnings.filterwarnings("ignore", message=".*Checkpoint directory .* exists and is not empty.*")
+        # Lightning calls jsonargparse by names that newer versions discourage.
+        warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning.pytorch.cli")
+        logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
         cli = _parse(task, arguments)
         checkpoint = cli.config.ckpt_path
         cli.trainer.fit(cli.model, datamodule=cli.datamodule, ckpt_path=None if checkpoint is None else str(checkpoint))
@@ -134,7 +139,7 @@ class TaskCLI(LightningCLI):
         """The configured trainer with our loggers and callbacks added."""
         out = str(self.out)
         loggers: list[Logger] = [
-            CSVLogger(out, name="", version=""),
+            CSVLogger(out, name="metrics"),
             TensorBoardLogger(out, name="", version="tensorboard"),
         ]
         on_terminal = sys.stdout.isatty()

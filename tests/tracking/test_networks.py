@@ -10,8 +10,9 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks import Appearance, Detector, crop_boxes, decode_boxes, fit_image, stream
-from tsuiseki.tracking.onnx import FORMAT_VERSION, METADATA_KEY, ModelCard, OnnxModel, normalise
+from tsuiseki.tracking.features.networks import Appearance, Detector, decode_boxes, stream
+from tsuiseki.tracking.onnx import FORMAT_VERSION, METADATA_KEY, ModelCard, OnnxModel
+from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, Frame
 
 HEIGHT, WIDTH = 24, 32

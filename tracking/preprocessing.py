@@ -1,0 +1,72 @@
+"""From images to the input of a network: fitting, cropping, normalising. Training and inference share it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.types import FloatArray, ImageArray
+
+
+def fit_image(image: ImageArray, card: ModelCard) -> tuple[ImageArray, tuple[float, float]]:
+    """``image`` at the network's input size, and the scales from image to input pixels in x and y.
+
+    ``letterbox`` keeps the aspect ratio and fills the right and lower rest with the mean colour.
+    """
+    height, width = image.shape[:2]
+    if card.resize == "stretch":
+        scale = card.input_width / width, card.input_height / height
+        return _resize(image, card.input_width, card.input_height), scale
+    ratio = min(card.input_width / width, card.input_height / height)
+    new_width, new_height = max(1, round(width * ratio)), max(1, round(height * ratio))
+    resized = _resize(image, new_width, new_height)
+    if (new_height, new_width) == (card.input_height, card.input_width):
+        return resized, (ratio, ratio)
+    fill = np.round(255 * np.asarray(card.mean)).tolist()
+    padded = cv2.copyMakeBorder(
+        resized, 0, card.input_height - new_height, 0, card.input_width - new_width, cv2.BORDER_CONSTANT, value=fill
+    )
+    return np.asarray(padded, dtype=np.uint8), (new_width / width, new_height / height)
+
+
+def crop_boxes(image: ImageArray, boxes: FloatArray, height: int, width: int) -> ImageArray:
+    """``(N, height, width, 3)`` crops of ``(N, 4)`` boxes, stretched; outside the image its border is repeated."""
+    crops = np.empty((len(boxes), height, width, 3), dtype=np.uint8)
+    rows, columns = image.shape[:2]
+    corners = np.stack([np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])], axis=1).reshape(-1, 4).astype(int)
+    for crop, (x1, y1, x2, y2) in zip(crops, corners.tolist(), strict=True):
+        inner: NDArray[Any] = image[np.clip(y1, 0, rows - 1) : max(y2, 1), np.clip(x1, 0, columns - 1) : max(x2, 1)]
+        before_x, before_y = max(-x1, 0), max(-y1, 0)
+        after_x, after_y = max(x2 - columns, 0), max(y2 - rows, 0)
+        if before_x or before_y or after_x or after_y:
+            inner = cv2.copyMakeBorder(inner, before_y, after_y, before_x, after_x, cv2.BORDER_REPLICATE)
+        cv2.resize(inner, (width, height), dst=crop, interpolation=_interpolation(inner, width))
+    return crops
+
+
+def normalise(images: NDArray[np.uint8], card: ModelCard) -> NDArray[np.float32]:
+    """``(N, H, W, 3)`` uint8 RGB to the ``(N, 3, H, W)`` float32 that the model of ``card`` takes."""
+    levels = np.arange(256, dtype=np.float64)[:, None] / 255
+    tables = ((levels - np.asarray(card.mean)) / np.asarray(card.std)).astype(np.float32)
+    count, height, width, channels = images.shape
+    planes = np.empty((count, channels, height, width), dtype=np.float32)
+    # A table look-up per channel writes the planes at once: several times faster than arithmetic and a transpose.
+    for image, target in zip(images, planes, strict=True):
+        for channel in range(channels):
+            cv2.LUT(cv2.extractChannel(image, channel), tables[:, channel], dst=target[channel])
+    return planes
+
+
+def _interpolation(image: NDArray[Any], width: int) -> int:
+    # Area averaging avoids aliasing when shrinking; bilinear when enlarging.
+    return cv2.INTER_AREA if image.shape[1] > width else cv2.INTER_LINEAR
+
+
+def _resize(image: ImageArray, width: int, height: int) -> ImageArray:
+    if image.shape[:2] == (height, width):
+        return image
+    return np.asarray(cv2.resize(image, (width, height), interpolation=_interpolation(image, width)), dtype=np.uint8)
