@@ -12,12 +12,16 @@ import numpy as np
 from tsuiseki.tracking.types import Detections
 
 
-def walking_people(frames: int, people: int, seed: int = 0, size: tuple[int, int] = (1920, 1080)) -> list[Detections]:
+def walking_people(
+    frames: int, people: int, seed: int = 0, size: tuple[int, int] = (1920, 1080), feature_length: int = 0
+) -> list[Detections]:
     """Detections of ``people`` who walk about an image and turn back at its borders.
 
-    One detection in ten is missed and one in twenty is false, boxes are noisy, people 100 to 200 pixels tall.
+    One detection in ten is missed and one in twenty is false, boxes are noisy, people 100 to 200 pixels tall. With a
+    ``feature_length`` everybody has looks, and every detection features near those.
     """
     rng = np.random.default_rng(seed)
+    looks = rng.normal(size=(people, feature_length))
     limits = np.array(size, dtype=np.float64)
     place, velocity = rng.uniform(0, 1, (people, 2)) * limits, rng.normal(0, 2, (people, 2))
     height = rng.uniform(100, 200, people)
@@ -33,7 +37,12 @@ def walking_people(frames: int, people: int, seed: int = 0, size: tuple[int, int
         tall = np.append(height[seen] * np.exp(rng.normal(0, 0.03, seen.sum())), height[false])
         half = np.stack([0.2 * tall, 0.5 * tall], axis=1)
         scores = np.append(rng.uniform(0.8, 1, seen.sum()), rng.uniform(0.3, 0.9, false.sum()))
-        video.append(Detections(np.hstack([middle - half, middle + half]), scores))
+        found = Detections(np.hstack([middle - half, middle + half]), scores)
+        if feature_length:
+            seen_looks = np.vstack([looks[seen], rng.normal(size=(false.sum(), feature_length))])
+            features = seen_looks + rng.normal(0, 0.3, seen_looks.shape)
+            found = found.with_features(features / np.linalg.norm(features, axis=1, keepdims=True))
+        video.append(found)
     return video
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.geometry import clip_boxes
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,8 @@ class DetectorFaults:
     """How a simulated detector errs.
 
     Attributes:
-        jitter: standard deviation of the box's centre and of the logarithm of its size, in box sizes.
+        jitter: scale of the error of the box's centre and of the logarithm of its size, in box sizes. Errors are
+            heavy-tailed (Student's t, 3 degrees of freedom): now and then a box misses half of the person.
         steady: share of that jitter that stays from frame to frame, in [0, 1).
         missed: chance to miss somebody fully visible, in a frame.
         hidden: chance to miss somebody of whom a third is visible; it rises smoothly from ``missed``.
@@ -25,13 +26,13 @@ class DetectorFaults:
         doubled: chance of a second box on somebody, off to one side.
     """
 
-    jitter: float = 0.05
-    steady: float = 0.6
+    jitter: float = 0.06
+    steady: float = 0.5
     missed: float = 0.05
     hidden: float = 0.5
-    false_alarms: float = 0.6
-    persistence: float = 0.7
-    doubled: float = 0.03
+    false_alarms: float = 1.0
+    persistence: float = 0.8
+    doubled: float = 0.05
 
 
 def simulate_detections(
@@ -51,13 +52,13 @@ def simulate_detections(
         faults: how the detector errs.
     """
     people = truth.select(truth.evaluated)
-    offsets = {int(identity): rng.normal(0, faults.jitter, 4) for identity in np.unique(people.ids)}
+    offsets = {int(identity): _errors(rng, 1, faults.jitter)[0] for identity in np.unique(people.ids)}
     false = np.empty((0, 4))
     result = []
     for frame in range(length):
         rows = people.between(frame, frame)
         for identity in rows.ids.tolist():
-            fresh = rng.normal(0, faults.jitter, 4)
+            fresh = _errors(rng, 1, faults.jitter)[0]
             # Weights that keep the variance, whatever the share that stays.
             offsets[identity] = faults.steady * offsets[identity] + np.sqrt(1 - faults.steady**2) * fresh
         found = _seen(rng, rows.visibility, faults)
@@ -65,12 +66,20 @@ def simulate_detections(
         doubled = found & (rng.random(len(rows)) < faults.doubled)
         extra = _moved(rows.boxes[doubled], rng.normal(0, 0.35, (int(doubled.sum()), 4)))
         false = _false_boxes(rng, false, people.boxes, width, height, faults)
-        scores = [_scores(rng, rows.visibility[found], 4.5), _scores(rng, np.zeros(len(extra) + len(false)), 2.0)]
+        scores = [
+            _scores(rng, 3.5 - 3 * (1 - rows.visibility[found])),
+            _scores(rng, np.full(len(extra) + len(false), 2.0)),
+        ]
         result.append(_inside(np.concatenate([boxes[found], extra, false]), np.concatenate(scores), width, height))
     return result
 
 
-def _seen(rng: np.random.Generator, visibility: FloatArray, faults: DetectorFaults) -> np.ndarray:
+def _errors(rng: np.random.Generator, count: int, scale: float) -> FloatArray:
+    """``(count, 4)`` errors of centre and log size; a size never changes by more than a factor of about 2."""
+    return np.asarray(np.clip(rng.standard_t(3, (count, 4)), -8, 8) * scale)
+
+
+def _seen(rng: np.random.Generator, visibility: FloatArray, faults: DetectorFaults) -> BoolArray:
     logit = {share: np.log(share / (1 - share)) for share in (faults.missed, faults.hidden)}
     slope = (logit[faults.hidden] - logit[faults.missed]) / (1 - 1 / 3)
     missed = 1 / (1 + np.exp(-(logit[faults.missed] + slope * (1 - visibility))))
@@ -93,14 +102,13 @@ def _false_boxes(
     new = people[rng.integers(0, len(people), rng.poisson(faults.false_alarms * (1 - faults.persistence)))]
     corner = rng.uniform(0, 1, (len(new), 2)) * [width, height]
     size = new[:, 2:] - new[:, :2]
-    kept = _moved(kept, rng.normal(0, faults.jitter, kept.shape))
+    kept = _moved(kept, _errors(rng, len(kept), faults.jitter))
     return np.concatenate([kept, np.concatenate([corner - size / 2, corner + size / 2], axis=1)])
 
 
-def _scores(rng: np.random.Generator, visibility: FloatArray, clear: float) -> FloatArray:
-    """Scores in (0.3, 1): a logistic function of ``clear`` where all is visible and less where not."""
-    logit = rng.normal(clear - 3 * (1 - visibility) * (clear > 3), 1.3)
-    return 0.3 + 0.7 / (1 + np.exp(-logit))
+def _scores(rng: np.random.Generator, clear: FloatArray) -> FloatArray:
+    """Scores in (0.3, 1), a noisy logistic function of how ``clear`` a detection is."""
+    return np.asarray(0.3 + 0.7 / (1 + np.exp(-rng.normal(clear, 1.5))))
 
 
 def _inside(boxes: FloatArray, scores: FloatArray, width: int, height: int) -> Detections:

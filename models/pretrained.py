@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 from torchvision.models.detection import SSD300_VGG16_Weights, SSDLite320_MobileNet_V3_Large_Weights
 
-from tsuiseki.models.detector import Detector, OneClass, ssd300, ssdlite320
+from tsuiseki.models.detector import Detector, OneClass
+from tsuiseki.models.ssd import ssd300, ssdlite320
 
 CocoArchitecture = Literal["ssdlite320", "ssd300"]
 COCO_CLASSES = 90

@@ -7,8 +7,7 @@ weighted, and the trees' overconfidence is measured on stretches they were not f
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -19,25 +18,24 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import log_loss
 from threadpoolctl import threadpool_limits
 
-from tsuiseki.datamodules.identity_crops import read_image
-from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
+from tsuiseki.datamodules.simulated_detections import DetectorFaults
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet
 from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc
-from tsuiseki.tracking.features.networks import Appearance, Detector, stream
-from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
-from tsuiseki.tracking.formats.mot import find_sequences, read_detections, read_ground_truth
+from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.formats.mot import find_sequences
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.tracking.trackers.flow import FlowSettings
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.trainers.affinity_samples import (
     LabelledDetections,
     PairSamples,
+    every_nth,
     join_samples,
-    label_detections,
+    labelled_parts,
     pair_samples,
 )
 from tsuiseki.trainers.export_affinity import export_affinity
@@ -45,6 +43,7 @@ from tsuiseki.trainers.export_affinity import export_affinity
 # More of it makes two people alike less alike for no feature but the gap.
 FALLING = {"iou": 1, "appearance": -1, "width": -1, "height": -1, "x": -1, "y": -1, "gap": 0}
 GROUPS = 5
+WINDOW = 10
 UNKNOWN_SHARE = 0.1
 
 
@@ -120,7 +119,8 @@ def fit_affinity(
         appearance: exported appearance network; without one the appearance counts as unknown.
         cross_fit: exported appearance networks, one a stretch, in place of ``appearance``.
         features: ``thesis``: overlap and appearance distance; ``extended``: also gap, size and motion.
-        gate: which pairs to learn from; by default those that the flow tracker asks about by default.
+        gate: which pairs to learn from; by default as the flow tracker asks, up to 10 frames apart. The tracker
+            takes the largest gap over from the file.
         skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
         boosting: settings of the trees.
         faults: of simulated detections.
@@ -131,7 +131,7 @@ def fit_affinity(
     Raises:
         RequestError: unusable folders or models, no pairs of both kinds, or the file exists.
     """
-    gate, boosting = gate or FlowSettings().gate, boosting or BoostingSettings()
+    gate, boosting = gate or replace(FlowSettings().gate, window=WINDOW), boosting or BoostingSettings()
     check_output_file(out, overwrite)
     models = [Appearance(path) for path in (cross_fit or ([appearance] if appearance else []))]
     find = Detector(detector) if detector is not None else detections
@@ -140,7 +140,7 @@ def fit_affinity(
         part
         for folder in folders
         for sequence in find_sequences(folder)
-        for part in _described(sequence, frames, find, models, faults or DetectorFaults(), rng)
+        for part in labelled_parts(sequence, frames, find, models, faults or DetectorFaults(), rng)
     ]
     samples = join_samples(
         [
@@ -161,56 +161,6 @@ def fit_affinity(
     )
     print(f"observation cost {observation.b:g} {observation.alpha:+.2f} {observation.beta:+.2f} * score")
     return out
-
-
-def _described(
-    sequence: VideoSequence,
-    frames: tuple[int, int] | None,
-    find: Detector | Literal["given", "simulated"],
-    models: Sequence[Appearance],
-    faults: DetectorFaults,
-    rng: np.random.Generator,
-) -> Iterator[LabelledDetections]:
-    """The labelled detections of a sequence, one stretch for every appearance network."""
-    truth = read_ground_truth(sequence.ground_truth_path)
-    first, last = (1, sequence.length) if frames is None else frames
-    first, last = max(first, 1) - 1, min(last, sequence.length) - 1
-    if first > last:
-        raise RequestError(f"{sequence.folder}: no frame lies within {frames}; it has {sequence.length}")
-    given: list[Detections] | Detector
-    if find == "given":
-        given = read_detections(sequence.detections_path, sequence.length)
-    elif find == "simulated":
-        given = simulate_detections(rng, truth, sequence.length, sequence.width, sequence.height, faults)
-    else:
-        given = find
-    borders = np.linspace(first, last + 1, max(len(models), 1) + 1).round().astype(int)
-    for k, (start, stop) in enumerate(itertools.pairwise(borders.tolist())):
-        if isinstance(given, list) and not models:
-            found = given[start:stop]
-        else:
-            found = [d for _, d in stream(_frames(sequence, start, stop), given, models[k] if models else None)]
-        yield label_detections(found, truth, start)
-
-
-def _frames(sequence: VideoSequence, start: int, stop: int) -> Iterator[Frame]:
-    if not sequence.images:
-        raise RequestError(f"{sequence.folder}: expected images in img1/, found none; the appearance needs them")
-    for index in range(start, stop):
-        yield Frame(index, index / sequence.frame_rate, read_image(sequence.images[index]))
-
-
-def every_nth(found: LabelledDetections, skip: int) -> LabelledDetections:
-    """The detections of every ``skip``-th frame, as of a video with that much fewer frames."""
-    kept = found.frames % skip == 0
-    return LabelledDetections(
-        found.frames[kept] // skip,
-        found.boxes[kept],
-        found.scores[kept],
-        None if found.features is None else found.features[kept],
-        found.ids[kept],
-        found.right[kept],
-    )
 
 
 # OpenMP threads that wait for each other on a busy machine cost minutes; one alone needs seconds.

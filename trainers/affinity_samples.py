@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.affinity import FeatureSet, feature_rows
+from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.costs import pair_features
 from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
-from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks import Appearance, Detector, stream
+from tsuiseki.tracking.formats.mot import GroundTruth, read_detections, read_ground_truth
+from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, IntArray
 
 NOBODY = -1
 RIGHT_OVERLAP = 0.5
@@ -107,10 +114,8 @@ def match_boxes(found: FloatArray, labelled: FloatArray) -> tuple[IntArray, Bool
 def _assign(overlaps: FloatArray, least: float) -> IntArray:
     """``(N,)`` column assigned to each row, best total first (Hungarian), -1 where there is none."""
     result = np.full(len(overlaps), -1, dtype=np.int64)
-    # Below the limit a match is worth nothing, so that it never pushes a valid one aside.
-    i, j = linear_sum_assignment(np.where(overlaps >= least, overlaps, 0), maximize=True)
-    valid = overlaps[i, j] >= least
-    result[i[valid]] = j[valid]
+    rows, columns = assign_overlaps(overlaps, least)
+    result[rows] = columns
     return result
 
 
@@ -144,4 +149,54 @@ def join_samples(parts: Sequence[PairSamples]) -> PairSamples:
         np.concatenate([part.same for part in parts]),
         np.concatenate([part.gap for part in parts]),
         np.concatenate(groups),
+    )
+
+
+def labelled_parts(
+    sequence: VideoSequence,
+    frames: tuple[int, int] | None,
+    find: Detector | Literal["given", "simulated"],
+    models: Sequence[Appearance],
+    faults: DetectorFaults,
+    rng: np.random.Generator,
+) -> Iterator[LabelledDetections]:
+    """The labelled detections of a sequence, one stretch for every appearance network."""
+    truth = read_ground_truth(sequence.ground_truth_path)
+    first, last = (1, sequence.length) if frames is None else frames
+    first, last = max(first, 1) - 1, min(last, sequence.length) - 1
+    if first > last:
+        raise RequestError(f"{sequence.folder}: no frame lies within {frames}; it has {sequence.length}")
+    given: list[Detections] | Detector
+    if find == "given":
+        given = read_detections(sequence.detections_path, sequence.length)
+    elif find == "simulated":
+        given = simulate_detections(rng, truth, sequence.length, sequence.width, sequence.height, faults)
+    else:
+        given = find
+    borders = np.linspace(first, last + 1, max(len(models), 1) + 1).round().astype(int)
+    for k, (start, stop) in enumerate(itertools.pairwise(borders.tolist())):
+        if isinstance(given, list) and not models:
+            found = given[start:stop]
+        else:
+            found = [d for _, d in stream(_frames(sequence, start, stop), given, models[k] if models else None)]
+        yield label_detections(found, truth, start)
+
+
+def _frames(sequence: VideoSequence, start: int, stop: int) -> Iterator[Frame]:
+    if not sequence.images:
+        raise RequestError(f"{sequence.folder}: expected images in img1/, found none; the appearance needs them")
+    for index in range(start, stop):
+        yield Frame(index, index / sequence.frame_rate, read_image(sequence.images[index]))
+
+
+def every_nth(found: LabelledDetections, skip: int) -> LabelledDetections:
+    """The detections of every ``skip``-th frame, as of a video with that much fewer frames."""
+    kept = found.frames % skip == 0
+    return LabelledDetections(
+        found.frames[kept] // skip,
+        found.boxes[kept],
+        found.scores[kept],
+        None if found.features is None else found.features[kept],
+        found.ids[kept],
+        found.right[kept],
     )

@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import lightning
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
-from torch import Tensor, nn
+from torch import Tensor
 from torch.optim import SGD, AdamW, Optimizer
-from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import batched_nms
 
 from tsuiseki.datamodules.detection import DetectionBatch
 from tsuiseki.models.anchors import VARIANCES, decode
 from tsuiseki.models.backbones import TrunkName, build_trunk
-from tsuiseki.models.detector import Detector, people_detector, ssd300, ssd512, ssdlite320
+from tsuiseki.models.detector import Detector, people_detector
 from tsuiseki.models.losses import IGNORED, PADDING, MultiBoxLoss
 from tsuiseki.models.pretrained import coco_start
+from tsuiseki.models.ssd import ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import Detections
+from tsuiseki.trainers.schedule import decay_groups, scheduled
 
 Architecture = Literal["people", "ssdlite320", "ssd300", "ssd512"]
 Resize = Literal["letterbox", "stretch"]
+Normalisation = Literal["imagenet", "symmetric", "bytes"]
 
 # Widths and heights of people in street views, in pixels of a 640x480 input, at strides 8, 16, 32 and 64.
 STREET_ANCHORS: list[list[tuple[float, float]]] = [
@@ -35,12 +36,13 @@ STREET_ANCHORS: list[list[tuple[float, float]]] = [
     [(120.0, 280.0)],
 ]
 FIXED_SIDES = {"ssdlite320": 320, "ssd300": 300, "ssd512": 512}
-_IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
-# torchvision trained these with their own normalisation.
-_NORMALISATION = {
-    "ssdlite320": ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5)),
-    "ssd300": ((0.48235, 0.45882, 0.40784), (1 / 255, 1 / 255, 1 / 255)),
+# Mean and standard deviation of the channels: of torchvision's classifiers, and of its two COCO detectors.
+_NORMALISATIONS: dict[Normalisation, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "imagenet": ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
+    "symmetric": ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5)),
+    "bytes": ((0.48235, 0.45882, 0.40784), (1 / 255, 1 / 255, 1 / 255)),
 }
+COCO_NORMALISATIONS: dict[str, Normalisation] = {"ssdlite320": "symmetric", "ssd300": "bytes"}
 _CANDIDATES = 300
 
 
@@ -62,8 +64,6 @@ def build_detector(
         raise RequestError(f"{architecture} takes {side}x{side} images, got height {size[0]} and width {size[1]}")
     if weights == "coco" and architecture not in ("ssdlite320", "ssd300"):
         raise RequestError(f"weights coco exist for ssdlite320 and ssd300, not for {architecture}")
-    if weights == "imagenet" and architecture not in ("people", "ssd512"):
-        raise RequestError(f"weights imagenet are for people and ssd512; {architecture} takes weights coco or null")
     try:
         if weights == "coco":
             return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
@@ -72,14 +72,16 @@ def build_detector(
             return people_detector(build_trunk(trunk, start), size, anchors, channels)
         if architecture == "ssd512":
             return ssd512(trunk=build_trunk("vgg16", start))
-        return ssd300() if architecture == "ssd300" else ssdlite320()
+        if architecture == "ssd300":
+            return ssd300(trunk=build_trunk("vgg16", start))
+        return ssdlite320(trunk=None if start is None else build_trunk("mobilenet_v3_large", start))
     except (ValueError, ConnectionError) as error:
         raise RequestError(str(error)) from error
 
 
-def detector_card(architecture: Architecture, name: str, size: tuple[int, int], resize: Resize) -> ModelCard:
+def detector_card(name: str, size: tuple[int, int], resize: Resize, normalisation: Normalisation) -> ModelCard:
     """What the exported detector will say about its input."""
-    mean, std = _NORMALISATION.get(architecture, _IMAGENET)
+    mean, std = _NORMALISATIONS[normalisation]
     return ModelCard(
         kind="detector",
         name=name,
@@ -103,6 +105,7 @@ class DetectorTraining(lightning.LightningModule):
         height: of the input, pixels.
         width: likewise.
         resize: how images are fitted into the input.
+        normalisation: of the channels; null is what the starting weights were trained with.
         anchors: of ``people``: for strides 8, 16, 32 and maybe 64 the ``[width, height]`` of its anchors in input
             pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels.
         channels: of the top-down path of ``people``.
@@ -122,6 +125,7 @@ class DetectorTraining(lightning.LightningModule):
         height: int = 384,
         width: int = 512,
         resize: Resize = "letterbox",
+        normalisation: Normalisation | None = None,
         anchors: list[list[tuple[float, float]]] = STREET_ANCHORS,
         channels: int = 96,
         optimiser: Literal["adamw", "sgd"] = "adamw",
@@ -135,7 +139,11 @@ class DetectorTraining(lightning.LightningModule):
         self.save_hyperparameters()
         self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels)
         name = f"people-{trunk}" if architecture == "people" else architecture
-        self.card = detector_card(architecture, name, (height, width), resize)
+        if normalisation is None:
+            normalisation = COCO_NORMALISATIONS[architecture] if weights == "coco" else "imagenet"
+        # A checkpoint is loaded without its starting weights, which must not change its normalisation.
+        self.hparams["normalisation"] = normalisation
+        self.card = detector_card(name, (height, width), resize, normalisation)
         self.loss = MultiBoxLoss(box_weight=box_weight)
         self.optimiser = optimiser
         self.learning_rate = learning_rate
@@ -184,35 +192,13 @@ class DetectorTraining(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""
-        optimiser = self._optimiser()
-        total = max(int(self.trainer.estimated_stepping_batches), self.warmup_steps + 1)
-        schedule = LambdaLR(optimiser, lambda step: warmup_cosine(step, self.warmup_steps, total, self.final_share))
-        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+        return scheduled(self._optimiser(), self.trainer, self.warmup_steps, self.final_share)
 
     def _optimiser(self) -> Optimizer:
-        decayed, others = decay_groups(self.network)
-        groups = [{"params": decayed, "weight_decay": self.weight_decay}, {"params": others, "weight_decay": 0.0}]
+        groups = decay_groups(self.network, self.weight_decay)
         if self.optimiser == "sgd":
             return SGD(groups, lr=self.learning_rate, momentum=0.9, nesterov=True)
         return AdamW(groups, lr=self.learning_rate)
-
-
-def decay_groups(module: nn.Module) -> tuple[list[nn.Parameter], list[nn.Parameter]]:
-    """Parameters that weight decay is for (matrices and kernels), and the others."""
-    trained = [p for p in module.parameters() if p.requires_grad]
-    return [p for p in trained if p.ndim > 1], [p for p in trained if p.ndim <= 1]
-
-
-def warmup_cosine(step: int, warmup: int, total: int, final_share: float) -> float:
-    """Factor on the learning rate: a linear rise to 1 at ``warmup``, a cosine fall to ``final_share`` at ``total``.
-
-    >>> [round(warmup_cosine(s, 10, 110, 0.0), 2) for s in (0, 9, 10, 60, 110)]
-    [0.1, 1.0, 1.0, 0.5, 0.0]
-    """
-    if step < warmup:
-        return (step + 1) / warmup
-    progress = min(1.0, (step - warmup) / (total - warmup))
-    return final_share + (1 - final_share) * (1 + math.cos(math.pi * progress)) / 2
 
 
 def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard) -> list[Detections]:

@@ -7,6 +7,7 @@ import dataclasses
 import io
 import logging
 import pickle
+import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
 from importlib import metadata
@@ -25,9 +26,10 @@ from tsuiseki.models.detector import Detector, OneClass
 from tsuiseki.models.pretrained import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
-from tsuiseki.tracking.output import output_file
+from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.trainers.appearance import AppearanceTraining
-from tsuiseki.trainers.detector import FIXED_SIDES, DetectorTraining, detector_card
+from tsuiseki.trainers.calibration import calibration_of
+from tsuiseki.trainers.detector import COCO_NORMALISATIONS, FIXED_SIDES, DetectorTraining, detector_card
 
 # Largest difference to torch, relative to the largest value of an output. Float32 sums in another order differ by a
 # few 1e-6 a layer; weights rounded to float16 by 5e-4 each, which some sixty layers add up to.
@@ -82,15 +84,24 @@ def export_onnx(
 
 
 class RawHeads(nn.Module):
-    """A detector with its anchors as a third output, as the exported file has it."""
+    """A detector with its anchors as a third output, as the exported file has it.
 
-    def __init__(self, detector: Detector | OneClass) -> None:
+    Args:
+        detector: of one class.
+        calibration: scale and shift of the logit of its score.
+    """
+
+    def __init__(self, detector: Detector | OneClass, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
         super().__init__()
         self.detector = detector
+        self.calibration = calibration
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """``(B, 3, H, W)`` to logits ``(B, A, 2)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
         logits, offsets = self.detector(images)
+        scale, shift = self.calibration
+        if self.calibration != (1.0, 0.0):
+            logits = logits * scale + torch.tensor([0.0, shift])
         return logits, offsets, self.detector.anchors
 
 
@@ -103,6 +114,7 @@ def export_detector(
     float16: bool = False,
     overwrite: bool = False,
     state: Path | None = None,
+    calibrate: Path | None = None,
 ) -> float:
     """Write a trained detector, or torchvision's COCO-trained one reduced to people, as ONNX.
 
@@ -115,6 +127,7 @@ def export_detector(
         float16: store weights as float16.
         overwrite: replace an existing file.
         state: file of torchvision's state dict, for a machine that cannot download it.
+        calibrate: labelled pictures in the MOTChallenge layout; the scores become probabilities there.
 
     Returns:
         The largest relative difference to torch that the parity check saw.
@@ -136,7 +149,15 @@ def export_detector(
     network.to(memory_format=torch.contiguous_format)
     example = torch.zeros(2, 3, card.input_height, card.input_width)
     outputs = ("logits", "offsets", "anchors")
-    return export_onnx(RawHeads(network), card, out, example, outputs, float16, overwrite)
+    if calibrate is None:
+        return export_onnx(RawHeads(network), card, out, example, outputs, float16, overwrite)
+    check_output_file(out, overwrite)
+    with tempfile.TemporaryDirectory() as folder:
+        raw = Path(folder) / "raw.onnx"
+        export_onnx(RawHeads(network), card, raw, example, outputs)
+        calibration = calibration_of(raw, calibrate)
+    card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
+    return export_onnx(RawHeads(network, calibration), card, out, example, outputs, float16, overwrite)
 
 
 def export_appearance(
@@ -190,7 +211,8 @@ def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[OneClass,
     except (ConnectionError, ValueError, pickle.UnpicklingError) as error:
         raise RequestError(str(error)) from error
     side = FIXED_SIDES[architecture]
-    return network.eval(), detector_card(architecture, f"{architecture}-coco", (side, side), "stretch")
+    card = detector_card(f"{architecture}-coco", (side, side), "stretch", COCO_NORMALISATIONS[architecture])
+    return network.eval(), card
 
 
 def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float) -> float:

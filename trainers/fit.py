@@ -60,8 +60,8 @@ def fit(task: Task, arguments: Sequence[str]) -> Path:
     """Train as the command line ``arguments`` say.
 
     Besides ``--config FILE``, ``--trainer.*``, ``--model.*`` and ``--data.*`` these are ``--out DIR``,
-    ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``config.yaml``,
-    ``checkpoints/{best,last}.ckpt``, ``metrics/version_N/metrics.csv`` (N counts the sittings) and TensorBoard events.
+    ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``checkpoints/{best,last}.ckpt``,
+    ``metrics/version_N/{metrics.csv,config.yaml}`` (N counts the sittings) and TensorBoard events.
 
     Returns:
         The best checkpoint.
@@ -149,9 +149,10 @@ class TaskCLI(LightningCLI):
                 filename="best",
                 monitor=self.task.monitor,
                 mode="max",
-                save_last=True,
                 enable_version_counter=False,
             ),
+            # By itself: save_last of the one above would only follow the best.
+            ModelCheckpoint(self.out / "checkpoints", filename="last", enable_version_counter=False),
             LearningRateMonitor(logging_interval="epoch"),
         ]
         self.trainer_defaults["callbacks"] = callbacks if on_terminal else [*callbacks, EpochLines()]

@@ -11,9 +11,10 @@ from torchvision.models.detection.ssd import ssd300_vgg16
 from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
 
 from tsuiseki.models.anchors import corners_from_centres, decode
-from tsuiseki.models.backbones import Trunk
-from tsuiseki.models.detector import people_detector, ssd512, ssdlite320
+from tsuiseki.models.backbones import Trunk, build_trunk
+from tsuiseki.models.detector import people_detector
 from tsuiseki.models.pretrained import coco_person_detector, coco_start
+from tsuiseki.models.ssd import ssd300, ssd512, ssdlite320
 
 ANCHORS = [[(9, 22), (13, 32)], [(25, 64)], [(52, 132)]]
 
@@ -114,6 +115,20 @@ def test_fine_tuning_starts_from_the_logits_of_background_and_person() -> None:
         many, _ = ssdlite320(90, state).eval()(image)
         one, _ = coco_start("ssdlite320", state).eval()(image)
     assert torch.allclose(one, many[..., :2], atol=1e-5)
+
+
+def test_fixed_detectors_start_from_the_weights_of_a_trunk() -> None:
+    trunk = build_trunk("mobilenet_v3_large")
+    image = torch.randn(1, 3, 64, 64)
+    with torch.no_grad():
+        detector = ssdlite320(trunk=trunk).eval()
+        # The expansion at stride 16 belongs to both, and comes before what is narrower here.
+        stem = trunk.eval().stages[1](trunk.stages[0](image))
+        own = detector.features.extractor.features[0][:-1](image)  # type: ignore[index,union-attr]
+    assert torch.allclose(own, stem, atol=1e-6)
+    vgg = build_trunk("vgg16")
+    weights = [p for p in ssd300(trunk=vgg).parameters() if p.shape == (64, 3, 3, 3)]
+    assert torch.equal(weights[0], next(vgg.parameters()))
 
 
 def test_a_state_dict_of_another_network_is_refused(tmp_path: Path) -> None:

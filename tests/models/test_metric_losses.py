@@ -7,7 +7,13 @@ import math
 import pytest
 import torch
 
-from tsuiseki.models.metric_losses import contrastive_loss, hardest_distances, pairwise_distances, triplet_loss
+from tsuiseki.models.metric_losses import (
+    contrastive_loss,
+    hardest_distances,
+    pairwise_distances,
+    softmax_contrastive_loss,
+    triplet_loss,
+)
 
 # Two people on a line: the first at 0 and 1, the second at 3 and 7.
 LINE = torch.tensor([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0], [7.0, 0.0]])
@@ -52,7 +58,7 @@ def test_gradient_is_finite_and_descends(loss) -> None:  # type: ignore[no-untyp
     before = loss(features, ids, 1.0)
     (gradient,) = torch.autograd.grad(before, features)
     assert torch.isfinite(gradient).all()
-    assert float(loss(features.detach() - 1e-3 * gradient, ids, 1.0)) < float(before)
+    assert float(loss(features.detach() - 1e-3 * gradient, ids, 1.0)) < float(before.detach())
 
 
 def test_order_of_the_batch_does_not_matter() -> None:
@@ -67,3 +73,12 @@ def test_order_of_the_batch_does_not_matter() -> None:
 def test_unusable_batch(ids: list[int]) -> None:
     with pytest.raises(ValueError, match="two identities with two views"):
         triplet_loss(LINE, torch.tensor(ids), math.pi)
+
+
+def test_softmax_closed_form() -> None:
+    """Two people at right angles at temperature 1: each anchor sees one positive at cosine 1, two others at 0."""
+    features = torch.tensor([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 1.0]])
+    expected = math.log(math.e + 2) - 1
+    torch.testing.assert_close(softmax_contrastive_loss(features, IDS, 1.0), torch.tensor(expected))
+    with pytest.raises(ValueError, match="two identities with two views"):
+        softmax_contrastive_loss(features, torch.tensor([0, 0, 1, 2]), 1.0)

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.resampling import Resampler, multinomial, residual, stratified, systematic
+from tsuiseki.tracking.filters.resampling import (
+    Resampler,
+    multinomial,
+    residual,
+    stratified,
+    systematic,
+    systematic_rows,
+)
 
 RESAMPLERS = [multinomial, systematic, stratified, residual]
 
@@ -13,7 +20,7 @@ RESAMPLERS = [multinomial, systematic, stratified, residual]
 class LargestDraws:
     """A generator whose draws are all the largest number below one, where (n - 1 + u) / n rounds to one."""
 
-    def random(self, size: int | None = None) -> float | np.ndarray:
+    def random(self, size: int | tuple[int, int] | None = None) -> float | np.ndarray:
         value = np.nextafter(1.0, 0.0)
         return value if size is None else np.full(size, value)
 
@@ -75,6 +82,12 @@ def test_indices_are_sorted_and_repeatable(resample):
 
 def test_no_draw_is_empty(resample):
     assert len(resample(np.ones(3), 0, np.random.default_rng(0))) == 0
+
+
+def test_rows_are_drawn_apart():
+    weights = np.array([[0.0, 1.0, 0.0], [0.5, 0.25, 0.25]])
+    drawn = systematic_rows(weights, 8, np.random.default_rng(0))
+    np.testing.assert_array_equal(drawn, [[1] * 8, [0] * 4 + [1] * 2 + [2] * 2])
 
 
 @pytest.mark.parametrize("weights", [[], [0.0, 0.0], [1.0, np.nan], [1.0, np.inf], [2.0, -1.0]])

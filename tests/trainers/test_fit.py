@@ -12,8 +12,9 @@ import torch
 import yaml
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.detector import DetectorTraining, detections, detector_card, warmup_cosine
+from tsuiseki.trainers.detector import DetectorTraining, detections, detector_card
 from tsuiseki.trainers.fit import fit_detector
+from tsuiseki.trainers.schedule import warmup_cosine
 
 
 def sequence(folder: Path, frames: int = 6) -> Path:
@@ -58,7 +59,7 @@ def test_training_leaves_checkpoints_and_logs_and_goes_on(
     best = fit_detector(["--config", str(config)])
     out = tmp_path / "out"
     assert best == out / "checkpoints" / "best.ckpt"
-    for name in ("checkpoints/best.ckpt", "checkpoints/last.ckpt", "config.yaml", "metrics/version_0/metrics.csv"):
+    for name in ("checkpoints/best.ckpt", "checkpoints/last.ckpt", "metrics/version_0/config.yaml"):
         assert (out / name).is_file()
     assert list((out / "tensorboard").glob("events*"))
     assert "val/ap50" in (out / "metrics" / "version_0" / "metrics.csv").read_text().splitlines()[0]
@@ -116,7 +117,7 @@ def test_rate_rises_then_falls() -> None:
 
 
 def test_detections_are_decoded_suppressed_and_cut_off() -> None:
-    card = detector_card("people", "test", (64, 64), "letterbox")
+    card = detector_card("test", (64, 64), "letterbox", "imagenet")
     anchors = torch.tensor([[10.0, 20.0, 12.0, 28.0], [11.0, 20.0, 12.0, 28.0], [60.0, 40.0, 20.0, 28.0]])
     logits = torch.tensor([[[0.0, 2.0], [0.0, 1.0], [0.0, -1.0]]])
     found = detections(logits, torch.zeros(1, 3, 4), anchors, card)[0]

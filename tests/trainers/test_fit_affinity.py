@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,14 +13,16 @@ from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity
 from tsuiseki.tracking.association.costs import PairFeatures
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
-from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.affinity import BoostingSettings, every_nth, fit_affinity, fit_observation, fit_transition
+from tsuiseki.tracking.formats.mot import GroundTruth, read_sequence, write_ground_truth, write_sequence_info
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.trainers.affinity import BoostingSettings, fit_affinity, fit_observation, fit_transition
 from tsuiseki.trainers.affinity_samples import (
     NOBODY,
     LabelledDetections,
     PairSamples,
+    every_nth,
     label_detections,
+    labelled_parts,
     match_boxes,
     pair_samples,
 )
@@ -168,6 +171,31 @@ def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
     leap = PairFeatures(gap, none, np.nan * one, 0.45 * one, none, none, none)
     assert affinity(step)[0] < affinity(leap)[0]
     assert affinity.observation.beta < 0
+
+
+class Constant:
+    """Describes everybody by one number."""
+
+    def __init__(self, value: float) -> None:
+        self.value = value
+
+    def describe(self, _: ImageArray, boxes: FloatArray) -> FloatArray:
+        return np.full((len(boxes), 1), self.value)
+
+
+def test_each_network_describes_its_own_stretch(sequence: Path) -> None:
+    (sequence / "img1").mkdir()
+    for frame in range(60):
+        cv2.imwrite(str(sequence / "img1" / f"{frame + 1:06d}.png"), np.zeros((24, 32, 3), np.uint8))
+    networks = [Constant(0.0), Constant(1.0)]
+    rng = np.random.default_rng(0)
+    parts = labelled_parts(read_sequence(sequence), (11, 50), "simulated", networks, DetectorFaults(), rng)  # type: ignore[arg-type]
+    first, second = parts
+    assert (first.frames.min(), first.frames.max(), second.frames.min(), second.frames.max()) == (10, 29, 30, 49)
+    assert first.features is not None
+    assert second.features is not None
+    assert (first.features == 0).all()
+    assert (second.features == 1).all()
 
 
 def test_frames_count_from_one(sequence: Path, tmp_path: Path) -> None:

@@ -113,11 +113,11 @@ def cosine_distances(features: FloatArray | None, i: IntArray, j: IntArray) -> F
     if features is None:
         return np.full(len(i), np.nan)
     similarity = np.empty(len(i))
-    # In pieces: both gathered (P, D) sides at once would dwarf everything else in memory.
-    step = max(1, 4_000_000 // max(1, features.shape[1]))
+    # In pieces that fit into the cache; both gathered (P, D) sides at once would dwarf everything else in memory.
+    step = max(1, 250_000 // max(1, features.shape[1]))
     for start in range(0, len(i), step):
         piece = slice(start, start + step)
-        similarity[piece] = np.einsum("pd,pd->p", features[i[piece]], features[j[piece]])
+        similarity[piece] = np.einsum("pd,pd->p", features.take(i[piece], axis=0), features.take(j[piece], axis=0))
     return np.clip(1 - similarity, 0, 2)
 
 
@@ -173,7 +173,7 @@ class HandSetCost:
     spread: float = 1.0
     size: float = 0.09
     tails: float = 5.0
-    appearance: float = 12.0
+    appearance: float = 14.0
     neutral: float = 0.27
 
     def __call__(self, pairs: PairFeatures) -> FloatArray:

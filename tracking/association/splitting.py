@@ -43,9 +43,9 @@ class SplitSettings:
     bias: float = -4.0
     size: float = 0.1
     tails: float = 5.0
-    appearance: float = 12.0
-    neutral: float = 0.25
-    motion: BoxMotion = field(default_factory=lambda: BoxMotion(0.06, 0.01, 0.05))
+    appearance: float = 18.0
+    neutral: float = 0.24
+    motion: BoxMotion = field(default_factory=lambda: BoxMotion(0.08, 0.01, 0.05))
 
 
 class Splitter:

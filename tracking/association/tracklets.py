@@ -65,12 +65,12 @@ class JoinSettings:
     spread: float = 1.0
     size: float = 0.1
     tails: float = 5.0
-    appearance: float = 12.0
-    neutral: float = 0.25
+    appearance: float = 18.0
+    neutral: float = 0.24
     miss: float = 0.05
     entry: float = 4.5
     exit: float = 4.5
-    motion: BoxMotion = field(default_factory=lambda: BoxMotion(0.06, 0.01, 0.05))
+    motion: BoxMotion = field(default_factory=lambda: BoxMotion(0.08, 0.01, 0.05))
 
 
 def make_tracklets(

@@ -52,7 +52,10 @@ COMMANDS: Tree = {
     "demo": Command("run the whole path on a generated labelled clip and write a report", "demo", "demo"),
     "simulate": Group(
         "make labelled video with exact truth",
-        {"street": Command("people on a street before a fixed camera", "simulate", "street")},
+        {
+            "street": Command("people on a street before a fixed camera", "simulate", "street"),
+            "blobs": Command("coloured objects over natural clutter", "blobs", "simulate"),
+        },
     ),
     "train": Group(
         "fit a model to labelled video (needs the train extra)",
@@ -75,6 +78,7 @@ COMMANDS: Tree = {
         {
             "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
             "single": Command("one target, from its box in the first frame", "track_single", "single", ("source",)),
+            "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
         },
     ),
     "evaluate": Group(
@@ -83,14 +87,17 @@ COMMANDS: Tree = {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
             "single": Command("one target: success and precision", "evaluate_single", "single", ("truth", "results")),
+            "points": Command("tracked points: OSPA, GOSPA and more", "blobs", "evaluate", ("truth", "results")),
         },
     ),
     "reproduce": Group(
-        "run a paper's experiment: a table with the paper's numbers beside ours",
+        "a paper's table or figure: paper and here, plus the plot",
         {
             "multi-correlation-filter": Command(
                 "correlation filters selected by a particle filter", "reproduce_single", "multi_correlation_filter"
             ),
+            "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
+            "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
         },
     ),
 }

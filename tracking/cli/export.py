@@ -14,6 +14,7 @@ def detector(
     weights: Literal["coco"] | None = None,
     architecture: Literal["ssdlite320", "ssd300"] = "ssdlite320",
     state: Path | None = None,
+    calibrate: Path | None = None,
     training_data: str = "",
     float16: bool = False,
     overwrite: bool = False,
@@ -29,6 +30,7 @@ def detector(
         weights: coco downloads torchvision's weights.
         architecture: of the COCO weights.
         state: file of those weights, for a machine that cannot download them.
+        calibrate: MOTChallenge folder of labelled pictures; scores become probabilities of a person there.
         training_data: what the model was trained on, in words; kept in the file.
         float16: store weights as 16-bit numbers, half the size.
         overwrite: replace an existing file.
@@ -36,7 +38,15 @@ def detector(
     with needs_train_extra():
         from tsuiseki.trainers.export import export_detector
     worst = export_detector(
-        checkpoint, weights, architecture, out, training_data, float16=float16, overwrite=overwrite, state=state
+        checkpoint,
+        weights,
+        architecture,
+        out,
+        training_data,
+        float16=float16,
+        overwrite=overwrite,
+        state=state,
+        calibrate=calibrate,
     )
     _say(out, worst)
 

@@ -14,12 +14,12 @@ from tsuiseki.tracking.errors import RunError
 COMMANDS = (
     "train detector --config {configs}/detector_scenes.yaml --out {work}/detector",
     "export detector --checkpoint {work}/detector/checkpoints/best.ckpt --float16 --out {models}/detector_street.onnx "
-    "--training-data 'generated scenes'",
+    "--calibrate out/cache/scenes-640x480-val --training-data 'generated scenes'",
     "train appearance --config {configs}/appearance_scenes.yaml --out {work}/appearance",
     "export appearance --checkpoint {work}/appearance/checkpoints/best.ckpt --float16 "
     "--out {models}/appearance_people.onnx --training-data 'generated scenes'",
     *(f"simulate street --seed {seed} --frames 300 --out {{work}}/streets/street-{seed}" for seed in range(8)),
-    "train affinity --folders {work}/streets --detections simulated --skips 1,2,3 "
+    "train affinity --folders {work}/streets --detector {models}/detector_street.onnx --skips 1,2,3 "
     "--appearance {models}/appearance_people.onnx --out {models}/affinity_people.onnx",
 )
 

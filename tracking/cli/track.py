@@ -57,7 +57,8 @@ def people(
         detector: exported detector; by default the shipped detector_street.onnx.
         appearance: exported appearance network for deepsort and flow; by default the shipped appearance_people.onnx;
             none does without.
-        affinity: exported link costs for flow; by default the shipped affinity_people.onnx; none takes hand-set costs.
+        affinity: exported link costs for flow; by default the shipped affinity_people.onnx after a detector, and
+            hand-set costs after --detections, whose scores it does not know; none takes hand-set costs always.
         frames: track this stretch only, counted from 1 with both ends, such as 301-400.
         score_threshold: the detector keeps what scores at least this, from 0 to 1.
         score_range: smallest and largest score that the rows of --detections may have.
@@ -96,7 +97,8 @@ def people(
     )
     if overlay and not opened.has_images:
         raise RequestError(f"{opened.name} has no images to draw on; leave --overlay out")
-    tracker = build_tracker(method, sort, deepsort, flow, _affinity(method, affinity, threads))
+    learnt = _affinity(method, affinity, threads, given_scores=detections is not None)
+    tracker = build_tracker(method, sort, deepsort, flow, learnt)
     times = StageTimes()
     with output_folder(out, overwrite) as work:
         run = run_people(inputs, {method: tracker}, times, record_to=work if overlay else None)
@@ -150,13 +152,15 @@ def _describer(source: Source, method: Method, appearance: Path | None, threads:
     return None if path is None else Appearance(path, threads)
 
 
-def _affinity(method: Method, affinity: Path | None, threads: int) -> Affinity | None:
-    """The learnt costs, where the method uses them."""
+def _affinity(method: Method, affinity: Path | None, threads: int, *, given_scores: bool) -> Affinity | None:
+    """The learnt costs, where the method uses them; the shipped ones know nothing of the scores of given detections."""
     from tsuiseki.tracking.association.affinity import Affinity
 
     if method != "flow":
         if affinity is not None:
             raise RequestError(f"--affinity: expected --method flow, which alone uses it, got {method}")
+        return None
+    if affinity is None and given_scores:
         return None
     path = chosen("affinity", affinity)
     return None if path is None else Affinity(path, threads)

@@ -82,17 +82,23 @@ class Detector:
         scale: tuple[float, float],
         size: tuple[int, int],
     ) -> Detections:
-        exponentials = np.exp(logits - logits.max(axis=1, keepdims=True))
+        # No softmax exceeds that of its class and the background alone, so few anchors need the whole of it.
+        threshold = np.clip(self.score_threshold, 1e-9, 1 - 1e-9)
+        margin = logits[:, 1:].max(axis=1) - logits[:, 0]
+        candidates = np.flatnonzero(margin >= np.log(threshold / (1 - threshold)))
+        exponentials = np.exp(logits[candidates] - logits[candidates].max(axis=1, keepdims=True))
         scores = exponentials[:, 1:].max(axis=1) / exponentials.sum(axis=1)
-        candidates = np.flatnonzero(scores >= self.score_threshold)
+        candidates, scores = candidates[scores >= self.score_threshold], scores[scores >= self.score_threshold]
         if len(candidates) > MOST_CANDIDATES:
-            candidates = candidates[np.argsort(-scores[candidates], kind="stable")[:MOST_CANDIDATES]]
+            best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
+            candidates, scores = candidates[best], scores[best]
         variances = self.model.card.settings["variances"]
         boxes = decode_boxes(offsets[candidates], anchors[candidates], variances) / np.tile(scale, 2)
         boxes = clip_boxes(boxes, size[1], size[0])
-        candidates, boxes = _without_slivers(candidates, boxes)
-        kept = suppress(boxes, scores[candidates], self.iou_threshold)
-        return Detections(boxes[kept], scores[candidates][kept])
+        whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
+        boxes, scores = boxes[whole], scores[whole]
+        kept = suppress(boxes, scores, self.iou_threshold)
+        return Detections(boxes[kept], scores[kept])
 
 
 class Appearance:
@@ -165,9 +171,3 @@ def decode_boxes(offsets: NDArray[np.float32], anchors: NDArray[np.float32], var
     # Beyond a factor of 1000 / 16 the code of an untrained or unsure anchor would overflow.
     half = anchors[:, 2:] * np.exp(np.minimum(offsets[:, 2:] * variances[1], np.log(1000 / 16))) / 2
     return np.concatenate([middle - half, middle + half], axis=1)
-
-
-def _without_slivers(candidates: NDArray[np.int64], boxes: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-    """Without the boxes that clipping left less than a pixel of."""
-    kept = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
-    return candidates[kept], boxes[kept]

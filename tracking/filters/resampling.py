@@ -38,11 +38,21 @@ def systematic(weights: FloatArray, count: int, rng: np.random.Generator) -> Int
     Slice ``k`` draws particle ``i`` when ``C[i-1] <= (k + u) / count < C[i]``, so the copies follow from rounding
     ``count * C - u`` up, with no search.
     """
-    cumulative = _cumulative(weights)
-    edges = np.ceil(count * cumulative - rng.random()).astype(np.int64)
+    _total(weights)
+    return np.asarray(systematic_rows(weights[None, :], count, rng)[0])
+
+
+def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
+    """:func:`systematic` of each row of ``(T, N)`` weights with its own offset, as ``(T, count)`` columns."""
+    rows, columns = weights.shape
+    cumulative = np.cumsum(weights, axis=1)
+    cumulative /= cumulative[:, -1:]
+    edges = np.ceil(count * cumulative - rng.random((rows, 1))).astype(np.int64)
     # With an offset next to 1 the subtraction rounds to count - 1: the end of the scale is known exactly.
     edges[cumulative >= 1.0] = count
-    return _repeat(np.diff(np.maximum(edges, 0), prepend=0))
+    copies = np.diff(np.maximum(edges, 0), axis=1, prepend=0)
+    drawn: IntArray = np.repeat(np.tile(np.arange(columns, dtype=np.int64), rows), copies.ravel())
+    return drawn.reshape(rows, count)
 
 
 def residual(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:

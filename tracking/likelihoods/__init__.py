@@ -1,0 +1,1 @@
+"""Likelihoods of states given an image."""

@@ -23,7 +23,7 @@ class FlowSettings:
     """Settings of the flow tracker.
 
     Attributes:
-        gate: which detections may be linked, and over how many frames.
+        gate: which detections may be linked, and over how many frames. This one is for hand-set costs.
         entry: cost of a track's start, c_entr.
         exit: cost of a track's end, c_exit.
         miss: cost of every frame between two linked detections.
@@ -39,7 +39,7 @@ class FlowSettings:
         longest: most frames that the sliding window may hold; None lets it grow until every decision is exact.
     """
 
-    gate: GateSettings = field(default_factory=lambda: GateSettings(window=3))
+    gate: GateSettings = field(default_factory=lambda: GateSettings(window=5))
     entry: float = 2.0
     exit: float = 2.0
     miss: float = 0.1
@@ -73,7 +73,8 @@ class FlowTracker:
 
     Args:
         settings: costs and stages.
-        transition: learnt prices of pairs of detections; by default the hand-set ones of the settings.
+        transition: learnt prices of pairs of detections; by default the hand-set ones of the settings. An `Affinity`
+            brings the window it was learnt on, where the settings have the gate of `FlowSettings`.
         observation: learnt prices of detections; by default those of the settings.
     """
 
@@ -83,7 +84,7 @@ class FlowTracker:
         transition: TransitionCost | None = None,
         observation: ObservationCost | None = None,
     ) -> None:
-        self.settings = settings or FlowSettings()
+        self.settings = _with_learnt_window(settings or FlowSettings(), transition)
         self._transition: TransitionCost = transition or self.settings.transition
         self._observation = observation or self.settings.observation
         self._flow = WindowedFlow(self.settings.gate.window + 1, self.settings.entry, self.settings.longest)
@@ -170,6 +171,14 @@ class FlowTracker:
 
     def _rows_at(self, decision: Decision) -> DetectionRows:
         return self._open.select(np.searchsorted(self._open.numbers, decision.numbers))
+
+
+def _with_learnt_window(settings: FlowSettings, transition: TransitionCost | None) -> FlowSettings:
+    """Learnt costs are right about longer gaps than hand-set ones, but not beyond those they were learnt on."""
+    window = getattr(transition, "window", None)
+    if window is None or settings.gate != FlowSettings().gate:
+        return settings
+    return replace(settings, gate=replace(settings.gate, window=window))
 
 
 def _uncut(rows: DetectionRows, decision: Decision) -> Links:

@@ -12,8 +12,10 @@ from onnx import TensorProto, helper
 
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity, feature_rows, transition_cost
 from tsuiseki.tracking.association.costs import pair_features
+from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 
 CARD = ModelCard(
     kind="affinity",
@@ -108,3 +110,11 @@ def test_unknown_feature_set() -> None:
     pairs = pair_features(np.empty((0, 4)), None, none, none, none)
     with pytest.raises(RequestError, match="expected features of thesis, extended; got 'smell'"):
         feature_rows(pairs, "smell")  # type: ignore[arg-type]
+
+
+def test_the_flow_looks_as_far_as_was_learnt(tmp_path: Path) -> None:
+    affinity = Affinity(write_iou_model(tmp_path / "a.onnx", CARD))
+    assert FlowTracker(transition=affinity).settings.gate.window == 7
+    own = FlowSettings(gate=GateSettings(window=2))
+    assert FlowTracker(own, affinity).settings.gate.window == 2
+    assert FlowTracker().settings == FlowSettings()

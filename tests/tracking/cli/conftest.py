@@ -50,7 +50,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Inputs:
             image = np.full((48, 64, 3), 60 + 5 * number, dtype=np.uint8)
             writer.write(image)
             cv2.imwrite(str(found.images / f"{number + 1:06d}.png"), image)
-    found.detections.write_text("".join(f"{n},-1,9,9,16,32,0.9\n" for n in range(1, FRAMES + 1)))
+    found.detections.write_text("".join(f"{n},-1,9,9,16,32,0.97\n" for n in range(1, FRAMES + 1)))
     save_detector(found.detector)
     save_appearance(found.appearance)
     save_affinity(found.affinity)

@@ -1,0 +1,123 @@
+"""Milliseconds a step of the finite-set filters beside Stone Soup's SMC-PHD filter at equal particle numbers.
+
+    OMP_NUM_THREADS=1 python benchmarks/phd.py --data ../shared/data [--steps 12]
+
+Stone Soup (`pip install stonesoup`) is looked for in this environment; run it with a Python that has both, or give the
+site-packages of another with PYTHONPATH. Steps of the two are interleaved on the same measurements, in one run and one
+thread; the ratio is that of the medians.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import platform
+import time
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.trainers.experiments.phd import start_filter
+from tsuiseki.trainers.experiments.point_scenarios import PointScenario, read_scenario
+
+SURVIVING, BORN = 10_000, 4_000
+
+
+class StoneSoup:
+    """Stone Soup's SMC-PHD filter on a linear scenario, with its expansion birth at the scenario's places."""
+
+    def __init__(self, scenario: PointScenario, clutter: float) -> None:
+        from stonesoup.models.measurement.linear import LinearGaussian
+        from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
+        from stonesoup.predictor.particle import SMCPHDPredictor
+        from stonesoup.resampler.particle import SystematicResampler
+        from stonesoup.types.array import StateVectors
+        from stonesoup.types.numeric import Probability
+        from stonesoup.types.state import GaussianState, ParticleState
+        from stonesoup.updater.particle import SMCPHDUpdater
+
+        settings = scenario.settings
+        volume = float(np.prod([high - low for low, high in settings["region"]]))
+        motion = CombinedLinearGaussianTransitionModel([ConstantVelocity(settings["sigma_v"] ** 2)] * 2)
+        self.sensor = LinearGaussian(4, (0, 2), np.eye(2) * settings["sigma_e"] ** 2)
+        birth = GaussianState(np.zeros((4, 1)), np.diag([500.0**2, 100, 500.0**2, 100]))
+        self.predictor = SMCPHDPredictor(
+            motion, death_probability=1 - settings["P_S"], birth_probability=float(np.sum(settings["birth_w"])),
+            birth_rate=float(np.sum(settings["birth_w"])), birth_sampler=_Sampler(birth),
+        )  # fmt: skip
+        self.updater = SMCPHDUpdater(
+            self.sensor, resampler=SystematicResampler(), prob_detect=Probability(settings["P_D"]),
+            prob_survive=Probability(settings["P_S"]), clutter_intensity=clutter / volume, num_samples=SURVIVING,
+        )  # fmt: skip
+        self.now = datetime.datetime(2000, 1, 1)
+        rng = np.random.default_rng(0)
+        vectors = rng.multivariate_normal(np.zeros(4), birth.covar, SURVIVING).T
+        self.state = ParticleState(
+            StateVectors(vectors), weight=np.full(SURVIVING, Probability(1 / SURVIVING)), timestamp=self.now
+        )
+
+    def step(self, measurements: np.ndarray) -> None:
+        """One scan."""
+        from stonesoup.types.detection import Detection
+        from stonesoup.types.hypothesis import SingleHypothesis
+        from stonesoup.types.multihypothesis import MultipleHypothesis
+
+        self.now += datetime.timedelta(seconds=1)
+        prediction = self.predictor.predict(self.state, timestamp=self.now)
+        found = [Detection(z[:, None], timestamp=self.now, measurement_model=self.sensor) for z in measurements]
+        hypotheses = MultipleHypothesis([SingleHypothesis(prediction, one) for one in found])
+        self.state = self.updater.update(hypotheses)
+
+
+class _Sampler:
+    """Draws `BORN` particles of a Gaussian birth, in the shape that Stone Soup's predictor asks for."""
+
+    def __init__(self, birth: object) -> None:
+        self.birth = birth
+
+    def sample(self, timestamp: object = None, **_: object) -> object:
+        from stonesoup.types.array import StateVectors
+        from stonesoup.types.numeric import Probability
+        from stonesoup.types.state import ParticleState
+
+        rng = np.random.default_rng(0)
+        vectors = rng.multivariate_normal(np.zeros(4), self.birth.covar, BORN).T
+        return ParticleState(StateVectors(vectors), weight=np.full(BORN, Probability(1 / BORN)), timestamp=timestamp)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("--steps", type=int, default=12)
+    arguments = parser.parse_args()
+    scenario = read_scenario(arguments.data / "phd" / "phd_scenario_linear_dev.json")
+    try:
+        peer = f"stonesoup {metadata.version('stonesoup')}"
+    except metadata.PackageNotFoundError:
+        peer = ""
+    print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, {peer or 'no stonesoup'}")
+    print(f"{'clutter':>8} {'phd ms':>8} {'labelled ms':>12} {'stonesoup ms':>13} {'ratio':>7}")
+    for index, clutter in enumerate(scenario.settings["clutter_rates"]):
+        measurements = scenario.measurements[0, index][80 : 80 + arguments.steps]
+        # Late in the scenario ten targets are there: 1,400 a target makes the peer's 14,000.
+        phd = start_filter("phd", scenario.settings, clutter, (SURVIVING + BORN) // 10, seed=0)
+        labelled = start_filter("labelled", scenario.settings, clutter, 1000, seed=0)
+        for found in scenario.measurements[0, index][:80]:
+            phd(found)
+            labelled(found)
+        steps = {"phd": phd, "labelled": labelled} | ({"peer": StoneSoup(scenario, clutter).step} if peer else {})
+        times: dict[str, list[float]] = {name: [] for name in steps}
+        for found in measurements:
+            for name, step in steps.items():
+                begin = time.perf_counter()
+                step(found)
+                times[name].append(1e3 * (time.perf_counter() - begin))
+        middle = {name: float(np.median(values)) for name, values in times.items()}
+        shown = f"{middle['peer']:13.1f} {middle['peer'] / middle['phd']:7.1f}" if peer else f"{'-':>13} {'-':>7}"
+        print(f"{clutter:8g} {middle['phd']:8.2f} {middle['labelled']:12.2f} {shown}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,257 @@
+"""Identity in the PHD filter: clusters of labelled particles, section 5.2 of the finite-sets paper.
+
+A cluster is the particles of one label. After each update the measurements that are probably targets claim their
+particles for the label that explains them best, so that a cluster over two targets is parted; near clusters that weigh
+about one together become one, provisional ones of births included; what still weighs about two or more is parted. A
+target is reported where the weight is near one: one for each cluster, or one for each measurement (Ristic, Clark and
+Vo, 2010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from tsuiseki.tracking.filters.pairs import Pairs
+from tsuiseki.tracking.filters.point_models import GaussianSensor, PointModel
+from tsuiseki.tracking.filters.points import PointEstimates
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.filters.phd import PhdState
+
+REPORTED = 0.5
+"""Least weight that counts as near one."""
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """How the update shared the measurements out.
+
+    Attributes:
+        starts: ``(G,)`` first particle of each group of one label.
+        pairs: gated pairs of groups and measurements.
+        share: ``(E,)`` part of each measurement's unit that each entry of ``pairs`` received.
+        measurements: ``(M, Z)``.
+        claimed: ``(M,)`` label of the target that each measurement is, 0 for none.
+        fresh: labels from this one on were made by parting in this step. A cluster of one target weighs about two when
+            clutter falls beside it, so what was parted is a target only when it is found again.
+    """
+
+    starts: IntArray
+    pairs: Pairs
+    share: FloatArray
+    measurements: FloatArray
+    claimed: IntArray
+    fresh: int
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Targets that were reported, so that one missed measurement does not end them.
+
+    Attributes:
+        labels: ``(H,)``.
+        existence: ``(H,)`` probabilities.
+    """
+
+    labels: IntArray
+    existence: FloatArray
+
+    @classmethod
+    def empty(cls) -> Memory:
+        """No target."""
+        return cls(np.empty(0, dtype=np.int64), np.empty(0))
+
+
+Extraction: TypeAlias = "Callable[[PhdState, Clusters], PointEstimates]"
+
+
+def group_starts(labels: IntArray) -> IntArray:
+    """First index of each run of equal labels ``(N,)``."""
+    if len(labels) == 0:
+        return np.empty(0, dtype=np.int64)
+    return np.concatenate([[0], np.flatnonzero(np.diff(labels)) + 1]).astype(np.int64)
+
+
+def by_clusters(posterior: PhdState, clusters: Clusters) -> PointEstimates:
+    """One target for each cluster whose weight is near one: its mean."""
+    starts = group_starts(posterior.labels)
+    masses, means = _moments(posterior, starts)
+    shown = (masses > REPORTED) & (posterior.labels[starts] < clusters.fresh)
+    return PointEstimates(posterior.labels[starts][shown], means[shown], masses[shown])
+
+
+def by_measurements(posterior: PhdState, clusters: Clusters) -> PointEstimates:
+    """One target for each measurement that the particles explain better than not: the mean under that measurement."""
+    pairs, count = clusters.pairs, len(clusters.measurements)
+    masses = pairs.by_measurement(clusters.share, count)
+    shown = np.flatnonzero((masses > REPORTED) & (clusters.claimed > 0) & (clusters.claimed < clusters.fresh))
+    states = np.zeros((len(shown), posterior.particles.shape[1]))
+    for column, values in enumerate(posterior.particles.T):
+        states[:, column] = pairs.by_measurement(clusters.share * values[pairs.particle], count)[shown] / masses[shown]
+    return PointEstimates(clusters.claimed[shown], states, masses[shown])
+
+
+@dataclass(frozen=True)
+class Identity:
+    """The rules of section 5.2.
+
+    Attributes:
+        near: two clusters are near when their means are closer than this, in deviations of the sensor.
+        whole: two near clusters join when they weigh less than this together; one is parted when it weighs more.
+        remember: report a target through a missed measurement; without it a target is reported by its weight alone.
+    """
+
+    near: float = 2.0
+    whole: float = 1.5
+    remember: bool = True
+
+    def recall(
+        self, memory: Memory, estimates: PointEstimates, posterior: PhdState, clusters: Clusters, model: PointModel
+    ) -> tuple[PointEstimates, Memory]:
+        """Adds the targets that were reported before and probably only went unmeasured.
+
+        A miss leaves ``1 - pD`` of a cluster's weight whatever the weight was, since the intensity is that of a Poisson
+        number of targets. A cluster with an identity is one target or none: its existence ``r`` falls to
+        ``r (1 - pD) / (1 - r pD)``, and rises with the share of the measurements that it receives.
+        """
+        starts = group_starts(posterior.labels)
+        names, (_, means) = posterior.labels[starts], _moments(posterior, starts)
+        before = np.zeros(len(names))
+        known = np.isin(memory.labels, names)
+        before[np.searchsorted(names, memory.labels[known])] = memory.existence[known]
+        before *= model.survival
+        detection = model.detection_of(means)
+        missed = before * (1.0 - detection) / np.maximum(1.0 - before * detection, np.finfo(np.float64).tiny)
+        labels = posterior.labels[clusters.pairs.particle]
+        fed = np.bincount(np.searchsorted(names, labels), clusters.share, minlength=len(names)).clip(0.0, 1.0)
+        existence = fed + (1.0 - fed) * missed
+        there = (existence > REPORTED) & ((before > 0) | np.isin(names, estimates.ids))
+        added = there & ~np.isin(names, estimates.ids)
+        joined = PointEstimates(
+            np.concatenate([estimates.ids, names[added]]),
+            np.concatenate([estimates.states, means[added]]),
+            np.concatenate([estimates.weights, existence[added]]),
+        )
+        return joined, Memory(names[there], existence[there])
+
+    def tidy(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> tuple[PhdState, Clusters]:
+        """Labels after claiming, joining and parting; particles come back grouped by label."""
+        labels, claimed, fresh = _claim(posterior, clusters)
+        posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
+        target = self._join(posterior, claimed, sensor)
+        labels = np.repeat(target, np.diff(np.append(group_starts(posterior.labels), len(posterior))))
+        renamed = dict(zip(posterior.labels[group_starts(posterior.labels)].tolist(), target.tolist(), strict=True))
+        claimed = np.array([renamed.get(int(label), 0) for label in claimed], dtype=np.int64)
+        labels, fresh = self._part(replace(posterior, labels=labels))
+        posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
+        return posterior, replace(clusters, claimed=claimed)
+
+    def _join(self, posterior: PhdState, claimed: IntArray, sensor: GaussianSensor) -> IntArray:
+        """New label of each group: near ones that weigh about one together take the older label, nearest pair first.
+
+        Two that measurements claimed are two targets.
+        """
+        starts = group_starts(posterior.labels)
+        masses, means = _moments(posterior, starts)
+        target = posterior.labels[starts].copy()
+        projected = sensor.project(means) if len(means) else np.empty((0, len(sensor.deviation)))
+        apart = sensor.difference(projected[:, None, :], projected[None, :, :]) / sensor.deviation
+        distance = np.sqrt(np.sum(apart**2, axis=2))
+        taken = np.isin(target, claimed)
+        allowed = np.tril((distance < self.near) & ~(taken[:, None] & taken), k=-1)
+        if not allowed.any():
+            return target
+        # Each looks at the nearest of the older ones.
+        nearest = np.argmin(np.where(allowed, distance, np.inf), axis=1)
+        younger = np.flatnonzero(allowed.any(axis=1))
+        for group in younger[np.argsort(distance[younger, nearest[younger]], kind="stable")]:
+            low, high = sorted((int(target[nearest[group]]), int(target[group])))
+            joined = (target == low) | (target == high)
+            if low != high and masses[joined].sum() < self.whole and taken[joined].sum() < 2:
+                target[joined] = low
+        return target
+
+    def _part(self, posterior: PhdState) -> tuple[IntArray, int]:
+        """Labels after heavy clusters were cut into as many equal parts as they weigh, across their longest axis."""
+        labels, fresh = posterior.labels.copy(), posterior.next_label
+        weights = np.exp(posterior.log_weights)
+        names, group = np.unique(labels, return_inverse=True)
+        masses = np.bincount(group, weights, minlength=len(names))
+        for heavy in np.flatnonzero(masses > self.whole):
+            parts = max(round(float(masses[heavy])), 2)
+            members = np.flatnonzero(group == heavy)
+            centred = posterior.particles[members] - np.average(posterior.particles[members], 0, weights[members])
+            axis = np.linalg.eigh((weights[members, None] * centred).T @ centred)[1][:, -1]
+            order = members[np.argsort(centred @ axis, kind="stable")]
+            part = np.minimum(np.cumsum(weights[order]) / masses[heavy] * parts, parts - 1).astype(np.int64)
+            labels[order] = np.where(part == 0, names[heavy], fresh + part - 1)
+            fresh += parts - 1
+        return labels, fresh
+
+
+def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray, int]:
+    """Labels ``(N,)`` after the probable targets among the measurements claimed their particles, theirs ``(M,)``, next.
+
+    A measurement takes the label that gave it most, one to one, or a new one; it claims the particles that gave it more
+    than they gave any other and than they kept. What has a claimed label but lies outside the gate of its measurement
+    is another target, and gets a new label.
+    """
+    pairs, count, particles = clusters.pairs, len(clusters.measurements), len(posterior)
+    labels, fresh = posterior.labels.copy(), posterior.next_label
+    claimed = np.zeros(count, dtype=np.int64)
+    shown = np.flatnonzero(pairs.by_measurement(clusters.share, count) > REPORTED)
+    if len(shown) == 0:
+        return labels, claimed, fresh
+    names, column = np.unique(labels[clusters.starts], return_inverse=True)
+    table = np.zeros((count, len(names)))
+    np.add.at(table, (pairs.measurements, column[pairs.groups]), pairs.sums(clusters.share))
+    rows, columns = linear_sum_assignment(table[shown], maximize=True)
+    own = table[shown[rows], columns] > 0
+    claimed[shown[rows[own]]] = names[columns[own]]
+    without = shown[claimed[shown] == 0]
+    claimed[without] = fresh + np.arange(len(without))
+    fresh += len(without)
+    entries = np.flatnonzero(claimed[pairs.measurement] > 0)
+    particle, share = pairs.particle[entries], clusters.share[entries]
+    most = np.zeros(particles)
+    np.maximum.at(most, particle, share)
+    winner = (share == most[particle]) & (share > 0.5 * np.exp(posterior.log_weights[particle]))
+    inside = np.zeros(particles, dtype=np.bool_)
+    inside[particle[claimed[pairs.measurement[entries]] == labels[particle]]] = True
+    astray = np.isin(labels, claimed[shown]) & ~inside
+    renamed = np.searchsorted(names, labels[astray])
+    astray_names, number = np.unique(renamed, return_inverse=True)
+    labels[astray] = fresh + number
+    labels[particle[winner]] = claimed[pairs.measurement[entries[winner]]]
+    return labels, claimed, fresh + len(astray_names)
+
+
+def _grouped(posterior: PhdState, clusters: Clusters) -> tuple[PhdState, Clusters]:
+    """The same with the particles sorted by label."""
+    order = np.argsort(posterior.labels, kind="stable")
+    back = np.empty_like(order)
+    back[order] = np.arange(len(order))
+    state = replace(
+        posterior,
+        particles=posterior.particles[order],
+        labels=posterior.labels[order],
+        log_weights=posterior.log_weights[order],
+    )
+    pairs = replace(clusters.pairs, particle=back[clusters.pairs.particle])
+    return state, replace(clusters, pairs=pairs, starts=group_starts(state.labels))
+
+
+def _moments(posterior: PhdState, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Weight ``(G,)`` and mean ``(G, D)`` of each group."""
+    if len(starts) == 0:
+        return np.empty(0), np.empty((0, posterior.particles.shape[1]))
+    weights = np.exp(posterior.log_weights)
+    masses = np.add.reduceat(weights, starts)
+    sums = np.add.reduceat(weights[:, None] * posterior.particles, starts, axis=0)
+    return masses, sums / np.maximum(masses, np.finfo(np.float64).tiny)[:, None]

@@ -1,0 +1,176 @@
+"""Models of targets that are seen as points: motion, sensor, survival, detection and clutter.
+
+States are ``(N, D)`` float64 with the position first on each axis: ``x, vx, y, vy`` and, turning, a rate ``omega`` in
+radians a second. Equation numbers are those of the finite-sets paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.filters.particle import Motion
+from tsuiseki.tracking.types import FloatArray
+
+StateFunction = Callable[[FloatArray], FloatArray]
+
+
+def constant_velocity(period: float, acceleration: float) -> Motion:
+    """Straight motion of states ``x, vx, y, vy`` with a random acceleration constant over each period, (1).
+
+    Args:
+        period: seconds between observations.
+        acceleration: its standard deviation along each axis, in units a second squared.
+    """
+    transition = np.kron(np.eye(2), np.array([[1.0, period], [0.0, 1.0]]))
+    gain = acceleration * np.kron(np.eye(2), np.array([[period**2 / 2], [period]]))
+
+    def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
+        moved: FloatArray = particles @ transition.T + rng.standard_normal((len(particles), 2)) @ gain.T
+        return moved
+
+    return move
+
+
+def coordinated_turn(period: float, acceleration: float, turn: float) -> Motion:
+    """Motion on arcs of states ``x, vx, y, vy, omega``: the velocity turns at the rate ``omega``, (1).
+
+    Args:
+        period: seconds between observations.
+        acceleration: standard deviation of the random acceleration along each axis.
+        turn: standard deviation of the change of ``omega`` a second, in radians a second.
+    """
+    gain = acceleration * np.array([period**2 / 2, period])
+
+    def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
+        x, vx, y, vy, omega = particles.T
+        angle = omega * period
+        sine, cosine = np.sin(angle), np.cos(angle)
+        # sin(wT)/w and (1 - cos(wT))/w, whose limits at w = 0 are T and 0.
+        straight = period * np.sinc(angle / np.pi)
+        aside = period * np.sinc(angle / (2 * np.pi)) * np.sin(angle / 2)
+        noise = rng.standard_normal((3, len(particles)))
+        moved = np.empty_like(particles)
+        moved[:, 0] = x + straight * vx - aside * vy + gain[0] * noise[0]
+        moved[:, 1] = cosine * vx - sine * vy + gain[1] * noise[0]
+        moved[:, 2] = y + aside * vx + straight * vy + gain[0] * noise[1]
+        moved[:, 3] = sine * vx + cosine * vy + gain[1] * noise[1]
+        moved[:, 4] = omega + turn * period * noise[2]
+        return moved
+
+    return move
+
+
+def cartesian(particles: FloatArray) -> FloatArray:
+    """Positions ``(N, 2)`` ``x, y`` of states ``x, vx, y, ...``."""
+    return particles[:, [0, 2]]
+
+
+def bearing_range(particles: FloatArray) -> FloatArray:
+    """Bearing from the y axis, radians, and distance from the origin, ``(N, 2)``, of states ``x, vx, y, ...``."""
+    x, y = particles[:, 0], particles[:, 2]
+    return np.stack([np.arctan2(x, y), np.hypot(x, y)], axis=1)
+
+
+def from_bearing_range(measurements: FloatArray) -> FloatArray:
+    """Positions ``(N, 2)`` ``x, y`` of bearings and ranges ``(N, 2)``, the inverse of :func:`bearing_range`."""
+    bearing, distance = measurements.T
+    return np.stack([distance * np.sin(bearing), distance * np.cos(bearing)], axis=1)
+
+
+@dataclass(frozen=True)
+class GaussianSensor:
+    """Measures a function of the state with independent Gaussian errors, (2) and (40).
+
+    Attributes:
+        project: states ``(N, D)`` to error-free measurements ``(N, Z)``.
+        deviation: ``(Z,)`` standard deviations, > 0.
+        circular: columns of the measurement that are angles in radians.
+        gate: deviations beyond which a likelihood counts as zero.
+    """
+
+    project: StateFunction
+    deviation: FloatArray
+    circular: tuple[int, ...] = ()
+    gate: float = 5.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "deviation", np.asarray(self.deviation, dtype=np.float64))
+        if not (np.isfinite(self.deviation).all() and np.all(self.deviation > 0)):
+            raise ValueError(f"expected deviations above zero, got {self.deviation.tolist()}")
+
+    def difference(self, a: FloatArray, b: FloatArray) -> FloatArray:
+        """``a - b`` of measurements ``(..., Z)``, the shortest way round for angles."""
+        result: FloatArray = a - b
+        for column in self.circular:
+            result[..., column] = (result[..., column] + np.pi) % (2 * np.pi) - np.pi
+        return result
+
+    def likelihood(self, projected: FloatArray, measurements: FloatArray) -> FloatArray:
+        """Density ``h(y | x)`` ``(K,)`` of measurements ``(K, Z)`` at projected states ``(K, Z)``, constants kept."""
+        scaled = self.difference(projected, measurements) / self.deviation
+        constant = np.prod(np.sqrt(2 * np.pi) * self.deviation)
+        density: FloatArray = np.exp(-0.5 * np.einsum("kz,kz->k", scaled, scaled)) / constant
+        return density
+
+
+@dataclass(frozen=True)
+class PointModel:
+    """The random finite set state space model of (30)-(43), births apart.
+
+    Attributes:
+        motion: draws the next states, (33).
+        sensor: likelihood of a measurement, (40).
+        survival: probability that a target goes on, ``pS`` in [0, 1], (32).
+        detection: probability that a target is measured, ``pD`` in [0, 1], (39); a number, or a function of states.
+        clutter: density ``mu_C p_C(y)`` of false measurements per unit of measurement space, >= 0, (42)-(43); a number,
+            or a function of measurements.
+    """
+
+    motion: Motion
+    sensor: GaussianSensor
+    survival: float
+    detection: float | StateFunction
+    clutter: float | StateFunction
+
+    def __post_init__(self) -> None:
+        named = {"survival": self.survival, "detection": self.detection}
+        for name, value in named.items():
+            if not callable(value) and not 0.0 <= value <= 1.0:
+                raise ValueError(f"expected the probability of {name} in [0, 1], got {value}")
+        if not callable(self.clutter) and not 0.0 <= self.clutter < np.inf:
+            raise ValueError(f"expected a finite clutter density >= 0, got {self.clutter}")
+
+    def detection_of(self, particles: FloatArray) -> FloatArray:
+        """``pD`` ``(N,)`` of states ``(N, D)``."""
+        if not callable(self.detection):
+            return np.full(len(particles), float(self.detection))
+        found = self.detection(particles)
+        if not np.all((found >= 0) & (found <= 1)):
+            raise ValueError("expected probabilities of detection in [0, 1]")
+        return found
+
+    def clutter_at(self, measurements: FloatArray) -> FloatArray:
+        """``mu_C p_C(y)`` ``(M,)`` at measurements ``(M, Z)``."""
+        if callable(self.clutter):
+            return self.clutter(measurements)
+        return np.full(len(measurements), float(self.clutter))
+
+
+def check_measurements(measurements: FloatArray, columns: int) -> FloatArray:
+    """Measurements as a finite ``(M, columns)`` float64 array; M may be zero.
+
+    Raises:
+        ValueError: the shape is another, or a value is not finite.
+    """
+    measurements = np.asarray(measurements, dtype=np.float64)
+    if measurements.size == 0:
+        return np.empty((0, columns))
+    if measurements.ndim != 2 or measurements.shape[1] != columns:
+        raise ValueError(f"expected measurements of shape (M, {columns}), got {measurements.shape}")
+    bad = ~np.isfinite(measurements).all(axis=1)
+    if bad.any():
+        raise ValueError(f"expected finite measurements, got {measurements[bad][0].tolist()} at row {np.argmax(bad)}")
+    return measurements

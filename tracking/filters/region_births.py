@@ -1,0 +1,98 @@
+"""Proposals of new targets in an image, (51): anywhere, or where the colour is and nothing explains it yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.geometry import intersections
+from tsuiseki.tracking.likelihoods.colour_region import ColourImage
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+def _states(centres: FloatArray, sizes: FloatArray, speed: float, rng: np.random.Generator) -> FloatArray:
+    """States (63) at centres ``(J, 2)`` with sizes ``(J, 2)`` and random steps behind them."""
+    before = centres - speed * rng.standard_normal(centres.shape)
+    return np.concatenate([centres, before, np.maximum(sizes, 3.0)], axis=1)
+
+
+@dataclass(frozen=True)
+class AnywhereBirths:
+    """Births as the paper has them: places uniform over the image, velocities about zero.
+
+    Attributes:
+        mass: expected births a frame, ``mu_Gamma``.
+        count: particles.
+        size: mean width and height, pixels.
+        speed: standard deviation of the first step, pixels a frame.
+    """
+
+    mass: float
+    count: int
+    size: tuple[float, float]
+    speed: float = 3.0
+
+    def __call__(
+        self, image: ColourImage, explained: FloatArray, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Each particle is a group of its own."""
+        del explained
+        centres = rng.random((self.count, 2)) * image.size
+        sizes = np.asarray(self.size) * np.exp(0.2 * rng.standard_normal((self.count, 2)))
+        weights = np.full(self.count, self.mass / max(self.count, 1))
+        return _states(centres, sizes, self.speed, rng), weights, np.arange(self.count)
+
+
+@dataclass(frozen=True)
+class PatchBirths:
+    """Births at patches of the colour that no target covers.
+
+    Attributes:
+        mass: expected count of a patch before its likelihood is known, in (0, 1).
+        count: particles of a patch.
+        smallest: least side of a patch, pixels.
+        most: patches a frame, the largest first.
+        share: of coloured pixels around a pixel from which it belongs to a patch, in (0, 1].
+        speed: standard deviation of the first step, pixels a frame.
+    """
+
+    mass: float = 0.05
+    count: int = 300
+    smallest: float = 12.0
+    most: int = 20
+    share: float = 0.3
+    speed: float = 3.0
+
+    def __call__(
+        self, image: ColourImage, explained: FloatArray, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
+        """A group of particles for each patch."""
+        boxes = self.patches(image, explained)
+        groups = np.repeat(np.arange(len(boxes)), self.count)
+        centres = (boxes[:, :2] + boxes[:, 2:])[groups] / 2
+        sizes = (boxes[:, 2:] - boxes[:, :2])[groups]
+        centres = centres + 0.1 * sizes * rng.standard_normal(centres.shape)
+        sizes = sizes * np.exp(0.15 * rng.standard_normal(sizes.shape))
+        return _states(centres, sizes, self.speed, rng), np.full(len(groups), self.mass / self.count), groups
+
+    def patches(self, image: ColourImage, explained: FloatArray) -> FloatArray:
+        """Boxes ``(G, 4)`` of the patches, largest first."""
+        side = 2 * (int(self.smallest) // 2) + 1
+        free = image.mask.astype(np.uint8)
+        for x1, y1, x2, y2 in np.round(explained).astype(np.int64).tolist():
+            free[max(y1 - 2, 0) : max(y2 + 2, 0), max(x1 - 2, 0) : max(x2 + 2, 0)] = 0
+        dense = cv2.boxFilter(free.astype(np.float32), -1, (side, side), borderType=cv2.BORDER_CONSTANT) > self.share
+        count, _, stats, _ = cv2.connectedComponentsWithStats(dense.astype(np.uint8))
+        if count < 2:
+            return np.empty((0, 4))
+        x, y, width, height, area = stats[1:].T.astype(np.float64)
+        large = np.flatnonzero((width >= self.smallest) & (height >= self.smallest))
+        large = large[np.argsort(-area[large], kind="stable")]
+        boxes = np.stack([x, y, x + width, y + height], axis=1)[large]
+        if len(boxes) and len(explained):
+            # Colour that adjoins a target is the rest of it, as when it comes in over the border.
+            grown = explained + self.smallest / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
+            boxes = boxes[intersections(boxes[:, None], grown[None]).max(axis=1) <= 0]
+        return boxes[: self.most]

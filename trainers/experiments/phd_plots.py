@@ -1,0 +1,66 @@
+"""Plots of the finite-set experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from tsuiseki.tracking.types import FloatArray
+
+if TYPE_CHECKING:
+    from tsuiseki.trainers.experiments.phd import Scaling, ScenarioRow
+
+
+def plot_ospa(rows: Sequence[ScenarioRow], path: Path) -> None:
+    """OSPA over the clutter rate, a panel for each scenario, with the peers' values as crosses."""
+    kinds = list(dict.fromkeys(row.scenario for row in rows))
+    figure = Figure(figsize=(4.5 * max(len(kinds), 1), 3.6), layout="constrained")
+    for place, kind in enumerate(kinds, start=1):
+        axes = figure.add_subplot(1, len(kinds), place)
+        for method in dict.fromkeys(row.method for row in rows):
+            chosen = [row for row in rows if row.scenario == kind and row.method == method]
+            clutter = [row.clutter for row in chosen]
+            line = axes.errorbar(
+                clutter, [r.ospa1 for r in chosen], [2 * r.ospa1_error for r in chosen], marker="o", label=method
+            )
+            peers = [(r.clutter, r.peer) for r in chosen if r.peer is not None]
+            if peers:
+                axes.plot(*zip(*peers, strict=True), "x", color=line[0].get_color(), label=f"{method}, peer")
+        axes.set(title=kind, xlabel="false measurements a step", ylabel="OSPA, p = 1, c = 100", ylim=(0, None))
+        axes.legend(fontsize="small")
+    _save(figure, path)
+
+
+def plot_scaling(grown: Sequence[Scaling], path: Path) -> None:
+    """Milliseconds a step over clutter and over targets, both axes logarithmic."""
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    for place, what in enumerate(("clutter", "targets"), start=1):
+        axes = figure.add_subplot(1, 2, place)
+        for one in (one for one in grown if one.what == what):
+            axes.loglog(one.sizes, one.milliseconds, marker="o", label=f"{one.method}: slope {one.slope:.2f}")
+        axes.set(xlabel=f"{what} a step" if what == "clutter" else what, ylabel="milliseconds a step")
+        axes.legend(fontsize="small")
+        axes.grid(visible=True, which="both", alpha=0.3)
+    _save(figure, path)
+
+
+def plot_particles(counts: Mapping[str, FloatArray], purity: FloatArray, path: Path) -> None:
+    """Particles on each target over time ``(T, K)``, a panel for each method; mean over the seeds."""
+    figure = Figure(figsize=(4.2 * len(counts), 3.4), layout="constrained")
+    for place, (name, values) in enumerate(counts.items(), start=1):
+        axes = figure.add_subplot(1, len(counts), place)
+        for target in np.argsort(-purity):
+            axes.plot(values[:, target], label=f"purity {purity[target]:.2f}")
+        axes.set(title=name, xlabel="frame", ylabel="particles on the target", ylim=(0, None))
+        axes.legend(fontsize="small")
+    _save(figure, path)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=90)

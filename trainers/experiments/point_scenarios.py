@@ -1,0 +1,138 @@
+"""Scenarios of several point targets in clutter: those on disk, and generated ones of any size."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.points import PointTracks
+from tsuiseki.tracking.filters.point_births import Births, MeasurementBirths, MixtureBirths, moving_from
+from tsuiseki.tracking.filters.point_models import (
+    GaussianSensor,
+    PointModel,
+    bearing_range,
+    cartesian,
+    constant_velocity,
+    coordinated_turn,
+    from_bearing_range,
+)
+from tsuiseki.tracking.types import FloatArray
+
+REQUIRED = ("kind", "T", "K", "P_S", "P_D", "region", "clutter_rates", "runs", "sigma_v")
+
+
+@dataclass(frozen=True)
+class PointScenario:
+    """Truth and measurements of a scenario.
+
+    Attributes:
+        settings: what its json says.
+        truth: ``(K, T, D)`` states, NaN while a target is absent.
+        measurements: by run and index of the clutter rate, one ``(M, Z)`` array a step.
+    """
+
+    settings: dict[str, Any]
+    truth: FloatArray
+    measurements: dict[tuple[int, int], list[FloatArray]]
+
+    def true_tracks(self) -> PointTracks:
+        """Positions of the targets."""
+        frames, targets = np.nonzero(~np.isnan(self.truth[:, :, 0]))
+        return PointTracks(frames, targets + 1, self.truth[frames, targets][:, [0, 2]])
+
+
+def read_scenario(path: Path) -> PointScenario:
+    """The scenario whose settings are in ``path`` (json) and whose data is beside it (npz).
+
+    Raises:
+        RequestError: a file or a setting is missing.
+    """
+    data_path = path.with_suffix(".npz")
+    for needed in (path, data_path):
+        if not needed.is_file():
+            raise RequestError(f"expected a scenario file at {needed}, found none; give its folder with --data")
+    settings = json.loads(path.read_text(encoding="utf-8"))
+    missing = [name for name in REQUIRED if name not in settings]
+    if missing:
+        raise RequestError(f"{path}: expected the setting {missing[0]}, found none")
+    with np.load(data_path, allow_pickle=False) as data:
+        truth, z, run, clutter, step = (data[name] for name in ("truth", "z", "z_run", "z_clut", "z_k"))
+    cells = {
+        (r, c): [z[(run == r) & (clutter == c) & (step == k)] for k in range(settings["K"])]
+        for r in range(settings["runs"])
+        for c in range(len(settings["clutter_rates"]))
+    }
+    return PointScenario(settings, truth, cells)
+
+
+def scenario_sensor(settings: dict[str, Any]) -> GaussianSensor:
+    """The sensor of a scenario of kind ``linear`` or ``ct``."""
+    if settings["kind"] == "linear":
+        return GaussianSensor(cartesian, np.full(2, settings["sigma_e"]))
+    if settings["kind"] == "ct":
+        return GaussianSensor(bearing_range, np.array([settings["sigma_bearing"], settings["sigma_range"]]), (0,))
+    raise RequestError(f"expected a scenario of kind linear or ct, got {settings['kind']!r}")
+
+
+def scenario_model(settings: dict[str, Any], clutter_rate: float) -> PointModel:
+    """The model that the scenario was made with: its motion, sensor, probabilities and clutter density."""
+    volume = float(np.prod([high - low for low, high in settings["region"]]))
+    sensor = scenario_sensor(settings)
+    if settings["kind"] == "linear":
+        motion = constant_velocity(settings["T"], settings["sigma_v"])
+    else:
+        motion = coordinated_turn(settings["T"], settings["sigma_v"], settings["sigma_turn"])
+    return PointModel(motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume)
+
+
+def scenario_births(settings: dict[str, Any], count: int) -> Births:
+    """The scenario's places of birth; where it names none, births anywhere, driven by the measurements."""
+    if "birth_m" in settings:
+        masses, means = (
+            np.asarray(settings["birth_w"], dtype=np.float64),
+            np.asarray(settings["birth_m"], dtype=np.float64),
+        )
+        return MixtureBirths(masses, means, np.asarray(settings["birth_sd"], dtype=np.float64), count)
+    return anywhere_births(settings, expected=0.1, count=count // 5)
+
+
+def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> MeasurementBirths:
+    """Births anywhere in the measured region, ``expected`` a step, whatever the scenario says of places."""
+    volume = float(np.prod([high - low for low, high in settings["region"]]))
+    speed = float(settings.get("birth_speed", 15.0))
+    if settings["kind"] == "linear":
+        complete, columns = moving_from(lambda places: places, speed), 4
+    else:
+        complete, columns = moving_from(from_bearing_range, speed, turn=0.05), 5
+    return MeasurementBirths(expected / volume, scenario_sensor(settings), complete, columns, count)
+
+
+def generated_scenario(targets: int, clutter: float, steps: int, seed: int) -> tuple[dict[str, Any], list[FloatArray]]:
+    """A linear scenario with a constant number of targets in a region that grows with them; its settings and
+    measurements.
+
+    The region has a fixed area a target, so that more targets mean more of the same and not more confusion.
+    """
+    rng = np.random.default_rng(seed)
+    side = 500.0 * np.sqrt(targets)
+    settings = {
+        "kind": "linear", "T": 1.0, "K": steps, "sigma_v": 5.0, "sigma_e": 10.0, "P_S": 0.99, "P_D": 0.98,
+        "region": [[-side, side], [-side, side]],
+    }  # fmt: skip
+    states = np.stack(
+        [rng.uniform(-side, side, targets), rng.normal(0, 5, targets), rng.uniform(-side, side, targets),
+         rng.normal(0, 5, targets)], axis=1,
+    )  # fmt: skip
+    settings |= {"birth_m": states, "birth_w": np.full(targets, 0.03), "birth_sd": np.full(4, 10.0)}
+    measurements = []
+    for _ in range(steps):
+        states = states + np.stack([states[:, 1], np.zeros(targets), states[:, 3], np.zeros(targets)], axis=1)
+        seen = states[rng.random(targets) < 0.98][:, [0, 2]]
+        false = rng.uniform(-side, side, (rng.poisson(clutter), 2))
+        measurements.append(np.concatenate([seen + 10.0 * rng.standard_normal(seen.shape), false]))
+    return settings, measurements
