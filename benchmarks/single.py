@@ -2,8 +2,8 @@
 
     python benchmarks/single.py --data ../shared/data --peer /path/to/venv/bin/python
 
-The peer's environment holds `opencv-contrib-python-headless`. Rounds are interleaved (ours, peer, ours, peer, ...) and the
-median of each is taken; the image is decoded before the clock starts.
+The peer's environment holds `opencv-contrib-python-headless`. Rounds are interleaved (ours, peer, ours, peer, ...) and
+the median of each is taken; the image is decoded before the clock starts.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequenc
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
-from tsuiseki.tracking.trackers.single.kcf_particle import ROBUST, THESIS, KcfParticle
+from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.video import read_image
@@ -44,7 +45,9 @@ BASES = {
 }
 
 
-def frame_times(tracker: SingleTracker, images: list[ImageArray], sequence: SingleSequence) -> tuple[np.ndarray, np.ndarray]:
+def frame_times(
+    tracker: SingleTracker, images: list[ImageArray], sequence: SingleSequence
+) -> tuple[np.ndarray, np.ndarray]:
     """Milliseconds of each frame, and in which the particle filter ran."""
     tracker.start(images[0], sequence.boxes[0])
     times, searched = [], []
@@ -86,7 +89,11 @@ def measure(sequence: SingleSequence, python: str, rounds: int, folder: Path) ->
     for name in OURS:
         mean = float(np.median(means[name]))
         base = float(np.median(means[BASES[name]])) if name in BASES else np.nan
-        ratio = [f"{mean / base:7.2f}", f"{np.median(plain[name]) / base:13.2f}"] if name in BASES else [f"{'-':>7}", f"{'-':>13}"]
+        ratio = (
+            [f"{mean / base:7.2f}", f"{np.median(plain[name]) / base:13.2f}"]
+            if name in BASES
+            else [f"{'-':>7}", f"{'-':>13}"]
+        )
         print(
             f"{name:22}{mean:7.2f}{mean / peer:8.3f}{ratio[0]}{ratio[1]}"
             f"{np.median(search[name]):11.2f}{100 * share[name]:9.0f}%"
@@ -100,8 +107,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
-    print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}, OpenCV {cv2.__version__}, "
-          f"numpy {np.__version__}; one thread, CPU time, median of {arguments.rounds} interleaved rounds")  # fmt: skip
+    machine = platform.processor() or platform.machine()
+    versions = f"Python {platform.python_version()}, OpenCV {cv2.__version__}, numpy {np.__version__}"
+    print(f"{machine}, {versions}; one thread, CPU time, median of {arguments.rounds} interleaved rounds")
     with tempfile.TemporaryDirectory() as folder:
         for name in SEQUENCES:
             found = find_single_sequences(arguments.data / "sot" / name)[0]

@@ -58,7 +58,7 @@ class ObjectnessSettings:
 def generated_images(count: int, seed: int) -> list[LabelledImage]:
     """Images of generated chases with the box of the followed person."""
     rng = np.random.default_rng(seed)
-    images = []
+    images: list[LabelledImage] = []
     while len(images) < count:
         size = float(rng.choice([20, 35, 60, 100, 160]))
         settings = ChaseSettings(
@@ -99,12 +99,20 @@ def window_sizes(settings: ObjectnessSettings) -> FloatArray:
 
 
 def _gradients(image: ImageArray, boxes: FloatArray) -> Iterable[FloatArray]:
-    """``(64,)`` normed gradients of each box."""
-    for x1, y1, x2, y2 in np.round(boxes).astype(int):
-        part = image[max(y1, 0) : y2, max(x1, 0) : x2]
-        if part.shape[0] >= SIDE // 2 and part.shape[1] >= SIDE // 2:
-            small = cv2.resize(part, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
-            yield normed_gradients(small).ravel().astype(np.float64)
+    """``(64,)`` normed gradients of each box.
+
+    A cell around the box comes along, since an object's outline lies on the border of its box: cut off there, it would
+    have no gradient in training and the strongest of all when whole images are searched.
+    """
+    height, width = image.shape[:2]
+    for box in boxes:
+        cell = (box[2:] - box[:2]) / SIDE
+        low, high = np.round(box[:2] - cell).astype(int), np.round(box[2:] + cell).astype(int)
+        if (high - low < SIDE // 2).any():
+            continue
+        x, y = (np.clip(np.arange(low[k], high[k]), 0, (width, height)[k] - 1) for k in range(2))
+        small = cv2.resize(image[y[:, None], x], (SIDE + 2, SIDE + 2), interpolation=cv2.INTER_AREA)
+        yield normed_gradients(np.asarray(small, dtype=np.uint8))[1:-1, 1:-1].ravel().astype(np.float64)
 
 
 def _windows_without_object(item: LabelledImage, settings: ObjectnessSettings, rng: np.random.Generator) -> FloatArray:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.plots import COLOURS
 from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, recall
 from tsuiseki.tracking.formats.mot import find_sequences, read_ground_truth
 from tsuiseki.tracking.formats.single import find_single_sequences
@@ -15,7 +16,7 @@ from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video import read_image
 from tsuiseki.trainers.objectness import LabelledImage
 
-WINDOWS = (1, 10, 50, 100, 300, 1000)
+WINDOWS = (1, 3, 10, 30, 100, 300, 1000)
 
 
 def labelled_images(folder: Path, interval: int) -> list[LabelledImage]:
@@ -53,3 +54,21 @@ def recall_by_windows(images: list[LabelledImage], model: ObjectnessModel) -> di
     proposals = [propose(item.image, model, max(WINDOWS))[0] for item in labelled]
     shares = recall([item.boxes for item in labelled], proposals, list(WINDOWS))
     return dict(zip(WINDOWS, shares.tolist(), strict=True))
+
+
+def plot_recall(shares: dict[int, float], path: Path) -> None:
+    """The recall over the number of windows, on a logarithmic axis."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.5, 3.2), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(list(shares), [100 * share for share in shares.values()], marker="o", color=COLOURS[0])
+    axes.set_xscale("log")
+    axes.set_xticks(list(shares), [str(windows) for windows in shares])
+    axes.minorticks_off()
+    axes.set_ylim(0, 102)
+    axes.set_xlabel("Windows")
+    axes.set_ylabel("Boxes found, overlap 0.5 [%]")
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=110, facecolor="white")

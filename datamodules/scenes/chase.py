@@ -107,7 +107,9 @@ def _walkers(rng: np.random.Generator, settings: ChaseSettings) -> list[_Walker]
             meeting = int(rng.integers(settings.frames))
             path = path - path[meeting] + own[meeting] + rng.normal(0, 0.15 * height, 2)
         own_height = height * (1.0 if k == 0 else float(rng.uniform(0.85, 1.15)))
-        walkers.append(_Walker(_walk_cycle(rng, person, own_height, light, settings.turning, settings.frames), path, sizes))
+        walkers.append(
+            _Walker(_walk_cycle(rng, person, own_height, light, settings.turning, settings.frames), path, sizes)
+        )
     return walkers
 
 
@@ -174,9 +176,8 @@ def _draw(
         walker = walkers[k]
         sprite = walker.sprites[t % len(walker.sprites)]
         size = float(walker.sizes[t])
-        sprite = cv2.resize(
-            sprite, None, fx=size, fy=size, interpolation=cv2.INTER_AREA if size < 1 else cv2.INTER_LINEAR
-        )
+        filtering = cv2.INTER_AREA if size < 1 else cv2.INTER_LINEAR
+        sprite = np.asarray(cv2.resize(sprite, None, fx=size, fy=size, interpolation=filtering), dtype=np.uint8)
         place = walker.path[t] - corner
         left, top = round(place[0] - sprite.shape[1] / 2), round(place[1] - sprite.shape[0] / 2)
         paste(view, sprite, left, top)

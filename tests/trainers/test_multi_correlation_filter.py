@@ -6,8 +6,16 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.chase import ChaseSettings, render_chase
 from tsuiseki.tracking.formats.single import SingleSequence
-from tsuiseki.tracking.trackers.single.kcf_particle import THESIS, KcfParticle
-from tsuiseki.trainers.experiments.multi_correlation_filter import SWEEPS, Clip, Intervals, by_attribute, intervals, repeat
+from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import THESIS
+from tsuiseki.trainers.experiments.multi_correlation_filter import (
+    SWEEPS,
+    Clip,
+    Intervals,
+    by_attribute,
+    intervals,
+    repeat,
+)
 from tsuiseki.trainers.experiments.multi_correlation_filter_plots import plot_intervals, search_pictures
 
 ALWAYS = replace(THESIS, response_share=1.0, switch=10.0, plain_frames=3, hypotheses=3, particles=30, convergence=1e9)

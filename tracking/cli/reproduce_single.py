@@ -54,7 +54,8 @@ def _run(
     seeds: list[int],
 ) -> dict[str, Any]:
     from tsuiseki.tracking.formats.single import find_single_sequences
-    from tsuiseki.tracking.trackers.single.kcf_particle import ROBUST, THESIS, KcfParticle
+    from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
+    from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
     from tsuiseki.trainers.experiments import multi_correlation_filter as experiment
     from tsuiseki.trainers.experiments import multi_correlation_filter_plots as plots
 

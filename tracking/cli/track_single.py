@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.trackers.single.kcf_particle import Past
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import Past
 from tsuiseki.tracking.trackers.single.methods import Method, Preset
 
 if TYPE_CHECKING:

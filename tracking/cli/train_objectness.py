@@ -13,7 +13,8 @@ def objectness(
     data: list[Path] | None = None,
     test: list[Path] | None = None,
     interval: int = 10,
-    images: int = 160,
+    images: int = 800,
+    plot: Path | None = None,
     overwrite: bool = False,
     seed: int = 0,
 ) -> None:
@@ -26,17 +27,22 @@ def objectness(
         test: folders to measure the recall on; by default generated chases of another seed.
         interval: take every so many frames of the folders.
         images: number of generated images, where nothing is given.
+        plot: also plot the recall to this file (PNG, SVG or PDF).
         overwrite: replace an existing file.
         seed: of all random numbers.
     """
+    from tsuiseki.tracking.cli.evaluate import _check_plot
     from tsuiseki.tracking.output import check_output_file, output_file
 
     if interval < 1 or images < 1:
         raise RequestError(f"expected --interval and --images of at least 1, got {interval} and {images}")
-    check_output_file(out, overwrite)
+    for path in (out, plot):
+        if path is not None:
+            check_output_file(path, overwrite)
+    _check_plot(plot)
     with needs_train_extra():
         from tsuiseki.trainers.objectness import ObjectnessSettings, fit_objectness, generated_images
-        from tsuiseki.trainers.objectness_data import labelled_images, recall_by_windows
+        from tsuiseki.trainers.objectness_data import labelled_images, plot_recall, recall_by_windows
 
         if data:
             training = [item for folder in data for item in labelled_images(folder, interval)]
@@ -49,6 +55,9 @@ def objectness(
         shares = recall_by_windows(held_out or generated_images(max(1, images // 4), seed + 1), model)
     with output_file(out, overwrite) as work:
         model.write(work)
+    if plot is not None:
+        with output_file(plot, overwrite) as work:
+            plot_recall(shares, work)
     print(f"{len(model.sizes)} window sizes, learnt from {described}: {out}")
     print("windows  boxes found (overlap 0.5)")
     for windows, share in shares.items():

@@ -122,7 +122,8 @@ def _filled(result: FloatArray, first: FloatArray | None) -> FloatArray:
     result = result.copy()
     if first is not None:
         result[0] = first
-    usable: BoolArray = np.isfinite(result).all(axis=1) & ((result[:, 2:] - result[:, :2]) > 0).all(axis=1)
+    positive = np.tile(result[:, 2:] > result[:, :2], 2)
+    usable: BoolArray = np.asarray((np.isfinite(result) & positive).all(axis=1))
     source = np.maximum.accumulate(np.where(usable, np.arange(len(result)), 0))
     return result[source]
 

@@ -35,11 +35,12 @@ def curves_figure(results: Mapping[str, Mapping[str, Curves]]) -> Figure:
     )
     ranked = sorted(results.items(), key=lambda item: -item[1]["ALL"].auc)
     for number, (name, curves) in enumerate(ranked):
-        style = {"color": COLOURS[number % len(COLOURS)], "linestyle": STYLES[number // len(COLOURS) % len(STYLES)]}
+        colour, line = COLOURS[number % len(COLOURS)], STYLES[number // len(COLOURS) % len(STYLES)]
         whole = curves["ALL"]
-        axes["success"].plot(OVERLAPS, 100 * whole.success, label=f"{_plain(name)} [{100 * whole.auc:.1f}]", **style)
+        label = f"{_plain(name)} [{100 * whole.auc:.1f}]"
+        axes["success"].plot(OVERLAPS, 100 * whole.success, label=label, color=colour, ls=line)
         label = f"{_plain(name)} [{100 * whole.precision[PRECISION_AT]:.1f}]"
-        axes["precision"].plot(DISTANCES, 100 * whole.precision, label=label, **style)
+        axes["precision"].plot(DISTANCES, 100 * whole.precision, label=label, color=colour, ls=line)
     _label(axes["success"], "Overlap threshold", "Frames above it [%]", "Success [area under the curve]")
     _label(axes["precision"], "Distance of the centres [pixels]", "Frames within it [%]", "Precision [at 20 pixels]")
     if groups:

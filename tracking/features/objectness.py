@@ -113,13 +113,10 @@ def normed_gradients(image: ImageArray) -> NDArray[np.uint8]:
     """``(H, W)`` uint8 ``min(|gx| + |gy|, 255)`` of the strongest colour channel, with the four highest bits kept."""
     gx = cv2.convertScaleAbs(cv2.filter2D(image, cv2.CV_16S, _CENTRAL, borderType=cv2.BORDER_REPLICATE))
     gy = cv2.convertScaleAbs(cv2.filter2D(image, cv2.CV_16S, _CENTRAL.T, borderType=cv2.BORDER_REPLICATE))
-    strength = cv2.add(gx, gy)
+    strength: NDArray[np.uint8] = np.asarray(cv2.add(gx, gy), dtype=np.uint8)
     if strength.ndim == 3:
-        planes = cv2.split(strength)
-        strength = planes[0]
-        for plane in planes[1:]:
-            strength = cv2.max(strength, plane)
-    return np.asarray(strength & KEPT_BITS, dtype=np.uint8)
+        strength = strength.max(axis=2)
+    return strength & np.uint8(KEPT_BITS)
 
 
 def propose(
@@ -163,7 +160,7 @@ def _score_size(
     columns, rows = round(part.shape[1] * SIDE / width), round(part.shape[0] * SIDE / height)
     if columns < SIDE or rows < SIDE:
         return np.empty((0, 4)), np.empty(0)
-    small = cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
+    small: ImageArray = np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)
     scores = cv2.matchTemplate(normed_gradients(small).astype(np.float32), weights.astype(np.float32), cv2.TM_CCORR)
     # A window gives way to a better one whose corner is within two of its 8 x 8 cells, as in the paper.
     greatest = cv2.dilate(scores, np.ones((5, 5), dtype=np.uint8))

@@ -58,8 +58,9 @@ def _halved(image: ImageArray, low: FloatArray, high: FloatArray, halvings: int)
     for _ in range(halvings):
         odd = part.shape[0] % 2, part.shape[1] % 2
         if any(odd):
-            part = cv2.copyMakeBorder(part, 0, odd[0], 0, odd[1], cv2.BORDER_REPLICATE)
-        part = cv2.resize(part, (part.shape[1] // 2, part.shape[0] // 2), interpolation=cv2.INTER_AREA)
+            part = np.asarray(cv2.copyMakeBorder(part, 0, odd[0], 0, odd[1], cv2.BORDER_REPLICATE), dtype=np.uint8)
+        half = part.shape[1] // 2, part.shape[0] // 2
+        part = np.asarray(cv2.resize(part, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     return part, first.astype(np.float64)
 
 
@@ -82,7 +83,8 @@ def _average(image: ImageArray, centre: FloatArray, scale: float, width: int, he
     inner = image[inner_low[1] : inner_high[1], inner_low[0] : inner_high[0]]
     before, after = np.maximum(inner_low - low, 0), np.maximum(high - inner_high, 0)
     if before.any() or after.any():
-        inner = cv2.copyMakeBorder(inner, before[1], after[1], before[0], after[0], cv2.BORDER_REPLICATE)
+        margins = before[1], after[1], before[0], after[0]
+        inner = np.asarray(cv2.copyMakeBorder(inner, *margins, cv2.BORDER_REPLICATE), dtype=np.uint8)
     return np.asarray(cv2.resize(inner, (width, height), interpolation=cv2.INTER_AREA))
 
 
@@ -164,7 +166,8 @@ def _grey(patches: ImageArray, cell: int) -> Float32Array:
     planes = [cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY) if patch.ndim == 3 else patch for patch in patches]
     grey = np.stack(planes).astype(np.float32) / 255 - 0.5
     count, height, width = grey.shape
-    return grey.reshape(count, 1, height // cell, cell, width // cell, cell).mean(axis=(3, 5), dtype=np.float32)
+    means = grey.reshape(count, 1, height // cell, cell, width // cell, cell).mean(axis=(3, 5), dtype=np.float32)
+    return np.asarray(means)
 
 
 def window_shape(

@@ -47,7 +47,7 @@ class Samples:
     @property
     def size(self) -> int:
         """Number of features of a window."""
-        return self.spectra.shape[1] * self.shape[0] * self.shape[1]
+        return int(self.spectra.shape[1]) * self.shape[0] * self.shape[1]
 
 
 def transform(features: Float32Array) -> Samples:
@@ -176,7 +176,7 @@ def _parabola_offset(before: float, at: float, after: float) -> float:
     return 0.5 * (after - before) / curvature if curvature > 1e-12 else 0.0
 
 
-def signed_shift(index: FloatArray, length: int) -> FloatArray:
+def signed_shift(index: FloatArray | float, length: int) -> FloatArray:
     """Cyclic map positions as shifts in [-length/2, length/2)."""
     return np.asarray((index + length / 2) % length - length / 2)
 
@@ -188,7 +188,7 @@ def peak(response: Float32Array) -> tuple[FloatArray, float]:
     value = float(response[row, column])
     dx = _parabola_offset(float(response[row, column - 1]), value, float(response[row, (column + 1) % columns]))
     dy = _parabola_offset(float(response[row - 1, column]), value, float(response[(row + 1) % rows, column]))
-    shift = np.array([signed_shift(np.float64(column + dx), columns), signed_shift(np.float64(row + dy), rows)])
+    shift = np.array([float(signed_shift(column + dx, columns)), float(signed_shift(row + dy, rows))])
     return shift, value
 
 

@@ -141,8 +141,8 @@ def read_published(folder: Path) -> dict[str, PublishedScores]:
         if path.is_file():
             try:
                 content = json.loads(path.read_text(encoding="utf-8"))
-                curves = (tuple(map(float, content[key])) for key in ("successRateList", "precisionList"))
-                result[name] = PublishedScores(*curves, tuple(map(str, content["seqs"])))
+                success, precision = (tuple(map(float, content[k])) for k in ("successRateList", "precisionList"))
+                result[name] = PublishedScores(success, precision, tuple(map(str, content["seqs"])))
             except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
                 raise RequestError(f"{path}: expected scores of tracker_benchmark, cannot read them") from error
     if "ALL" not in result:

@@ -17,10 +17,11 @@ from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
-from tsuiseki.tracking.trackers.single.kcf_particle import ROBUST, THESIS, KcfParticle, KcfParticleSettings
+from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS, KcfParticleSettings
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.methods import Method, make_tracker
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.video import read_image
 
 AFTERWARDS = 10
@@ -127,7 +128,7 @@ class Repeated:
 
     def success(self) -> FloatArray:
         """``(21,)`` mean success curve."""
-        return np.mean([s.success for one in self.scores for s in one.values()], axis=0)
+        return np.asarray(np.mean([s.success for one in self.scores for s in one.values()], axis=0))
 
 
 def repeat(clips: Sequence[Clip], make: Callable[[int], SingleTracker], seeds: Sequence[int]) -> Repeated:
@@ -217,7 +218,7 @@ def _one_pass(clip: Clip, tracker: KcfParticle, during: dict[str, list[float]], 
         truth = clip.sequence.boxes[start:last]
         for name, found in ways.items():
             overlaps = iou_pairs(truth, np.array(found))
-            labelled = np.isfinite(truth).all(axis=1)
+            labelled: BoolArray = np.asarray(np.isfinite(truth).all(axis=1))
             during[name] += overlaps[: end - start][labelled[: end - start]].tolist()
             after[name] += overlaps[end - start :][labelled[end - start :]].tolist()
 

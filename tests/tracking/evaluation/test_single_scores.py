@@ -54,8 +54,12 @@ def test_nothing_to_score_is_an_error_and_no_zero():
 
 
 def test_sequences_weigh_the_same_whatever_their_length():
-    sequences = [SingleSequence("a", (), TRUTH, frozenset({"OCC"})), SingleSequence("b", (), TRUTH[:1]), SingleSequence("c", (), TRUTH)]
-    found = evaluate_single(sequences, {"a": TRUTH + [0, 0, 90, 90], "b": TRUTH[:1]})
+    sequences = [
+        SingleSequence("a", (), TRUTH, frozenset({"OCC"})),
+        SingleSequence("b", (), TRUTH[:1]),
+        SingleSequence("c", (), TRUTH),
+    ]
+    found = evaluate_single(sequences, {"a": np.add(TRUTH, [0, 0, 90, 90]), "b": TRUTH[:1]})
     half = (found.sequences["a"].auc + found.sequences["b"].auc) / 2
     assert found.mean().auc == pytest.approx(half)
     assert found.missing == ("c",)

@@ -12,6 +12,7 @@ from tsuiseki.tracking.features.objectness import (
     propose,
     read_objectness,
     recall,
+    shipped_objectness,
 )
 
 
@@ -77,8 +78,20 @@ def test_models_survive_a_file(tmp_path):
     assert read.sizes.tolist() == model.sizes.tolist()
 
 
-@pytest.mark.parametrize("content", ["", "{}", '{"format": "other"}', '{"format": "tsuiseki-objectness-1", "weights": [1]}'])
+@pytest.mark.parametrize(
+    "content", ["", "{}", '{"format": "other"}', '{"format": "tsuiseki-objectness-1", "weights": [1]}']
+)
 def test_other_files_are_refused(tmp_path, content):
     (tmp_path / "m.json").write_text(content)
     with pytest.raises(RequestError, match="expected an objectness model"):
         read_objectness(tmp_path / "m.json")
+
+
+def test_the_shipped_model_finds_a_square_and_ranks_it_above_noise():
+    model = shipped_objectness()
+    assert (model.gains > 0).all()
+    image = square(50, 30, 40, 60)
+    image = np.clip(image + np.random.default_rng(0).normal(0, 5, image.shape), 0, 255).astype(np.uint8)
+    boxes, scores = propose(image, model, 20)
+    assert recall([np.array([[50, 30, 90, 90.0]])], [boxes], [20]) == 1.0
+    assert (np.diff(scores) <= 0).all()

@@ -16,7 +16,9 @@ def write(path, text):
     return path
 
 
-@pytest.mark.parametrize("text", ["1,2,3,4\n5,6,7,8\n", "1\t2\t3\t4\n5\t6\t7\t8", " 1  2 3 4 \n\n5 6 7 8\n", "1;2;3;4\r\n5, 6, 7, 8\r\n"])
+@pytest.mark.parametrize(
+    "text", ["1,2,3,4\n5,6,7,8\n", "1\t2\t3\t4\n5\t6\t7\t8", " 1  2 3 4 \n\n5 6 7 8\n", "1;2;3;4\r\n5, 6, 7, 8\r\n"]
+)
 def test_any_separator(tmp_path, text):
     assert read_boxes(write(tmp_path / "gt.txt", text)).tolist() == [[0, 1, 3, 5], [4, 5, 11, 13]]
 
@@ -50,7 +52,7 @@ def test_a_polygon_becomes_its_hull():
 
 
 def test_written_boxes_read_the_same(tmp_path):
-    boxes = np.random.default_rng(0).uniform(0, 50, (4, 4)) + [0, 0, 60, 60]
+    boxes = np.random.default_rng(0).uniform([0, 0, 60, 60], [50, 50, 110, 110], (4, 4))
     write_boxes(tmp_path / "boxes.txt", boxes)
     np.testing.assert_allclose(read_boxes(tmp_path / "boxes.txt"), boxes, atol=1e-3)  # four decimals
 
@@ -62,7 +64,9 @@ def test_results_of_tracker_benchmark(tmp_path, wrapped):
     assert read_result(path).tolist() == [[0, 0, 4, 4], [1, 1, 5, 5]]
 
 
-@pytest.mark.parametrize("content", ["{", "[]", '{"res": [[1,2]], "resType": "rect"}', '{"res": [[1,2,3,4]], "resType": "affine"}'])
+@pytest.mark.parametrize(
+    "content", ["{", "[]", '{"res": [[1,2]], "resType": "rect"}', '{"res": [[1,2,3,4]], "resType": "affine"}']
+)
 def test_broken_results_are_refused(tmp_path, content):
     with pytest.raises(RequestError, match=r"r\.json"):
         read_result(write(tmp_path / "r.json", content))
@@ -118,7 +122,7 @@ def test_attributes_come_from_a_list_with_stray_spaces(tmp_path):
 
 
 def test_an_unknown_attribute_is_refused(tmp_path):
-    with pytest.raises(RequestError, match="line 1: expected attributes of IV.*got 'XX'"):
+    with pytest.raises(RequestError, match=r"line 1: expected attributes of IV.*got 'XX'"):
         read_attributes(write(tmp_path / "tb.txt", "Car4\tXX\n"))
 
 

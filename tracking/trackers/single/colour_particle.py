@@ -69,11 +69,11 @@ class ColourParticle:
         moved[:, 2] = np.clip(moved[:, 2], -1.5, 1.5)
         return np.asarray(moved)
 
-    def _log_likelihood(self, particles: FloatArray, image: ImageArray) -> FloatArray:
-        return -self.settings.sharpness * (1 - self._coefficients(image, particles))
+    def _log_likelihood(self, particles: FloatArray, observation: ImageArray) -> FloatArray:
+        return -self.settings.sharpness * (1 - self._coefficients(observation, particles))
 
     def _coefficients(self, image: ImageArray, particles: FloatArray) -> FloatArray:
-        return np.sqrt(self._histograms(image, particles) * self._reference).sum(axis=1)
+        return np.asarray(np.sqrt(self._histograms(image, particles) * self._reference).sum(axis=1))
 
     def _histograms(self, image: ImageArray, particles: FloatArray) -> FloatArray:
         """``(N, 64)`` colours at a grid of points in each box; points outside the image repeat its border."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -31,23 +34,22 @@ class MeanShift:
         self._box = np.asarray(box, dtype=np.float64)
         self._window = _whole_window(self._box, image)
         self._histogram = self._hues(image, self._window)
-        self._scaled = cv2.normalize(self._histogram, None, 0, 255, cv2.NORM_MINMAX)
+        self._scaled = self._histogram * np.float32(255 / max(float(self._histogram.max()), 1e-9))
 
     def follow(self, image: ImageArray) -> Sighting:
         """See `SingleTracker.follow`."""
         colours = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
         likely = cv2.calcBackProject([colours], [0], self._scaled, [0, 180], 1)
-        likely &= cv2.inRange(colours, (0, LEAST_SATURATION, LEAST_VALUE), (180, 255, 255))
+        likely = cv2.bitwise_and(likely, _coloured(colours))
         if self.adapts_size:
             rotated, window = cv2.CamShift(likely, self._window, STOP)
             if min(window[2:]) >= 2 and min(rotated[1]) > 0:
-                self._window = window
-                x, y, w, h = cv2.boundingRect(cv2.boxPoints(rotated))
-                self._box = np.array([x, y, x + w, y + h], dtype=np.float64)
+                self._window = _four(window)
+                self._box = _upright_hull(rotated)
         else:
             _, window = cv2.meanShift(likely, self._window, STOP)
             self._box = self._box + np.tile(np.subtract(window[:2], self._window[:2]), 2)
-            self._window = window
+            self._window = _four(window)
         score = float(np.sqrt(self._hues(image, self._window) * self._histogram).sum())
         status: Status = "tracking" if score >= self.lost_below else "lost"
         return Sighting(self._box, score, status)
@@ -56,9 +58,29 @@ class MeanShift:
         """``(30, 1)`` histogram of the clearly coloured pixels, that sums to one; grey windows have their values."""
         x, y, w, h = window
         colours = cv2.cvtColor(np.ascontiguousarray(image[y : y + h, x : x + w]), cv2.COLOR_RGB2HSV)
-        mask = cv2.inRange(colours, (0, LEAST_SATURATION, LEAST_VALUE), (180, 255, 255))
+        mask = _coloured(colours)
         histogram = cv2.calcHist([colours], [0], mask if mask.any() else None, [HUES], [0, 180])
         return np.asarray(histogram / max(float(histogram.sum()), 1.0))
+
+
+def _coloured(hues: NDArray[Any]) -> NDArray[np.uint8]:
+    """255 where a pixel of an HSV image has a hue worth the name."""
+    return np.asarray(cv2.inRange(hues, (0, LEAST_SATURATION, LEAST_VALUE), (180, 255, 255)), dtype=np.uint8)
+
+
+def _upright_hull(ellipse: tuple[Sequence[float], Sequence[float], float]) -> FloatArray:
+    """``(4,)`` hull of the rectangle that has the moments of CamShift's ellipse (centre, axes, degrees).
+
+    OpenCV's axes are four standard deviations of the mass, and a rectangle's sides are the root of twelve.
+    """
+    (x, y), axes, angle = ellipse
+    corners = cv2.boxPoints(((x, y), (axes[0] * np.sqrt(12) / 4, axes[1] * np.sqrt(12) / 4), angle))
+    return np.concatenate([corners.min(axis=0), corners.max(axis=0)]).astype(np.float64)
+
+
+def _four(window: Sequence[int]) -> tuple[int, int, int, int]:
+    x, y, width, height = window
+    return x, y, width, height
 
 
 def _whole_window(box: FloatArray, image: ImageArray) -> tuple[int, int, int, int]:
@@ -90,8 +112,8 @@ class MedianFlow:
         """See `SingleTracker.follow`."""
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         before = self._points()
-        after, there, _ = cv2.calcOpticalFlowPyrLK(self._grey, grey, before, None, winSize=(11, 11), maxLevel=4)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(grey, self._grey, after, None, winSize=(11, 11), maxLevel=4)
+        after, there = _flow(self._grey, grey, before)
+        back, again = _flow(grey, self._grey, after)
         error = np.linalg.norm(back - before, axis=2).ravel()
         good = (there.ravel() == 1) & (again.ravel() == 1)
         if good.any():
@@ -120,6 +142,13 @@ class MedianFlow:
         centre, half = (self._box[:2] + self._box[2:]) / 2 + shift, (self._box[2:] - self._box[:2]) / 2
         half = np.maximum(half * np.clip(growth, 0.8, 1.25), 1.0)
         self._box = np.concatenate([centre - half, centre + half])
+
+
+def _flow(old: NDArray[Any], new: NDArray[Any], points: NDArray[np.float32]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Where points ``(N, 1, 2)`` went, and which of them ``(N, 1)`` were found."""
+    guess = points.copy()  # not used, but OpenCV's types ask for it
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(old, new, points, guess, winSize=(11, 11), maxLevel=4)
+    return np.asarray(moved), np.asarray(found)
 
 
 class Mil:

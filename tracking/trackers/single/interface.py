@@ -54,7 +54,7 @@ def check_start(box: FloatArray, image: ImageArray) -> FloatArray:
     """
     box = np.asarray(box, dtype=np.float64)
     height, width = image.shape[:2]
-    x, y, w, h = (*box[:2].tolist(), *(box[2:] - box[:2]).tolist())
+    x, y, w, h = map(float, (*box[:2], *(box[2:] - box[:2])))
     shown = f"x {x:g}, y {y:g}, width {w:g}, height {h:g}"
     if not np.isfinite(box).all() or w <= 0 or h <= 0:
         raise RequestError(f"--box: expected a positive width and height, got {shown}")

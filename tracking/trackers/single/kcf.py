@@ -39,7 +39,8 @@ class KcfSettings:
         learning_rate: share of a new frame in the running filter, in [0, 1].
         label_sigma: of the wanted response, as a share of the target's mean side.
         scale_step: ratio of neighbouring sizes that are tried; 1 keeps the size.
-        scale_weight: factor on the peak of a changed size, at most 1, so that the size does not wander.
+        scale_weight: factor on the peak of a changed size, at most 1, so that the size does not wander. A background
+            that stands still around a standing target then holds the size for longer.
         smallest: least relative size.
         largest: greatest relative size.
     """

@@ -21,8 +21,7 @@ What `ROBUST` adds, each for a failure seen on videos: see the attributes below 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,11 +29,12 @@ from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, ship
 from tsuiseki.tracking.filters.correlation import FilterBank, Samples, join, local_maxima, respond
 from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState, bootstrap
 from tsuiseki.tracking.filters.weights import probabilities
-from tsuiseki.tracking.likelihoods.foreground_colour import ForegroundColour
 from tsuiseki.tracking.likelihoods.response import ResponseMaps, likelihood, object_overlap
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.archive import Archive
+from tsuiseki.tracking.trackers.single.confidence import Confidence
 from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, KcfParticleSettings
 from tsuiseki.tracking.trackers.single.particles import (
     best_by_filter,
     dispersion,
@@ -44,104 +44,8 @@ from tsuiseki.tracking.trackers.single.particles import (
 )
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
-Past = Literal["uniform", "score"]
 PROPOSALS = 100
 SMALLEST_LIKELIHOOD = 1e-6
-
-
-@dataclass(frozen=True)
-class KcfParticleSettings:
-    """Constants; the defaults are Table 3.2 and the choices of 3.3.3.
-
-    Attributes:
-        kcf: of the correlation filters.
-        switch: epsilon_1, the search starts when the greatest response is at most this.
-        plain_frames: H, frames after a search in which none starts.
-        stored: U, filters of the past.
-        particles: N.
-        divisor: a, of the covariance S of the motion.
-        past_share: mu, probability of a filter of the past.
-        convergence: epsilon_2, the search ends when V / (w1 h1) is below.
-        response_share: alpha of equation (3.4); 1 leaves objectness out.
-        hypotheses: M, maxima of the response.
-        past: filters of the past drawn all alike, or by the response that each had when it was stored.
-
-        spread: factor on the standard deviation of S: 2.7 pixels for a target of 25 is less than people move.
-        reach: windows searched to each side of the one about the target; 0 is the thesis.
-        sharpness: power of the likelihood; responses of right and wrong places differ by less than a factor of two.
-        colour: weight of `ForegroundColour` in the exponent of the likelihood; 0 leaves it out.
-        relative_switch: the search also starts when the response falls below this share of its running mean.
-        drift_switch: likewise for the colour score: a filter that has settled on the background stays confident.
-        drift_interval: frames between looks at the colours.
-        end_response: the search ends only when the best particle's response is at least this share of epsilon_1.
-        learns_while_searching: whether filters learn before it is known who is right.
-        keeps_first: keep the filter of the first frame, the only one that is surely right, in the store.
-        store_interval: frames between stored filters.
-        lost_after: frames of search after which the target counts as lost.
-        redetect_reach: like ``reach``, once it is lost; 0 leaves ``reach``.
-    """
-
-    kcf: kcf.KcfSettings = field(default_factory=lambda: kcf.THESIS)
-    switch: float = 0.2
-    plain_frames: int = 50
-    stored: int = 20
-    particles: int = 200
-    divisor: float = 10 / 3
-    past_share: float = 0.5
-    convergence: float = 0.03
-    response_share: float = 0.3
-    hypotheses: int = 20
-    past: Past = "uniform"
-
-    spread: float = 1.0
-    reach: int = 0
-    sharpness: float = 1.0
-    colour: float = 0.0
-    relative_switch: float = 0.0
-    drift_switch: float = 0.0
-    drift_interval: int = 5
-    end_response: float = 0.0
-    learns_while_searching: bool = True
-    keeps_first: bool = False
-    store_interval: int = 1
-    lost_after: int = 30
-    redetect_reach: int = 0
-
-
-THESIS = KcfParticleSettings()
-ROBUST = KcfParticleSettings(
-    kcf=kcf.KcfSettings(),
-    plain_frames=3,
-    past="score",
-    response_share=1.0,
-    spread=3.0,
-    reach=1,
-    sharpness=2.0,
-    colour=6.0,
-    relative_switch=0.65,
-    drift_switch=0.7,
-    end_response=0.8,
-    stored=8,
-    store_interval=3,
-    learns_while_searching=False,
-    keeps_first=True,
-)
-
-
-@dataclass(frozen=True)
-class Running:
-    """A running mean, and how a new value compares to it."""
-
-    mean: float | None = None
-    rate: float = 0.05
-
-    def add(self, value: float) -> Running:
-        """With one more value."""
-        return Running(value if self.mean is None else self.mean + self.rate * (value - self.mean), self.rate)
-
-    def falls_below(self, share: float, value: float) -> bool:
-        """Whether ``value`` is less than ``share`` of the mean so far."""
-        return self.mean is not None and value < share * self.mean
 
 
 @dataclass(frozen=True)
@@ -196,8 +100,7 @@ class KcfParticle:
         self.target = kcf.start(self.model, image, box_centre(box))
         self._deviation = step_deviation(self.model.target, settings.divisor) * settings.spread
         self._archive = Archive(settings.stored, self.target.bank if settings.keeps_first else None)
-        self._colour = ForegroundColour.learn(image, box) if settings.colour or settings.drift_switch else None
-        self._peaks, self._colours = Running(), Running(rate=0.1)
+        self._confidence = Confidence.start(settings, image, box)
         self._frame = self._plain_left = self.searched_frames = 0
         self.search = None
         if settings.response_share < 1 and self._objectness is None:
@@ -210,36 +113,23 @@ class KcfParticle:
         self._frame += 1
         if self.search is None:
             found = kcf.locate(self.model, self.target, image)
-            if self._plain_left > 0 or not self._doubtful(image, found):
-                self._go_on(image, found)
+            box, look = self.model.box(found.centre, found.size), self._frame % self.settings.drift_interval == 0
+            if self._plain_left > 0 or not self._confidence.doubts(self.settings, image, box, found.peak, look):
+                self._go_on(image, found, look)
                 return Sighting(self._box(), found.peak, "tracking")
             self._begin_search(image)
         else:
             self._continue_search(image, self.search)
         return Sighting(self._box(), self.target.peak, self._status())
 
-    def _doubtful(self, image: ImageArray, found: kcf.KcfState) -> bool:
-        """3.2.2: whether the particle filter takes over."""
-        settings = self.settings
-        if found.peak <= settings.switch or self._peaks.falls_below(settings.relative_switch, found.peak):
-            return True
-        if self._colour is None or not settings.drift_switch or self._frame % settings.drift_interval:
-            return False
-        score = float(self._colour.score(image, self.model.box(found.centre, found.size)[None])[0])
-        return self._colours.falls_below(settings.drift_switch, score)
-
-    def _go_on(self, image: ImageArray, found: kcf.KcfState) -> None:
+    def _go_on(self, image: ImageArray, found: kcf.KcfState, look: bool) -> None:
         """Learn from the frame, as KCF does, and keep the filter, 3.2.7."""
         self._plain_left = max(self._plain_left - 1, 0)
         bank = self.model.update(found.bank, image, found.centre[None], np.array([found.size]))
         self.target = replace(found, bank=bank)
-        self._peaks = self._peaks.add(found.peak)
+        self._confidence = self._confidence.learn(image, self._box(), found.peak, look)
         if self._frame % self.settings.store_interval == 0:
             self._archive = self._archive.add(bank, found.peak)
-        if self._colour is not None and self._frame % self.settings.drift_interval == 0:
-            self._colours = self._colours.add(float(self._colour.score(image, self._box()[None])[0]))
-            new = ForegroundColour.learn(image, self._box())
-            self._colour = self._colour if new is None else self._colour.blend(new, 0.04)
 
     def _begin_search(self, image: ImageArray) -> None:
         """Algorithm 1: particles about the highest maxima of the present filter's response."""
@@ -290,16 +180,17 @@ class KcfParticle:
         half = self.model.target * self.target.size / 2
         return np.concatenate([particles[:, :2] - half, particles[:, :2] + half], axis=1)
 
-    def _log_likelihood(self, particles: FloatArray, view: SearchView) -> FloatArray:
+    def _log_likelihood(self, particles: FloatArray, observation: SearchView) -> FloatArray:
         """Equation (3.4), sharpened and joined with the colours where the settings say so."""
-        settings = self.settings
+        settings, view = self.settings, observation
         boxes = self._boxes(particles)
         response = view.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
         overlap = object_overlap(boxes, view.proposals) if settings.response_share < 1 else np.zeros(len(boxes))
         result = np.log(likelihood(response, overlap, settings.response_share) + SMALLEST_LIKELIHOOD)
-        if settings.colour and self._colour is not None:
-            score = self._colour.score(view.image, boxes)
-            usual = self._colours.mean if self._colours.mean is not None else float(score.max())
+        confidence = self._confidence
+        if settings.colour and confidence.colour is not None:
+            score = confidence.colour.score(view.image, boxes)
+            usual = confidence.colours.mean if confidence.colours.mean is not None else float(score.max())
             result += settings.colour * np.minimum(score - usual, 0)
         return settings.sharpness * result
 
@@ -329,7 +220,9 @@ class KcfParticle:
         particles = np.column_stack([state.particles[:, :2], numbers])
         self.search = Search(ParticleState(particles, state.log_weights), bank, search.frames + 1)
         spread = dispersion(particles, weights, self._deviation**2) / float(np.prod(self.model.target))
-        if spread < settings.convergence and response >= settings.end_response * settings.switch:
+        doubtful = self._confidence.doubts(settings, image, self._box(), response, strictness=settings.end_strictness)
+        tired = settings.longest_search > 0 and search.frames + 1 >= settings.longest_search
+        if spread < settings.convergence and (tired or not doubtful):
             self._end_search(bank.select(slice(int(numbers[np.argmax(weights)]), int(numbers[np.argmax(weights)]) + 1)))
 
     def _end_search(self, bank: FilterBank) -> None:

@@ -141,7 +141,7 @@ def _intersections(
     sums: NDArray[np.int32], reference: FloatArray, y: IntArray, x: IntArray, height: int, width: int
 ) -> FloatArray:
     counts = sums[y + height, x + width] - sums[y, x + width] - sums[y + height, x] + sums[y, x]
-    return np.minimum(counts / (height * width), reference).sum(axis=1)
+    return np.asarray(np.minimum(counts / (height * width), reference).sum(axis=1))
 
 
 class HistogramMatching:

@@ -10,7 +10,8 @@ from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.colour_particle import ColourParticle
 from tsuiseki.tracking.trackers.single.gradient import MeanShift, MedianFlow, Mil
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
-from tsuiseki.tracking.trackers.single.kcf_particle import ROBUST, THESIS, KcfParticle, KcfParticleSettings
+from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS, KcfParticleSettings
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.matching import HistogramMatching, TemplateMatching
 from tsuiseki.tracking.trackers.single.mosse import Mosse

@@ -66,7 +66,7 @@ class Mosse:
     def _patch(self, image: ImageArray) -> Float32Array:
         rows, columns = self._shape
         patch = cut(image, self._centre[None], np.array([self._scale]), columns, rows)[0]
-        return cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        return np.asarray(cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY), dtype=np.float32)
 
     def _spectrum(self, patch: Float32Array) -> NDArray[np.complex64]:
         logarithm = np.log1p(patch)
