@@ -136,15 +136,28 @@ def propose(
     """
     height, width = image.shape[:2]
     x1, y1, x2, y2 = (0, 0, width, height) if region is None else _whole(region, width, height)
-    part = image[y1:y2, x1:x2]
+    part, factor = _reduced(image[y1:y2, x1:x2], float(model.sizes.min()))
     boxes, scores = [np.empty((0, 4))], [np.empty(0)]
-    for (w, h), gain, offset in zip(model.sizes, model.gains, model.offsets, strict=True):
+    for (w, h), gain, offset in zip(model.sizes / factor, model.gains, model.offsets, strict=True):
         found, values = _score_size(part, model.weights, float(w), float(h), per_size)
-        boxes.append(found + np.array([x1, y1, x1, y1]))
+        boxes.append(found * np.tile(factor, 2) + np.array([x1, y1, x1, y1]))
         scores.append(gain * values + offset)
     all_boxes, all_scores = np.concatenate(boxes), np.concatenate(scores)
     order = np.argsort(-all_scores, kind="stable")[:count]
     return all_boxes[order], all_scores[order]
+
+
+def _reduced(part: ImageArray, least: float) -> tuple[ImageArray, FloatArray]:
+    """The image with its sides divided, so that a window side of ``least`` keeps two pixels a cell, and by how much.
+
+    Every size is then resized from fewer pixels.
+    """
+    whole = int(least // (2 * SIDE))
+    if whole < 2 or min(part.shape[:2]) < 2 * whole:
+        return part, np.ones(2)
+    columns, rows = part.shape[1] // whole, part.shape[0] // whole
+    small: ImageArray = np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return small, np.array([part.shape[1] / columns, part.shape[0] / rows])
 
 
 def _whole(region: FloatArray, width: int, height: int) -> tuple[int, int, int, int]:

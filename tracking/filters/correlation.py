@@ -183,8 +183,14 @@ def signed_shift(index: FloatArray | float, length: int) -> FloatArray:
 
 def peak(response: Float32Array) -> tuple[FloatArray, float]:
     """Shift ``(x, y)`` in cells of the greatest value of one map, to sub-cell precision, and the value."""
+    row, column = divmod(int(np.argmax(response)), response.shape[1])
+    return peak_near(response, np.array([column, row]))
+
+
+def peak_near(response: Float32Array, cell: IntArray) -> tuple[FloatArray, float]:
+    """Shift ``(x, y)`` of the maximum about the cell ``(x, y)`` of one map, to sub-cell precision, and its value."""
     rows, columns = response.shape
-    row, column = divmod(int(np.argmax(response)), columns)
+    column, row = int(cell[0]) % columns, int(cell[1]) % rows
     value = float(response[row, column])
     dx = _parabola_offset(float(response[row, column - 1]), value, float(response[row, (column + 1) % columns]))
     dy = _parabola_offset(float(response[row - 1, column]), value, float(response[(row + 1) % rows, column]))

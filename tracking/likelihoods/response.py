@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.filters.correlation import peak_near
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -47,6 +48,20 @@ class ResponseMaps:
                 total += wy * wx * self.maps[window, filters, (y0 + dy) % rows, (x0 + dx) % columns]
         inside = (np.abs(x) <= columns / 2) & (np.abs(y) <= rows / 2)
         return np.where(inside, total, 0.0)
+
+    def climb(self, place: FloatArray, number: int) -> FloatArray:
+        """``(2,)`` the local maximum of filter ``number`` that is uphill from ``place`` ``(2,)``, between cells by
+        parabolas; ``place`` itself where it is more than a cell and a half away in x or y."""
+        window = int(np.argmin(((place - self.centres) ** 2).sum(axis=1)))
+        response = self.maps[window, number]
+        rows, columns = response.shape
+        start = np.round((place - self.centres[window]) / self.cell).astype(int)
+        offsets = np.array([(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1)])
+        around = start + offsets
+        values = response[around[:, 1] % rows, around[:, 0] % columns]
+        shift, _ = peak_near(response, around[int(np.argmax(values))])
+        found = self.centres[window] + shift * self.cell
+        return np.asarray(found if (np.abs(found - place) <= 1.5 * self.cell).all() else place)
 
 
 def object_overlap(boxes: FloatArray, proposals: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The thesis's chapter 3 again: sweeps, comparison, intervals of search, attributes; paper beside here.
+"""The thesis's chapter 3 again: sweeps, comparison, attributes; paper beside here.
 
 The paper's numbers are areas under the success curve with 11 thresholds over the 50 sequences of TB-50; here they are
 the same over the sequences that are given, so levels differ and the shapes of the curves are what can be compared.
@@ -6,36 +6,24 @@ the same over the sequences that are given, so levels differ and the shapes of t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.chase import render_chase
-from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
-from tsuiseki.tracking.formats.single import SingleSequence
-from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.evaluation.single import SequenceScores
 from tsuiseki.tracking.trackers.single import kcf
-from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS, KcfParticleSettings
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.methods import Method, make_tracker
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
-from tsuiseki.tracking.video import read_image
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.single_runs import Clip, Entrant, Runs
 
-AFTERWARDS = 10
 BASELINES: tuple[Method, ...] = (
     "csk", "mosse", "template", "histogram", "kalman", "meanshift", "camshift", "medianflow", "colour-particle", "mil",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Clip:
-    """A sequence with its images in memory."""
-
-    sequence: SingleSequence
-    images: list[ImageArray]
 
 
 @dataclass(frozen=True)
@@ -81,30 +69,30 @@ SWEEPS = (
 )  # fmt: skip
 
 
-def load(sequences: Iterable[SingleSequence]) -> list[Clip]:
-    """The sequences that have images, with them."""
-    return [Clip(s, [read_image(path) for path in s.images]) for s in sequences if s.images]
+def combined(settings: KcfParticleSettings) -> Entrant:
+    """The combined tracker."""
+    return Entrant(repr(settings), lambda seed: KcfParticle(settings, seed))
 
 
-def generated_clips(count: int) -> list[Clip]:
-    """Generated chases, for a run without data."""
-    clips = []
-    for k in range(count):
-        made = render_chase(np.random.default_rng([17, k]))
-        clips.append(Clip(SingleSequence(f"chase-{k}", (), made.boxes), list(made.images)))
-    return clips
+def alone(settings: kcf.KcfSettings) -> Entrant:
+    """The correlation filter alone."""
+    return Entrant(repr(settings), lambda _: KcfTracker(settings), random=False)
 
 
-def follow(clip: Clip, tracker: SingleTracker) -> FloatArray:
-    """Boxes ``(T, 4)`` of one pass."""
-    first = clip.sequence.boxes[0]
-    tracker.start(clip.images[0], first)
-    return np.array([first] + [tracker.follow(image).box for image in clip.images[1:]])
+def baseline(method: Method) -> Entrant:
+    """A tracker of chapter 2."""
+    return Entrant(method, lambda seed: make_tracker(method, seed=seed), random=method == "colour-particle")
 
 
-def score(clip: Clip, tracker: SingleTracker) -> SequenceScores:
-    """Scores of one pass."""
-    return evaluate_boxes(clip.sequence.boxes, follow(clip, tracker))
+def compared() -> dict[str, Entrant]:
+    """Fig. 3.9: KCF and the combined tracker, the thesis's and ours, and the baselines of chapter 2."""
+    return {
+        "KCF, fixed size": alone(kcf.THESIS),
+        "KCF, scale search": alone(kcf.KcfSettings()),
+        "combined, thesis": combined(THESIS),
+        "combined, robust, fixed size": combined(replace(ROBUST, kcf=kcf.THESIS)),
+        "combined, robust": combined(ROBUST),
+    } | {method: baseline(method) for method in BASELINES}
 
 
 @dataclass(frozen=True)
@@ -131,108 +119,30 @@ class Repeated:
         return np.asarray(np.mean([s.success for one in self.scores for s in one.values()], axis=0))
 
 
-def repeat(clips: Sequence[Clip], make: Callable[[int], SingleTracker], seeds: Sequence[int]) -> Repeated:
-    """A new tracker for every seed and sequence."""
-    return Repeated(tuple({c.sequence.name: score(c, make(seed)) for c in clips} for seed in seeds))
+def repeat(runs: Runs, clips: Sequence[Clip], entrant: Entrant, seeds: Sequence[int]) -> Repeated:
+    """A new tracker for every seed and sequence; one seed where it makes no difference."""
+    used = seeds if entrant.random else seeds[:1]
+    return Repeated(tuple({c.sequence.name: runs.score(c, entrant, seed) for c in clips} for seed in used))
 
 
-def run_sweep(sweep: Sweep, clips: Sequence[Clip], seeds: Sequence[int]) -> dict[float, Repeated]:
+def run_sweep(runs: Runs, sweep: Sweep, clips: Sequence[Clip], seeds: Sequence[int]) -> dict[float, Repeated]:
     """Results by value of the parameter."""
-
-    def maker(value: float) -> Callable[[int], SingleTracker]:
-        return lambda seed: KcfParticle(sweep.settings(value), seed)
-
-    return {value: repeat(clips, maker(value), seeds) for value in sweep.values}
+    return {value: repeat(runs, clips, combined(sweep.settings(value)), seeds) for value in sweep.values}
 
 
-def compare(
-    clips: Sequence[Clip], seeds: Sequence[int], baselines: Sequence[Method] = BASELINES
-) -> dict[str, Repeated]:
-    """Fig. 3.9: KCF and the combined tracker, the thesis's and ours, and the baselines of chapter 2."""
-    first = seeds[:1]
-    results = {
-        "KCF, fixed size": repeat(clips, lambda _: KcfTracker(kcf.THESIS), first),
-        "KCF, scale search": repeat(clips, lambda _: KcfTracker(kcf.KcfSettings()), first),
-        "combined, thesis": repeat(clips, lambda seed: KcfParticle(THESIS, seed), seeds),
-        "combined, robust, fixed size": repeat(clips, lambda s: KcfParticle(replace(ROBUST, kcf=kcf.THESIS), s), seeds),
-        "combined, robust": repeat(clips, lambda seed: KcfParticle(ROBUST, seed), seeds),
-    }
-    for method in baselines:
-        used = seeds if method == "colour-particle" else first
-        results[method] = repeat(clips, _maker(method), used)
-    return results
+def compare(runs: Runs, clips: Sequence[Clip], seeds: Sequence[int]) -> dict[str, Repeated]:
+    """Results of `compared`."""
+    return {name: repeat(runs, clips, entrant, seeds) for name, entrant in compared().items()}
 
 
-def _maker(method: Method) -> Callable[[int], SingleTracker]:
-    return lambda seed: make_tracker(method, seed=seed)
-
-
-@dataclass(frozen=True)
-class Intervals:
-    """Fig. 3.10: overlaps in the frames of search and in the ten frames after, by what is done in the search.
-
-    Attributes:
-        during: overlaps by ``KCF``, ``Fix`` and ``Proposed``.
-        after: likewise, once the correlation filter tracks alone again.
-    """
-
-    during: Mapping[str, FloatArray]
-    after: Mapping[str, FloatArray]
-
-    @staticmethod
-    def area(overlaps: FloatArray) -> float:
-        """Area under the success curve with 11 thresholds, percent; NaN without frames."""
-        if not len(overlaps):
-            return float("nan")
-        return 100 * float(np.mean([(overlaps > t).mean() for t in np.linspace(0, 1, 11)]))
-
-
-def intervals(clips: Sequence[Clip], settings: KcfParticleSettings, seeds: Sequence[int]) -> Intervals:
-    """At each start of a search, KCF and a standing box go on from the same state beside the particles."""
-    during: dict[str, list[float]] = {name: [] for name in ("KCF", "Fix", "Proposed")}
-    after: dict[str, list[float]] = {name: [] for name in ("KCF", "Fix", "Proposed")}
-    for clip in clips:
-        for seed in seeds:
-            _one_pass(clip, KcfParticle(settings, seed), during, after)
-    return Intervals(*({n: np.array(v) for n, v in part.items()} for part in (during, after)))
-
-
-def _one_pass(clip: Clip, tracker: KcfParticle, during: dict[str, list[float]], after: dict[str, list[float]]) -> None:
-    tracker.start(clip.images[0], clip.sequence.boxes[0])
-    boxes, searching, states = [clip.sequence.boxes[0]], [False], [tracker.target]
-    for image in clip.images[1:]:
-        count = tracker.searched_frames
-        boxes.append(tracker.follow(image).box)
-        searching.append(tracker.searched_frames > count)
-        states.append(tracker.target)
-    starts = [t for t in range(1, len(searching)) if searching[t] and not searching[t - 1]]
-    for start in starts:
-        end = next((t for t in range(start, len(searching)) if not searching[t]), len(searching))
-        stop = next((t for t in range(end, len(searching)) if searching[t]), len(searching))
-        last = min(end + AFTERWARDS, stop)
-        ways = {
-            "KCF": _kcf_boxes(clip, tracker, states[start - 1], range(start, last), learn_from=start),
-            "Fix": _kcf_boxes(clip, tracker, states[start - 1], range(start, last), learn_from=end),
-            "Proposed": boxes[start:last],
-        }
-        truth = clip.sequence.boxes[start:last]
-        for name, found in ways.items():
-            overlaps = iou_pairs(truth, np.array(found))
-            labelled: BoolArray = np.asarray(np.isfinite(truth).all(axis=1))
-            during[name] += overlaps[: end - start][labelled[: end - start]].tolist()
-            after[name] += overlaps[end - start :][labelled[end - start :]].tolist()
-
-
-def _kcf_boxes(
-    clip: Clip, tracker: KcfParticle, state: kcf.KcfState, frames: range, learn_from: int
-) -> list[FloatArray]:
-    """KCF from ``learn_from`` on; before that the box stands still."""
-    boxes = []
-    for t in frames:
-        if t >= learn_from:
-            state = kcf.step(tracker.model, state, clip.images[t])
-        boxes.append(tracker.model.box(state.centre, state.size))
-    return boxes
+def passes(
+    runs: Runs, clips: Sequence[Clip], entrants: Sequence[Entrant], seeds: Sequence[int]
+) -> Iterator[Callable[[], SequenceScores]]:
+    """Every single pass that `repeat` asks for, to be run one by one where progress is to be seen."""
+    for entrant in entrants:
+        for seed in seeds if entrant.random else seeds[:1]:
+            for clip in clips:
+                yield partial(runs.score, clip, entrant, seed)
 
 
 def by_attribute(clips: Sequence[Clip], results: Mapping[str, Repeated]) -> dict[str, dict[str, float]]:

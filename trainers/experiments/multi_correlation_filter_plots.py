@@ -12,7 +12,9 @@ from tsuiseki.tracking.evaluation.plots import COLOURS
 from tsuiseki.tracking.evaluation.single import OVERLAPS
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.types import ImageArray
-from tsuiseki.trainers.experiments.multi_correlation_filter import Clip, Intervals, Repeated, Sweep
+from tsuiseki.trainers.experiments.multi_correlation_filter import Repeated, Sweep
+from tsuiseki.trainers.experiments.search_intervals import Intervals
+from tsuiseki.trainers.experiments.single_runs import Clip
 
 STYLES = ("-", "--", ":")
 PICTURES = 4
@@ -59,6 +61,23 @@ def plot_comparison(results: Mapping[str, Repeated], path: Path) -> None:
     axes.set_ylabel("Frames above it [%]")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=7)
+    figure.savefig(path, dpi=110, facecolor="white")
+
+
+def plot_attributes(values: Mapping[str, Mapping[str, float]], path: Path) -> None:
+    """Fig. 3.11: KCF and the combined tracker by attribute."""
+    from matplotlib.figure import Figure
+
+    shown = ("KCF, fixed size", "combined, thesis", "KCF, scale search", "combined, robust")
+    figure = Figure(figsize=(8.5, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for n, name in enumerate(shown):
+        heights = [areas[name] for areas in values.values()]
+        axes.bar(np.arange(len(values)) + 0.2 * (n - 1.5), heights, 0.18, color=COLOURS[n], label=name)
+    axes.set_xticks(np.arange(len(values)), list(values))
+    axes.set_ylabel("AUC, 11 thresholds [%]")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1))
     figure.savefig(path, dpi=110, facecolor="white")
 
 

@@ -13,14 +13,18 @@ COLOUR_RATE = 0.04  # of learning new colours, a look
 
 @dataclass(frozen=True)
 class Running:
-    """A running mean, and how a new value compares to it."""
+    """A running mean, plain over the first values, and how a new value compares to it."""
 
-    mean: float | None = None
     rate: float = 0.05
+    mean: float | None = None
+    count: int = 0
 
     def add(self, value: float) -> Running:
         """With one more value."""
-        return Running(value if self.mean is None else self.mean + self.rate * (value - self.mean), self.rate)
+        share = max(self.rate, 1 / (self.count + 1))
+        return Running(
+            self.rate, value if self.mean is None else self.mean + share * (value - self.mean), self.count + 1
+        )
 
     def falls_below(self, share: float, value: float) -> bool:
         """Whether ``value`` is less than ``share`` of the mean so far."""
@@ -54,7 +58,6 @@ class Confidence:
         box: FloatArray,
         peak: float,
         look: bool = True,
-        strictness: float = 1.0,
     ) -> bool:
         """Whether the particle filter takes over, or goes on.
 
@@ -64,13 +67,12 @@ class Confidence:
             box: ``(4,)`` of the target.
             peak: response of the filter there.
             look: whether to compare colours as well.
-            strictness: factor on all thresholds.
         """
-        if peak <= strictness * settings.switch or self.peaks.falls_below(strictness * settings.relative_switch, peak):
+        if peak <= settings.switch or self.peaks.falls_below(settings.relative_switch, peak):
             return True
         if self.colour is None or not settings.drift_switch or not look:
             return False
-        return self.colours.falls_below(strictness * settings.drift_switch, self.colour_score(image, box))
+        return self.colours.falls_below(settings.drift_switch, self.colour_score(image, box))
 
     def learn(self, image: ImageArray, box: FloatArray, peak: float, look: bool) -> Confidence:
         """With one more frame without doubt."""

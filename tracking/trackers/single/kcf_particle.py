@@ -101,7 +101,7 @@ class KcfParticle:
         self._deviation = step_deviation(self.model.target, settings.divisor) * settings.spread
         self._archive = Archive(settings.stored, self.target.bank if settings.keeps_first else None)
         self._confidence = Confidence.start(settings, image, box)
-        self._frame = self._plain_left = self.searched_frames = 0
+        self._frame = self._plain_left = self._doubted = self.searched_frames = 0
         self.search = None
         if settings.response_share < 1 and self._objectness is None:
             self._objectness = shipped_objectness()
@@ -111,12 +111,16 @@ class KcfParticle:
     def follow(self, image: ImageArray) -> Sighting:
         """The target in the next frame."""
         self._frame += 1
+        self._doubted += self._doubted > 0
         if self.search is None:
             found = kcf.locate(self.model, self.target, image)
             box, look = self.model.box(found.centre, found.size), self._frame % self.settings.drift_interval == 0
-            if self._plain_left > 0 or not self._confidence.doubts(self.settings, image, box, found.peak, look):
+            doubtful = self._confidence.doubts(self.settings, image, box, found.peak, look)
+            self._doubted = 0 if not doubtful and (look or not self.settings.drift_switch) else self._doubted
+            if self._plain_left > 0 or not doubtful:
                 self._go_on(image, found, look)
-                return Sighting(self._box(), found.peak, "tracking")
+                return Sighting(self._box(), found.peak, self._status())
+            self._doubted = max(self._doubted, 1)
             self._begin_search(image)
         else:
             self._continue_search(image, self.search)
@@ -208,7 +212,8 @@ class KcfParticle:
         best = state.particles[int(np.argmax(weights))]
         response = float(view.maps.at(best[None, :2], best[None, 2].astype(np.int64))[0])
         self.searched_frames += 1
-        self.target = replace(self.target, centre=best[:2].copy(), peak=response)
+        place = view.maps.climb(best[:2], int(best[2])) if settings.climbs else best[:2].copy()
+        self.target = replace(self.target, centre=place, peak=response)
         used, places = best_by_filter(state.particles, weights)
         bank = search.bank.select(used)
         if settings.learns_while_searching:
@@ -220,9 +225,11 @@ class KcfParticle:
         particles = np.column_stack([state.particles[:, :2], numbers])
         self.search = Search(ParticleState(particles, state.log_weights), bank, search.frames + 1)
         spread = dispersion(particles, weights, self._deviation**2) / float(np.prod(self.model.target))
-        doubtful = self._confidence.doubts(settings, image, self._box(), response, strictness=settings.end_strictness)
-        tired = settings.longest_search > 0 and search.frames + 1 >= settings.longest_search
-        if spread < settings.convergence and (tired or not doubtful):
+        if spread >= settings.convergence:
+            return
+        sure = not settings.ends_when_sure or not self._confidence.doubts(settings, image, self._box(), response)
+        if sure or search.frames + 1 >= settings.longest_search:
+            self._doubted = 0 if sure else self._doubted
             self._end_search(bank.select(slice(int(numbers[np.argmax(weights)]), int(numbers[np.argmax(weights)]) + 1)))
 
     def _end_search(self, bank: FilterBank) -> None:
@@ -249,9 +256,9 @@ class KcfParticle:
         return self.model.box(self.target.centre, self.target.size)
 
     def _status(self) -> Status:
-        if self.search is None:
+        if self._doubted == 0:
             return "tracking"
-        return "searching" if self.search.frames <= self.settings.lost_after else "lost"
+        return "searching" if self._doubted <= self.settings.lost_after else "lost"
 
 
 def _stay(particles: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -34,9 +34,12 @@ class KcfParticleSettings:
         relative_switch: the search also starts when the response falls below this share of its running mean.
         drift_switch: likewise for the colour score: a filter that has settled on the background stays confident.
         drift_interval: frames between looks at the colours.
-        end_response: the search ends only when the best particle's response is at least this share of epsilon_1.
+        ends_when_sure: the search goes on while there is still a reason to start one.
+        longest_search: frames after which such a search ends all the same, since the target may look different for
+            good; what follows counts as tracked only once there is no doubt.
         learns_while_searching: whether filters learn before it is known who is right.
         keeps_first: keep the filter of the first frame, the only one that is surely right, in the store.
+        climbs: output the maximum of the response uphill from the best particle, not the particle.
         store_interval: frames between stored filters.
         lost_after: frames of search after which the target counts as lost.
         redetect_reach: like ``reach``, once it is lost; 0 leaves ``reach``.
@@ -61,10 +64,11 @@ class KcfParticleSettings:
     relative_switch: float = 0.0
     drift_switch: float = 0.0
     drift_interval: int = 5
-    end_strictness: float = 0.0
-    longest_search: int = 0
+    ends_when_sure: bool = False
+    longest_search: int = 30
     learns_while_searching: bool = True
     keeps_first: bool = False
+    climbs: bool = False
     store_interval: int = 1
     lost_after: int = 30
     redetect_reach: int = 0
@@ -75,17 +79,16 @@ ROBUST = KcfParticleSettings(
     kcf=kcf.KcfSettings(),
     plain_frames=3,
     past="score",
-    response_share=1.0,
     spread=3.0,
     reach=1,
     sharpness=2.0,
     colour=6.0,
     relative_switch=0.65,
     drift_switch=0.7,
-    end_strictness=0.8,
-    longest_search=0,
+    ends_when_sure=True,
     stored=8,
     store_interval=3,
     learns_while_searching=False,
     keeps_first=True,
+    climbs=True,
 )
