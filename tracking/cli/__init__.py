@@ -64,6 +64,7 @@ COMMANDS: Tree = {
             "detector": Command("where people are", "train", "detector", forwarded=True),
             "appearance": Command("what they look like", "train", "appearance", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
+            "objectness": Command("which boxes look like an object", "train_objectness", "objectness"),
         },
     ),
     "export": Group(
@@ -81,6 +82,7 @@ COMMANDS: Tree = {
         "follow something through a video with exported models",
         {
             "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
+            "single": Command("one target, from its box in the first frame", "track_single", "single", ("source",)),
             "sphere": Command("a ball in space, from calibrated cameras", "sphere", "sphere", ("source",)),
             "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
         },
@@ -90,12 +92,16 @@ COMMANDS: Tree = {
         {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
+            "single": Command("one target: success and precision", "evaluate_single", "single", ("truth", "results")),
             "points": Command("tracked points: OSPA, GOSPA and more", "blobs", "evaluate", ("truth", "results")),
         },
     ),
     "reproduce": Group(
         "a paper's table or figure: paper and here, plus the plot",
         {
+            "multi-correlation-filter": Command(
+                "correlation filters selected by a particle filter", "reproduce_single", "multi_correlation_filter"
+            ),
             "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
             "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
             "stereo-sphere": Command("a ball in space from two cameras", "reproduce_sphere", "stereo_sphere"),
