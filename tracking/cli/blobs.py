@@ -91,12 +91,13 @@ def track(
             degrees.
         colour_box: X,Y,W,H in 0-based pixels of an object in the first frame, whose colour is taken.
         detections: measurements: MOTChallenge boxes (det.txt), or points as CSV with the columns frame,x,y.
-        preset: for colours: calibrated follows any number; paper uses the likelihood as printed; single follows one.
+        preset: for colours: calibrated follows any number; paper uses the likelihood as printed, whose expected count
+            means nothing; single follows one.
         method: for measurements: labelled multi-Bernoulli filter, or phd.
         frames: track this stretch only, counted from 1 with both ends, such as 301-400.
         particles: of each target.
         size: width and height in pixels, of objects that appear with paper and single, and of points.
-        smallest: least side in pixels of a patch of colour that may be a new target.
+        smallest: least side in pixels of an object, and of a patch of colour that may be a new one.
         detection: for measurements: probability that a target is measured, from 0 to 1.
         false: for measurements: expected false ones in a frame.
         score_range: smallest and largest score that the rows of --detections may have.
@@ -138,6 +139,8 @@ def track(
         RunRecord(["tsuiseki", "track", "blobs"], shown, seed, times.seconds, columns).write(work)
     what = "object" if len(tracks) == 1 else "objects"
     print(f"{len(tracks)} {what} in {len(columns['frame'])} frames: {out / 'tracks.txt'}")
+    if columns.get("expected_count"):
+        print(_expected(columns["expected_count"], preset))
     return 0
 
 
@@ -183,6 +186,13 @@ def evaluate(
         with output_file(json, overwrite) as work:
             values = {name: asdict(value) for name, value in scores.items()}
             work.write_text(text.dumps(values, indent=1) + "\n", encoding="utf-8")
+
+
+def _expected(counts: list[float], preset: Preset) -> str:
+    mean = sum(counts) / len(counts)
+    if preset == "paper":
+        return f"sum of the weights {mean:.2g} in a frame: the printed likelihood can only shrink it, so it is no count"
+    return f"expected number of objects {mean:.2f} in a frame"
 
 
 def _point_tracks(path: Path, labelled: bool) -> PointTracks:

@@ -23,8 +23,11 @@ from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-JOINED_OVERLAP = 0.3
-"""Intersection over union above which two light clusters are near, section 5.2."""
+TINY = float(np.finfo(np.float64).tiny)
+JOINED_OVERLAP = 0.05
+"""Intersection over union above which two clusters are near, section 5.2."""
+WHOLE = 1.5
+"""Weight below which two near clusters are one target, section 5.2."""
 ADOPTED_SHARE = 0.5
 """Of the smaller of two boxes, above which what is born lies on a cluster, section 5.2."""
 
@@ -117,14 +120,18 @@ class RegionPhdFilter:
         weights = np.exp(predicted.log_weights)
         starts = group_starts(predicted.labels)
         after = self.update(Regions(weights, likelihood, starts, background, self.detection))
+        count = float(after.sum())
+        # With a fixed number of particles a cluster's weight is read off its share of them.
+        scale = self.fixed / (self.density * max(count, TINY)) if self.fixed else 1.0
         with np.errstate(divide="ignore"):
-            posterior = _joined(replace(predicted, log_weights=np.log(after)))
+            posterior = _joined(replace(predicted, log_weights=np.log(after)), scale)
         names, masses, means = cluster_means(posterior)
+        masses = scale * masses
         shown = masses > self.report
         tops = np.fmax.reduceat(likelihood, starts) if len(starts) else np.empty(0)
         top = tops[np.searchsorted(predicted.labels[starts], names[shown])]
         estimates = PointEstimates(names[shown], means[shown], np.minimum(masses[shown], 1.0))
-        info = RegionInfo(estimates, float(np.exp(posterior.log_weights).sum()), posterior, background, top)
+        info = RegionInfo(estimates, count, posterior, background, top)
         return self._resample(posterior, rng), info
 
     def _with_births(
@@ -157,7 +164,7 @@ class RegionPhdFilter:
             return replace(select(posterior, drawn), log_weights=np.full(self.fixed, np.log(total / self.fixed)))
         masses = np.add.reduceat(weights, starts)
         wanted = np.where(masses > 1e-3, np.maximum(self.density * masses, self.least), 0.0)
-        factor = np.repeat(wanted / np.maximum(masses, np.finfo(np.float64).tiny), sizes)
+        factor = np.repeat(wanted / np.maximum(masses, TINY), sizes)
         count = round(float(wanted.sum()))
         if count == 0:
             return select(posterior, np.zeros(len(posterior), dtype=np.bool_))
@@ -181,13 +188,13 @@ def _adopted(state: RegionState, born: FloatArray, groups: IntArray) -> IntArray
     return np.asarray(np.where(np.repeat(owner, sizes) > 0, np.repeat(owner, sizes), labels))
 
 
-def _joined(state: RegionState) -> RegionState:
-    """Clusters that overlap an older one and weigh about one with it take its label, section 5.2."""
+def _joined(state: RegionState, scale: float) -> RegionState:
+    """Clusters that overlap an older one and weigh, times ``scale``, about one with it take its label, section 5.2."""
     names, masses, means = cluster_means(state)
     if len(names) < 2:
         return state
     boxes = boxes_of(means)
-    near = np.tril(iou_matrix(boxes, boxes) > JOINED_OVERLAP, k=-1) & (masses[:, None] + masses[None, :] < 1.5)
+    near = np.tril(iou_matrix(boxes, boxes) > JOINED_OVERLAP, k=-1) & (scale * (masses[:, None] + masses) < WHOLE)
     target = np.where(near.any(axis=1), names[np.argmax(near, axis=1)], names)
     labels = target[np.searchsorted(names, state.labels)]
     order = np.argsort(labels, kind="stable")
