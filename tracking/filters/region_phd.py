@@ -110,15 +110,10 @@ class RegionPhdFilter:
         self, state: RegionState, observation: ColourImage, rng: np.random.Generator
     ) -> tuple[RegionState, RegionInfo]:
         """One frame further: predict, bear, weigh, update, tidy, read off the targets, draw anew."""
-        with np.errstate(divide="ignore"):
-            survived = state.log_weights + np.log(self.survival)
-        survivors = replace(state, particles=self.motion(state.particles, rng), log_weights=survived)
-        _, masses, means = cluster_means(survivors)
-        predicted = self._with_births(survivors, observation, boxes_of(means[masses > self.report]), rng)
+        predicted = self._predict(state, observation, rng)
         likelihood = self.likelihood(predicted, observation, self.margin, self.report)
         background = background_level(observation, predicted, self.margin, rng)
-        weights = np.exp(predicted.log_weights)
-        starts = group_starts(predicted.labels)
+        weights, starts = np.exp(predicted.log_weights), group_starts(predicted.labels)
         after = self.update(Regions(weights, likelihood, starts, background, self.detection))
         count = float(after.sum())
         # With a fixed number of particles a cluster's weight is read off its share of them.
@@ -126,13 +121,21 @@ class RegionPhdFilter:
         with np.errstate(divide="ignore"):
             posterior = _joined(replace(predicted, log_weights=np.log(after)), scale)
         names, masses, means = cluster_means(posterior)
-        masses = scale * masses
-        shown = masses > self.report
         tops = np.fmax.reduceat(likelihood, starts) if len(starts) else np.empty(0)
-        top = tops[np.searchsorted(predicted.labels[starts], names[shown])]
-        estimates = PointEstimates(names[shown], means[shown], np.minimum(masses[shown], 1.0))
-        info = RegionInfo(estimates, count, posterior, background, top)
-        return self._resample(posterior, rng), info
+        tops = tops[np.searchsorted(predicted.labels[starts], names)]
+        shown = scale * masses > self.report
+        if self.fixed:
+            shown &= tops > background  # a share is large also where nothing is seen anywhere
+        estimates = PointEstimates(names[shown], means[shown], np.minimum(scale * masses[shown], 1.0))
+        return self._resample(posterior, rng), RegionInfo(estimates, count, posterior, background, tops[shown])
+
+    def _predict(self, state: RegionState, image: ColourImage, rng: np.random.Generator) -> RegionState:
+        """(44): survivors (48)-(49), and births where no reported target explains the image."""
+        with np.errstate(divide="ignore"):
+            survived = state.log_weights + np.log(self.survival)
+        survivors = replace(state, particles=self.motion(state.particles, rng), log_weights=survived)
+        _, masses, means = cluster_means(survivors)
+        return self._with_births(survivors, image, boxes_of(means[masses > self.report]), rng)
 
     def _with_births(
         self, state: RegionState, image: ColourImage, explained: FloatArray, rng: np.random.Generator
