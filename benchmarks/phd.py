@@ -3,8 +3,8 @@
     OMP_NUM_THREADS=1 python benchmarks/phd.py --data ../shared/data [--steps 12]
 
 Stone Soup (`pip install stonesoup`) is looked for in this environment; run it with a Python that has both, or give the
-site-packages of another with PYTHONPATH. Steps of the two are interleaved on the same measurements, in one run and one
-thread; the ratio is that of the medians.
+site-packages of another with PYTHONPATH. Steps of all are interleaved on the same measurements, in one run and one
+thread; the ratio is that of the medians. The particles counted are those that an update weighs, births included.
 """
 
 from __future__ import annotations
@@ -18,8 +18,14 @@ from pathlib import Path
 
 import numpy as np
 
+from tsuiseki.tracking.filters.phd import PhdFilter
 from tsuiseki.trainers.experiments.phd import start_filter
-from tsuiseki.trainers.experiments.point_scenarios import PointScenario, read_scenario
+from tsuiseki.trainers.experiments.point_scenarios import (
+    PointScenario,
+    read_scenario,
+    scenario_births,
+    scenario_model,
+)
 
 SURVIVING, BORN = 10_000, 4_000
 
@@ -86,6 +92,23 @@ class _Sampler:
         return ParticleState(StateVectors(vectors), weight=np.full(BORN, Probability(1 / BORN)), timestamp=timestamp)
 
 
+class CountedPhd:
+    """The PHD filter of this project, and how many particles its updates weighed."""
+
+    def __init__(self, scenario: PointScenario, clutter: float) -> None:
+        # Late in the scenario about ten targets are there: 1,400 a target make the peer's 14,000.
+        density = (SURVIVING + BORN) // 10
+        births = scenario_births(scenario.settings, density)
+        self.filter = PhdFilter(scenario_model(scenario.settings, clutter), births, density)
+        self.state, self.rng = self.filter.init(np.empty((0, 4))), np.random.default_rng(0)
+        self.particles: list[int] = []
+
+    def step(self, measurements: np.ndarray) -> None:
+        """One scan."""
+        self.state, info = self.filter.step(self.state, measurements, self.rng)
+        self.particles.append(len(info.posterior))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -98,16 +121,16 @@ def main() -> None:
     except metadata.PackageNotFoundError:
         peer = ""
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, {peer or 'no stonesoup'}")
-    print(f"{'clutter':>8} {'phd ms':>8} {'labelled ms':>12} {'stonesoup ms':>13} {'ratio':>7}")
+    print(f"{'clutter':>8} {'particles':>10} {'phd ms':>8} {'labelled ms':>12} {'stonesoup ms':>13} {'ratio':>7}")
     for index, clutter in enumerate(scenario.settings["clutter_rates"]):
         measurements = scenario.measurements[0, index][80 : 80 + arguments.steps]
-        # Late in the scenario ten targets are there: 1,400 a target makes the peer's 14,000.
-        phd = start_filter("phd", scenario.settings, clutter, (SURVIVING + BORN) // 10, seed=0)
+        phd = CountedPhd(scenario, clutter)
         labelled = start_filter("labelled", scenario.settings, clutter, 1000, seed=0)
         for found in scenario.measurements[0, index][:80]:
-            phd(found)
+            phd.step(found)
             labelled(found)
-        steps = {"phd": phd, "labelled": labelled} | ({"peer": StoneSoup(scenario, clutter).step} if peer else {})
+        phd.particles.clear()
+        steps = {"phd": phd.step, "labelled": labelled} | ({"peer": StoneSoup(scenario, clutter).step} if peer else {})
         times: dict[str, list[float]] = {name: [] for name in steps}
         for found in measurements:
             for name, step in steps.items():
@@ -116,7 +139,7 @@ def main() -> None:
                 times[name].append(1e3 * (time.perf_counter() - begin))
         middle = {name: float(np.median(values)) for name, values in times.items()}
         shown = f"{middle['peer']:13.1f} {middle['peer'] / middle['phd']:7.1f}" if peer else f"{'-':>13} {'-':>7}"
-        print(f"{clutter:8g} {middle['phd']:8.2f} {middle['labelled']:12.2f} {shown}")
+        print(f"{clutter:8g} {np.mean(phd.particles):10.0f} {middle['phd']:8.2f} {middle['labelled']:12.2f} {shown}")
 
 
 if __name__ == "__main__":
