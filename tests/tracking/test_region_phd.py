@@ -229,7 +229,9 @@ def test_clips_are_written_read_and_repeatable(tmp_path):
         write_blobs(folder, scene, seed=4)
 
 
-@pytest.mark.parametrize("bad", [{"colour": "pink"}, {"purity": (0.0, 1.0)}, {"objects": 0}, {"width": 50}])
+@pytest.mark.parametrize(
+    "bad", [{"colour": "pink"}, {"purity": (0.0, 1.0)}, {"objects": 0}, {"width": 50}, {"clutter": -1}]
+)
 def test_scenes_refuse_what_they_cannot_draw(bad):
     with pytest.raises(RequestError, match="expected"):
         SceneSettings(**bad)

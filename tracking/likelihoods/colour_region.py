@@ -85,7 +85,8 @@ def colour_of_box(image: ImageArray, box: FloatArray) -> ColourRange:
     """
     x1, y1, x2, y2 = _corners(np.asarray(box)[None], image.shape[1], image.shape[0])[0]
     if x2 <= x1 or y2 <= y1:
-        raise RequestError(f"expected a box inside the image of {image.shape[1]}x{image.shape[0]}, got {list(box)}")
+        got = ",".join(f"{value:g}" for value in box)
+        raise RequestError(f"expected a box inside the image of {image.shape[1]}x{image.shape[0]}, got corners {got}")
     hue, saturation, value = _hsv(image[y1:y2, x1:x2]).reshape(-1, 3).T
     vivid = (saturation > 0.2) & (value > 0.15)
     if vivid.mean() < 0.1:
