@@ -39,13 +39,20 @@ def plot_ospa(rows: Sequence[ScenarioRow], path: Path) -> None:
 def plot_scaling(grown: Sequence[Scaling], path: Path) -> None:
     """Milliseconds a step over clutter and over targets, both axes logarithmic."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
+    times = [value for one in grown for value in one.milliseconds]
+    ticks = [tick for tick in (0.5, 1, 2, 5, 10, 20, 50, 100, 200) if min(times) / 1.5 <= tick <= max(times) * 1.5]
     for place, what in enumerate(("clutter", "targets"), start=1):
         axes = figure.add_subplot(1, 2, place)
         for one in (one for one in grown if one.what == what):
             axes.loglog(one.sizes, one.milliseconds, marker="o", label=f"{one.method}: slope {one.slope:.2f}")
-        axes.set(xlabel=f"{what} a step" if what == "clutter" else what, ylabel="milliseconds a step")
+        axes.set(xlabel="false measurements a step" if what == "clutter" else what, ylabel="milliseconds a step")
+        sizes = [size for one in grown if one.what == what for size in one.sizes]
+        axes.set_xticks(sizes, labels=[str(size) for size in sizes])
+        axes.set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        axes.set_ylim(min(times) / 1.5, max(times) * 1.5)
+        axes.minorticks_off()
         axes.legend(fontsize="small")
-        axes.grid(visible=True, which="both", alpha=0.3)
+        axes.grid(visible=True, alpha=0.3)
     _save(figure, path)
 
 
@@ -56,7 +63,8 @@ def plot_particles(counts: Mapping[str, FloatArray], purity: FloatArray, path: P
         axes = figure.add_subplot(1, len(counts), place)
         for target in np.argsort(-purity):
             axes.plot(values[:, target], label=f"purity {purity[target]:.2f}")
-        axes.set(title=name, xlabel="frame", ylabel="particles on the target", ylim=(0, None))
+        top = 1.05 * max(float(array.max()) for array in counts.values())
+        axes.set(title=name, xlabel="frame", ylabel="particles on the target" if place == 1 else "", ylim=(0, top))
         axes.legend(fontsize="small")
     _save(figure, path)
 
