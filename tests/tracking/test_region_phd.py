@@ -162,6 +162,7 @@ def test_with_the_printed_likelihood_the_count_means_nothing():
     follow(tracker, SceneSettings(**{**vars(SCENE), "frames": 15}), 0)
     # It can never exceed the births that are still there, 0.05 a frame, however many targets are in view.
     assert max(tracker.expected) <= 0.05 * 15
+    assert tracker.tracks(), "a share of the particles still shows where targets are"
 
 
 def test_one_target_is_found_followed_and_searched_for_again():

@@ -84,7 +84,7 @@ COMMANDS: Tree = {
         {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
-            "points": Command("tracked points: OSPA, GOSPA and more", "blobs", "evaluate", ("truth", "results")),
+            "points": Command("tracked points: OSPA, GOSPA and more", "points", "evaluate", ("truth", "results")),
         },
     ),
     "reproduce": Group(
