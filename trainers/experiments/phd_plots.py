@@ -56,16 +56,29 @@ def plot_scaling(grown: Sequence[Scaling], path: Path) -> None:
     _save(figure, path)
 
 
-def plot_particles(counts: Mapping[str, FloatArray], purity: FloatArray, path: Path) -> None:
-    """Particles on each target over time ``(T, K)``, a panel for each method; mean over the seeds."""
-    figure = Figure(figsize=(4.2 * len(counts), 3.4), layout="constrained")
-    for place, (name, values) in enumerate(counts.items(), start=1):
-        axes = figure.add_subplot(1, len(counts), place)
+def plot_particles(
+    counts: Mapping[str, FloatArray], lost: Mapping[str, FloatArray], purity: FloatArray, path: Path
+) -> None:
+    """Particles on each target over time, and below how many of the clips still have it; a column for each method.
+
+    Args:
+        counts: ``(T, K)`` mean over the clips.
+        lost: ``(S, K)`` frame at which each clip lost each target, ``T`` where it never did.
+        purity: ``(K,)`` of the targets.
+        path: of the picture.
+    """
+    figure = Figure(figsize=(3.6 * len(counts), 5.4), layout="constrained")
+    panels = figure.subplots(2, len(counts), sharex=True, sharey="row", squeeze=False)
+    for name, (above, below) in zip(counts, panels.T, strict=True):
+        frames = np.arange(len(counts[name]))
         for target in np.argsort(-purity):
-            axes.plot(values[:, target], label=f"purity {purity[target]:.2f}")
-        top = 1.05 * max(float(array.max()) for array in counts.values())
-        axes.set(title=name, xlabel="frame", ylabel="particles on the target" if place == 1 else "", ylim=(0, top))
-        axes.legend(fontsize="small")
+            above.plot(frames, counts[name][:, target], label=f"purity {purity[target]:.2f}")
+            below.plot(frames, np.mean(lost[name][:, target, None] > frames, axis=0))
+        above.set(title=name, ylim=(0, None))
+        below.set(xlabel="frame", ylim=(0, 1.05))
+    panels[0, 0].set_ylabel("particles on the target")
+    panels[1, 0].set_ylabel("share of clips that still have it")
+    panels[0, 0].legend(fontsize="small")
     _save(figure, path)
 
 
