@@ -50,12 +50,12 @@ class StoneSoup:
         self.sensor = LinearGaussian(4, (0, 2), np.eye(2) * settings["sigma_e"] ** 2)
         birth = GaussianState(np.zeros((4, 1)), np.diag([500.0**2, 100, 500.0**2, 100]))
         self.predictor = SMCPHDPredictor(
-            motion, death_probability=1 - settings["P_S"], birth_probability=float(np.sum(settings["birth_w"])),
+            motion, death_probability=1 - settings["P_S"], birth_probability=BORN / SURVIVING,
             birth_rate=float(np.sum(settings["birth_w"])), birth_sampler=_Sampler(birth),
         )  # fmt: skip
         self.updater = SMCPHDUpdater(
             self.sensor, resampler=SystematicResampler(), prob_detect=Probability(settings["P_D"]),
-            prob_survive=Probability(settings["P_S"]), clutter_intensity=clutter / volume, num_samples=SURVIVING,
+            clutter_intensity=clutter / volume, num_samples=SURVIVING,
         )  # fmt: skip
         self.now = datetime.datetime(2000, 1, 1)
         rng = np.random.default_rng(0)
@@ -97,8 +97,8 @@ class CountedPhd:
     """The PHD filter of this project, and how many particles its updates weighed."""
 
     def __init__(self, scenario: PointScenario, clutter: float) -> None:
-        # Late in the scenario about ten targets are there: 1,400 a target make the peer's 14,000.
-        density = (SURVIVING + BORN) // 10
+        # Late in the scenario about ten targets and four places of birth: 1,000 for each make the peer's 14,000.
+        density = (SURVIVING + BORN) // 14
         births = scenario_births(scenario.settings, density)
         self.filter = PhdFilter(scenario_model(scenario.settings, clutter), births, density)
         self.state, self.rng = self.filter.init(np.empty((0, 4))), np.random.default_rng(0)

@@ -46,7 +46,7 @@ class Pairs:
 
     def by_measurement(self, values: FloatArray, count: int) -> FloatArray:
         """Sums ``(count,)`` over the entries of each measurement."""
-        return np.bincount(self.measurement, values, minlength=count).astype(np.float64)
+        return np.bincount(self.measurements, self.sums(values), minlength=count).astype(np.float64)
 
     def by_particle(self, values: FloatArray, count: int) -> FloatArray:
         """Sums ``(count,)`` over the entries of each particle."""

@@ -75,7 +75,7 @@ def group_starts(labels: IntArray) -> IntArray:
     """First index of each run of equal labels ``(N,)``."""
     if len(labels) == 0:
         return np.empty(0, dtype=np.int64)
-    return np.concatenate([[0], np.flatnonzero(np.diff(labels)) + 1]).astype(np.int64)
+    return np.concatenate([[0], np.flatnonzero(labels[1:] != labels[:-1]) + 1]).astype(np.int64)
 
 
 def by_clusters(posterior: PhdState, clusters: Clusters) -> PointEstimates:
@@ -236,6 +236,8 @@ def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray,
 
 def _grouped(posterior: PhdState, clusters: Clusters) -> tuple[PhdState, Clusters]:
     """The same with the particles sorted by label."""
+    if np.all(posterior.labels[1:] >= posterior.labels[:-1]):
+        return posterior, replace(clusters, starts=group_starts(posterior.labels))
     order = np.argsort(posterior.labels, kind="stable")
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
