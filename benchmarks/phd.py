@@ -19,7 +19,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.filters.phd import PhdFilter
+from tsuiseki.tracking.filters.phd import PhdFilter, PhdState
+from tsuiseki.tracking.filters.phd_identity import Clusters, Identity
+from tsuiseki.tracking.filters.point_models import GaussianSensor
+from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.trainers.experiments.phd import start_filter
 from tsuiseki.trainers.experiments.point_scenarios import (
     PointScenario,
@@ -93,14 +96,31 @@ class _Sampler:
         return ParticleState(StateVectors(vectors), weight=np.full(BORN, Probability(1 / BORN)), timestamp=timestamp)
 
 
-class CountedPhd:
-    """The PHD filter of this project, and how many particles its updates weighed."""
+class Unlabelled(Identity):
+    """No labels are kept: what the peer does."""
 
-    def __init__(self, scenario: PointScenario, clutter: float) -> None:
+    def tidy(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> tuple[PhdState, Clusters]:
+        """Nothing."""
+        del sensor
+        return posterior, clusters
+
+
+def no_targets(posterior: PhdState, clusters: Clusters) -> PointEstimates:
+    """No target is read off: the peer has none either."""
+    del clusters
+    return PointEstimates(np.empty(0, dtype=np.int64), np.empty((0, posterior.particles.shape[1])), np.empty(0))
+
+
+class CountedPhd:
+    """This project's PHD filter, with or without targets and labels, and how many particles its updates weighed."""
+
+    def __init__(self, scenario: PointScenario, clutter: float, labelled: bool) -> None:
         # Late in the scenario about ten targets and four places of birth: 1,000 for each make the peer's 14,000.
         density = (SURVIVING + BORN) // 14
         births = scenario_births(scenario.settings, density)
-        self.filter = PhdFilter(scenario_model(scenario.settings, clutter), births, density)
+        model = scenario_model(scenario.settings, clutter)
+        alone = PhdFilter(model, births, density, identity=Unlabelled(remember=False), extract=no_targets, least=0)
+        self.filter = PhdFilter(model, births, density) if labelled else alone
         self.state, self.rng = self.filter.init(np.empty((0, 4))), np.random.default_rng(0)
         self.particles: list[int] = []
 
@@ -122,16 +142,31 @@ def main() -> None:
     except metadata.PackageNotFoundError:
         peer = ""
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, {peer or 'no stonesoup'}")
-    print(f"{'clutter':>8} {'particles':>10} {'phd ms':>8} {'labelled ms':>12} {'stonesoup ms':>13} {'ratio':>7}")
+    names = (
+        "clutter",
+        "phd alone",
+        "particles",
+        "with targets",
+        "particles",
+        "labelled",
+        "stonesoup",
+        "ratio",
+        "ratio",
+    )
+    print(" ".join(f"{name:>12}" for name in names))
     for index, clutter in enumerate(scenario.settings["clutter_rates"]):
         measurements = scenario.measurements[0, index][80 : 80 + arguments.steps]
-        phd = CountedPhd(scenario, clutter)
+        alone, phd = (CountedPhd(scenario, clutter, kept) for kept in (False, True))
         labelled = start_filter("labelled", scenario.settings, clutter, 1000, seed=0)
         for found in scenario.measurements[0, index][:80]:
+            alone.step(found)
             phd.step(found)
             labelled(found)
+        alone.particles.clear()
         phd.particles.clear()
-        steps = {"phd": phd.step, "labelled": labelled} | ({"peer": StoneSoup(scenario, clutter).step} if peer else {})
+        steps = {"alone": alone.step, "phd": phd.step, "labelled": labelled} | (
+            {"peer": StoneSoup(scenario, clutter).step} if peer else {}
+        )
         times: dict[str, list[float]] = {name: [] for name in steps}
         for found in measurements:
             for name, step in steps.items():
@@ -139,8 +174,13 @@ def main() -> None:
                 step(found)
                 times[name].append(1e3 * (time.process_time() - begin))
         middle = {name: float(np.median(values)) for name, values in times.items()}
-        shown = f"{middle['peer']:13.1f} {middle['peer'] / middle['phd']:7.1f}" if peer else f"{'-':>13} {'-':>7}"
-        print(f"{clutter:8g} {np.mean(phd.particles):10.0f} {middle['phd']:8.2f} {middle['labelled']:12.2f} {shown}")
+        counts = {"alone": float(np.mean(alone.particles)), "phd": float(np.mean(phd.particles))}
+        ratios = [middle["peer"] / middle[name] if peer else float("nan") for name in ("alone", "phd")]
+        values = [
+            clutter, middle["alone"], counts["alone"], middle["phd"], counts["phd"], middle["labelled"],
+            middle.get("peer", float("nan")), *ratios,
+        ]  # fmt: skip
+        print(" ".join(f"{value:12.{0 if value >= 1000 else 2}f}" for value in values))
 
 
 if __name__ == "__main__":

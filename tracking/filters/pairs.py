@@ -83,8 +83,9 @@ def _gate(
     sizes = np.diff(np.append(starts, len(projected)))
     offset = sensor.difference(projected, np.repeat(reference, sizes, axis=0))
     reach = sensor.gate * sensor.deviation
-    low = np.minimum.reduceat(offset, starts, axis=0) - reach
-    high = np.maximum.reduceat(offset, starts, axis=0) + reach
+    columns = [np.ascontiguousarray(column) for column in offset.T]
+    low = np.stack([np.minimum.reduceat(column, starts) for column in columns], axis=1) - reach
+    high = np.stack([np.maximum.reduceat(column, starts) for column in columns], axis=1) + reach
     distance = sensor.difference(measurements[None, :, :], reference[:, None, :])
     inside = np.all((distance >= low[:, None, :]) & (distance <= high[:, None, :]), axis=2)
     groups, chosen = np.nonzero(inside)
