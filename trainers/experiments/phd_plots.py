@@ -46,7 +46,7 @@ def plot_scaling(grown: Sequence[Scaling], path: Path) -> None:
         for one in (one for one in grown if one.what == what):
             axes.loglog(one.sizes, one.milliseconds, marker="o", label=f"{one.method}: slope {one.slope:.2f}")
         axes.set(xlabel="false measurements a step" if what == "clutter" else what, ylabel="milliseconds a step")
-        sizes = [size for one in grown if one.what == what for size in one.sizes]
+        sizes = sorted({size for one in grown if one.what == what for size in one.sizes})
         axes.set_xticks(sizes, labels=[str(size) for size in sizes])
         axes.set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
         axes.set_ylim(min(times) / 1.5, max(times) * 1.5)
