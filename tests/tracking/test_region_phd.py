@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.scenes.blobs import HUES, as_ground_truth, blob_frames, write_blobs
 from tsuiseki.datamodules.scenes.blobs import BlobSettings as SceneSettings
-from tsuiseki.datamodules.scenes.blobs import as_ground_truth, blob_frames, write_blobs
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.region_births import AnywhereBirths, PatchBirths
 from tsuiseki.tracking.filters.region_likelihoods import without_others
@@ -24,7 +24,7 @@ from tsuiseki.tracking.filters.region_updates import (
     greatest,
 )
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_sequence
-from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage, ColourRange
+from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
 from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.types import Frame
 
@@ -162,6 +162,7 @@ def test_with_the_printed_likelihood_the_count_means_nothing():
     follow(tracker, SceneSettings(**{**vars(SCENE), "frames": 15}), 0)
     # It can never exceed the births that are still there, 0.05 a frame, however many targets are in view.
     assert max(tracker.expected) <= 0.05 * 15
+    assert tracker.tracks(), "a share of the particles still shows where targets are"
 
 
 def test_one_target_is_found_followed_and_searched_for_again():
@@ -216,6 +217,16 @@ def test_filter_refuses_what_is_no_probability():
         RegionPhdFilter(second_order((1, 1), (1, 1)), PatchBirths(), without_others, survival=2.0)
 
 
+@pytest.mark.parametrize("colour", HUES)
+def test_natural_clutter_has_little_of_a_named_colour_and_the_object_much(colour):
+    image, boxes = next(blob_frames(SceneSettings(frames=1, objects=1, clutter=0, enter=0.0, colour=colour), seed=0))
+    mask = colour_mask(image, NAMED_COLOURS[colour])
+    x1, y1, x2, y2 = np.round(boxes[0]).astype(int)
+    assert mask[y1:y2, x1:x2].mean() > 0.8
+    mask[y1:y2, x1:x2] = False
+    assert mask.mean() < 0.01
+
+
 def test_clips_are_written_read_and_repeatable(tmp_path):
     scene = SceneSettings(**{**vars(SCENE), "frames": 3})
     folder = write_blobs(tmp_path / "clip", scene, seed=4)
@@ -229,7 +240,9 @@ def test_clips_are_written_read_and_repeatable(tmp_path):
         write_blobs(folder, scene, seed=4)
 
 
-@pytest.mark.parametrize("bad", [{"colour": "pink"}, {"purity": (0.0, 1.0)}, {"objects": 0}, {"width": 50}])
+@pytest.mark.parametrize(
+    "bad", [{"colour": "pink"}, {"purity": (0.0, 1.0)}, {"objects": 0}, {"width": 50}, {"clutter": -1}]
+)
 def test_scenes_refuse_what_they_cannot_draw(bad):
     with pytest.raises(RequestError, match="expected"):
         SceneSettings(**bad)

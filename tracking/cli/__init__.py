@@ -93,7 +93,7 @@ COMMANDS: Tree = {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
             "single": Command("one target: success and precision", "evaluate_single", "single", ("truth", "results")),
-            "points": Command("tracked points: OSPA, GOSPA and more", "blobs", "evaluate", ("truth", "results")),
+            "points": Command("tracked points: OSPA, GOSPA and more", "points", "evaluate", ("truth", "results")),
         },
     ),
     "reproduce": Group(

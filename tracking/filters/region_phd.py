@@ -23,8 +23,11 @@ from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-JOINED_OVERLAP = 0.3
-"""Intersection over union above which two light clusters are near, section 5.2."""
+TINY = float(np.finfo(np.float64).tiny)
+JOINED_OVERLAP = 0.05
+"""Intersection over union above which two clusters are near, section 5.2."""
+WHOLE = 1.5
+"""Weight below which two near clusters are one target, section 5.2."""
 ADOPTED_SHARE = 0.5
 """Of the smaller of two boxes, above which what is born lies on a cluster, section 5.2."""
 
@@ -107,25 +110,32 @@ class RegionPhdFilter:
         self, state: RegionState, observation: ColourImage, rng: np.random.Generator
     ) -> tuple[RegionState, RegionInfo]:
         """One frame further: predict, bear, weigh, update, tidy, read off the targets, draw anew."""
+        predicted = self._predict(state, observation, rng)
+        likelihood = self.likelihood(predicted, observation, self.margin, self.report)
+        background = background_level(observation, predicted, self.margin, rng)
+        weights, starts = np.exp(predicted.log_weights), group_starts(predicted.labels)
+        after = self.update(Regions(weights, likelihood, starts, background, self.detection))
+        count = float(after.sum())
+        # With a fixed number of particles a cluster's weight is read off its share of them.
+        scale = self.fixed / (self.density * max(count, TINY)) if self.fixed else 1.0
+        with np.errstate(divide="ignore"):
+            posterior = _joined(replace(predicted, log_weights=np.log(after)), scale)
+        names, masses, means = cluster_means(posterior)
+        tops = np.fmax.reduceat(likelihood, starts) if len(starts) else np.empty(0)
+        tops = tops[np.searchsorted(predicted.labels[starts], names)]
+        shown = scale * masses > self.report
+        if self.fixed:
+            shown &= tops > background  # a share is large also where nothing is seen anywhere
+        estimates = PointEstimates(names[shown], means[shown], np.minimum(scale * masses[shown], 1.0))
+        return self._resample(posterior, rng), RegionInfo(estimates, count, posterior, background, tops[shown])
+
+    def _predict(self, state: RegionState, image: ColourImage, rng: np.random.Generator) -> RegionState:
+        """(44): survivors (48)-(49), and births where no reported target explains the image."""
         with np.errstate(divide="ignore"):
             survived = state.log_weights + np.log(self.survival)
         survivors = replace(state, particles=self.motion(state.particles, rng), log_weights=survived)
         _, masses, means = cluster_means(survivors)
-        predicted = self._with_births(survivors, observation, boxes_of(means[masses > self.report]), rng)
-        likelihood = self.likelihood(predicted, observation, self.margin, self.report)
-        background = background_level(observation, predicted, self.margin, rng)
-        weights = np.exp(predicted.log_weights)
-        starts = group_starts(predicted.labels)
-        after = self.update(Regions(weights, likelihood, starts, background, self.detection))
-        with np.errstate(divide="ignore"):
-            posterior = _joined(replace(predicted, log_weights=np.log(after)))
-        names, masses, means = cluster_means(posterior)
-        shown = masses > self.report
-        tops = np.fmax.reduceat(likelihood, starts) if len(starts) else np.empty(0)
-        top = tops[np.searchsorted(predicted.labels[starts], names[shown])]
-        estimates = PointEstimates(names[shown], means[shown], np.minimum(masses[shown], 1.0))
-        info = RegionInfo(estimates, float(np.exp(posterior.log_weights).sum()), posterior, background, top)
-        return self._resample(posterior, rng), info
+        return self._with_births(survivors, image, boxes_of(means[masses > self.report]), rng)
 
     def _with_births(
         self, state: RegionState, image: ColourImage, explained: FloatArray, rng: np.random.Generator
@@ -157,7 +167,7 @@ class RegionPhdFilter:
             return replace(select(posterior, drawn), log_weights=np.full(self.fixed, np.log(total / self.fixed)))
         masses = np.add.reduceat(weights, starts)
         wanted = np.where(masses > 1e-3, np.maximum(self.density * masses, self.least), 0.0)
-        factor = np.repeat(wanted / np.maximum(masses, np.finfo(np.float64).tiny), sizes)
+        factor = np.repeat(wanted / np.maximum(masses, TINY), sizes)
         count = round(float(wanted.sum()))
         if count == 0:
             return select(posterior, np.zeros(len(posterior), dtype=np.bool_))
@@ -181,13 +191,13 @@ def _adopted(state: RegionState, born: FloatArray, groups: IntArray) -> IntArray
     return np.asarray(np.where(np.repeat(owner, sizes) > 0, np.repeat(owner, sizes), labels))
 
 
-def _joined(state: RegionState) -> RegionState:
-    """Clusters that overlap an older one and weigh about one with it take its label, section 5.2."""
+def _joined(state: RegionState, scale: float) -> RegionState:
+    """Clusters that overlap an older one and weigh, times ``scale``, about one with it take its label, section 5.2."""
     names, masses, means = cluster_means(state)
     if len(names) < 2:
         return state
     boxes = boxes_of(means)
-    near = np.tril(iou_matrix(boxes, boxes) > JOINED_OVERLAP, k=-1) & (masses[:, None] + masses[None, :] < 1.5)
+    near = np.tril(iou_matrix(boxes, boxes) > JOINED_OVERLAP, k=-1) & (scale * (masses[:, None] + masses) < WHOLE)
     target = np.where(near.any(axis=1), names[np.argmax(near, axis=1)], names)
     labels = target[np.searchsorted(names, state.labels)]
     order = np.argsort(labels, kind="stable")

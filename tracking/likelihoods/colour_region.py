@@ -45,9 +45,9 @@ class ColourRange:
 
 NAMED_COLOURS = {
     "red": ColourRange((345.0, 15.0), (0.45, 1.0)),
-    "orange": ColourRange((15.0, 42.0), (0.45, 1.0)),
+    "orange": ColourRange((15.0, 42.0), (0.5, 1.0), (0.5, 1.0)),
     "yellow": ColourRange((42.0, 70.0), (0.4, 1.0)),
-    "green": ColourRange((75.0, 165.0)),
+    "green": ColourRange((75.0, 165.0), (0.5, 1.0), (0.25, 1.0)),
     "cyan": ColourRange((165.0, 200.0)),
     "blue": ColourRange((200.0, 265.0)),
     "magenta": ColourRange((265.0, 345.0)),
@@ -85,7 +85,8 @@ def colour_of_box(image: ImageArray, box: FloatArray) -> ColourRange:
     """
     x1, y1, x2, y2 = _corners(np.asarray(box)[None], image.shape[1], image.shape[0])[0]
     if x2 <= x1 or y2 <= y1:
-        raise RequestError(f"expected a box inside the image of {image.shape[1]}x{image.shape[0]}, got {list(box)}")
+        got = ",".join(f"{value:g}" for value in box)
+        raise RequestError(f"expected a box inside the image of {image.shape[1]}x{image.shape[0]}, got corners {got}")
     hue, saturation, value = _hsv(image[y1:y2, x1:x2]).reshape(-1, 3).T
     vivid = (saturation > 0.2) & (value > 0.15)
     if vivid.mean() < 0.1:
@@ -94,9 +95,9 @@ def colour_of_box(image: ImageArray, box: FloatArray) -> ColourRange:
     smooth = counts + np.roll(counts, 1) + np.roll(counts, -1)
     peak = 10.0 * float(np.argmax(smooth)) + 5.0
     near = vivid & (np.abs((hue - peak + 180) % 360 - 180) <= 25)
-    low_s, low_v = np.quantile(saturation[near], 0.1), np.quantile(value[near], 0.1)
+    low_s, low_v = np.quantile(saturation[near], 0.25), np.quantile(value[near], 0.25)
     hues = ((peak - 20) % 360, (peak + 20) % 360)
-    return ColourRange(hues, (max(0.0, float(low_s) - 0.1), 1.0), (max(0.0, float(low_v) - 0.1), 1.0))
+    return ColourRange(hues, (max(0.0, float(low_s) - 0.15), 1.0), (max(0.0, float(low_v) - 0.15), 1.0))
 
 
 def colour_mask(image: ImageArray, colour: ColourRange) -> BoolArray:

@@ -81,7 +81,7 @@ def region_filter(settings: BlobSettings) -> RegionPhdFilter:
         fixed = settings.particles * settings.targets
         return RegionPhdFilter(
             motion, births, each_alone, equalised, settings.particles, fixed, settings.survival, settings.detection,
-            settings.margin, report=1e-3,
+            settings.margin,
         )  # fmt: skip
     patches = PatchBirths(smallest=settings.smallest)
     update = Calibrated(settings.sharpness)
