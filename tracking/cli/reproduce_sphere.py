@@ -38,8 +38,8 @@ def stereo_sphere(
         seeds: number of films, each with its own room, person, ball and noise.
         frames: of each film.
         only: leave out the error against particles, cameras and covered frames, which needs six cameras.
-        kept: folder where the scores of finished films are kept, so that a run can be stopped and taken up again; delete
-            it when the code has changed.
+        kept: folder where the scores of finished films are kept, so that a run can be stopped and taken up again;
+            delete it when the code has changed.
         seed: of the first film; the others follow.
         overwrite: replace what is in the folder.
     """

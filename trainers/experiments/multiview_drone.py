@@ -108,7 +108,11 @@ def calibrate_flight(
 def half_of(
     flight: DroneFlight, cameras: Sequence[TimedCamera], first: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What the first C cameras saw in one half: common times ``(T,)``, pixels ``(T, C, 2)`` with NaN where a camera saw nothing, true positions ``(T, 3)``."""
+    """What the first C cameras saw in one half of the flight.
+
+    Returns:
+        Common times ``(T,)``, pixels ``(T, C, 2)`` with NaN where a camera saw nothing, true positions ``(T, 3)``.
+    """
     middle, end = float(flight.times[len(flight.times) // 2]), float(flight.times[-1])
     begin, end = (0.0, middle) if first else (middle, end)
     times = np.arange(begin + MARGIN, end - MARGIN, STEP)
