@@ -28,8 +28,8 @@ LARGEST_GAP = 3.5
 OFFSETS = np.arange(-120.0, 120.0, 0.5)
 MARGIN = 1.0
 # What is tried on the first half, in the first so many of every so many seconds.
-AGITATIONS = (2.0, 4.0, 8.0)
-INFLATIONS = (1.0, 2.0, 3.0, 4.5)
+AGITATIONS = (1.0, 2.0, 4.0, 8.0)
+INFLATIONS = (1.0, 2.0, 4.0)
 LAGS = (0.0, 0.12, 0.24, 0.48, 0.96)
 SELECTION_STRETCH, SELECTION_PERIOD = 20.0, 60.0
 
