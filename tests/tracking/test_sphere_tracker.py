@@ -12,6 +12,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.likelihoods.views import ContourLikelihood, PointLikelihood
 from tsuiseki.tracking.trackers.sphere import Glance, SphereTracker
 from tsuiseki.tracking.trackers.sphere_run import check_lengths, check_start
+from tsuiseki.tracking.trackers.sphere_search import find_ball
 
 RADIUS = 0.1
 CAMERAS = [
@@ -105,12 +106,14 @@ def test_without_any_image_the_ball_is_searched_then_lost(film):
 
 
 def test_the_whole_volume_is_searched(film):
-    tracker = SphereTracker(ContourLikelihood(CAMERAS, RADIUS))
-    volume = np.array([[-1.0, -1.0, 0.3], [1.0, 1.0, 1.8]])
-    glance = Glance(0.0, film[0])
-    state = tracker.search(volume, glance, 400, np.random.default_rng(0), candidates=8000)
-    _, info = tracker.step(state, glance, np.random.default_rng(1))
-    assert np.linalg.norm(info.position.point - PATH[0]) < 0.03
+    likelihood = ContourLikelihood(CAMERAS, RADIUS)
+    volume = np.array([[-1.5, -1.5, 0.2], [1.5, 1.5, 2.0]])
+    rng = np.random.default_rng(0)
+    positions = find_ball(likelihood, likelihood.broad(), CAMERAS, RADIUS, volume, 400, film[0], rng)
+    state = SphereTracker(likelihood).start_with(positions, 3, rng, 0.0)
+    _, info = SphereTracker(likelihood).step(state, Glance(0.0, film[0]), rng)
+    assert np.linalg.norm(info.position.point - PATH[0]) < 0.01
+    assert info.position.status == "tracking"
 
 
 def test_point_measurements_agree_with_triangulation():
