@@ -104,7 +104,10 @@ def sphere(
     if start is not None:
         check_start(np.array(start), placed)
     weigh = _likelihood(likelihood, placed, sources, radius, backgrounds)
-    tracker = SphereTracker(weigh, _motion(motion, agitation, radius, floor, bounce))
+    moves = _motion(motion, agitation, radius, floor, bounce)
+    # The background difference is the paper's baseline, without what goes beyond the paper.
+    plain = likelihood == "background"
+    tracker = SphereTracker(weigh, moves, covering=None, stages=1) if plain else SphereTracker(weigh, moves)
     broad = weigh.broad() if isinstance(weigh, ContourLikelihood) else weigh
     search = partial(find_ball, weigh, broad, pinholes, radius, box, particles)
     begin = Start(None if start is None else np.array(start), spread, particles, search)
