@@ -76,10 +76,10 @@ def test_without_an_outline_in_the_image_there_is_nothing_to_say():
     assert np.isfinite(values).all()
 
 
-def test_more_particles_than_opencv_has_rows_give_the_same(monkeypatch):
+def test_more_particles_than_opencv_has_columns_give_the_same(monkeypatch):
     points = BALL + np.random.default_rng(1).normal(0, 0.1, (50, 3))
     whole = support(points)
-    monkeypatch.setattr(contour, "MOST_ROWS", 7)
+    monkeypatch.setattr(contour, "MOST_COLUMNS", 7)
     np.testing.assert_array_equal(support(points), whole)
 
 
