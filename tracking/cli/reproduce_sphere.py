@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 # The paper's rows stand below the two configurations that are its own.
 PAPER_BELOW = 1
+TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
 HEADINGS = ("to position: mean", "max", "sd", "to path: mean", "max", "sd")
 
 
@@ -134,6 +135,12 @@ def _sphere_markdown(rows: Sequence[Configuration], outcomes: Mapping[int, Seque
         if number == PAPER_BELOW:
             for name, paper in PAPER.items():
                 lines.append(f"| {name}, the paper | | | | {' | '.join(f'{100 * v:.2f}' for v in paper)} |")
+    lines += ["", f"| mean distance to the position in film | {' | '.join(map(str, outcomes))} |"]
+    lines.append("|---" * (len(outcomes) + 1) + "|")
+    for number, row in enumerate(rows):
+        if row.group == "section 3":
+            means = " | ".join(f"{100 * found[number].to_position.mean:.2f}" for found in outcomes.values())
+            lines.append(f"| {row.name} | {means} |")
     return "\n".join(lines)
 
 
@@ -156,7 +163,7 @@ def _sphere_figure(rows: Sequence[Configuration], outcomes: Mapping[int, Sequenc
 
     figure = Figure(figsize=(11, 3.4), layout="constrained")
     panels = (("particles", "particles"), ("cameras", "cameras"), ("covered", "covered"))
-    for axes, (group, label) in zip(figure.subplots(1, 3), panels, strict=True):
+    for axes, (group, label) in zip(figure.subplots(1, 3, sharey=True), panels, strict=True):
         series: dict[str, list[tuple[float, float]]] = {}
         for number, row in enumerate(rows):
             if row.group != group:
@@ -167,11 +174,15 @@ def _sphere_figure(rows: Sequence[Configuration], outcomes: Mapping[int, Sequenc
         for colour, (name, points) in zip(COLOURS, series.items(), strict=False):
             axes.plot(*zip(*points, strict=True), "o-", color=colour, label=name)
         axes.set_xlabel({"covered": "covered frames of camera 1"}.get(label, label))
-        axes.set_ylabel("mean distance to the true position, cm")
         axes.set_yscale("log")
+        axes.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS], minor=False)
+        axes.minorticks_off()
         axes.grid(alpha=0.3)
         if group == "particles":
+            axes.set_ylabel("mean distance to the true position, cm")
             axes.set_xscale("log")
+            axes.set_xticks([row.particles for row in rows if row.group == group])
+            axes.xaxis.set_major_formatter("{x:g}")
         if len(series) > 1:
             axes.legend(frameon=False, fontsize=8)
     return figure
