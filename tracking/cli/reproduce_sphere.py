@@ -24,7 +24,7 @@ HEADINGS = ("to position: mean", "max", "sd", "to path: mean", "max", "sd")
 
 
 def stereo_sphere(
-    out: Path,
+    out: Path = Path("out/stereo-sphere"),
     seeds: int = 3,
     frames: int = 100,
     only: bool = False,
@@ -69,7 +69,12 @@ def stereo_sphere(
     print(table)
 
 
-def multiview_drone(out: Path, data: Path, seed: int = 0, overwrite: bool = False) -> None:
+def multiview_drone(
+    out: Path = Path("out/multiview-drone"),
+    data: Path = Path("../shared/data/stereo/multiview-drone-3"),
+    seed: int = 0,
+    overwrite: bool = False,
+) -> None:
     """The 3D filter on measured pixels of a flying drone (six cameras, RTK), beside triangulation frame by frame.
 
     Args:
