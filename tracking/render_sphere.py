@@ -11,9 +11,10 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray, Position
 
 STATUS_COLOURS = {"tracking": (40, 230, 90), "searching": (255, 190, 40), "lost": (255, 70, 60)}
-POINTS = 48
+POINTS, DASH = 48, 3
 # Fractions of a pixel that OpenCV draws to.
 SHIFT = 4
+FONT, SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 
 
 def draw_sphere(
@@ -40,14 +41,15 @@ def draw_sphere(
     used = len(position.open) <= view or position.open[view] > 0.5
     if np.isfinite(points).all() and np.abs(points).max() < 1e4:
         ring = _fixed(np.concatenate([points, points[:1]]))
-        parts = [ring] if used else [ring[k : k + 2] for k in range(0, len(ring) - 1, 2)]
+        parts = [ring] if used else [ring[k : k + DASH] for k in range(0, POINTS, 2 * DASH)]
         cv2.polylines(drawn, parts, False, colour, 2, cv2.LINE_AA, SHIFT)
         cv2.drawMarker(drawn, _whole(outlines.centre[0]), colour, cv2.MARKER_CROSS, 7, 1, cv2.LINE_AA)
     x, y, z = position.point
     text = f"{position.time:6.2f} s   x {x:+.2f}  y {y:+.2f}  z {z:+.2f} m   {position.status}"
     text += "" if used else ", this camera is covered"
-    cv2.rectangle(drawn, (0, 0), (10 + 8 * len(text), 22), (20, 20, 20), cv2.FILLED)
-    cv2.putText(drawn, text, (6, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    width = cv2.getTextSize(text, FONT, SIZE, 1)[0][0]
+    cv2.rectangle(drawn, (0, 0), (12 + width, 22), (20, 20, 20), cv2.FILLED)
+    cv2.putText(drawn, text, (6, 15), FONT, SIZE, (255, 255, 255), 1, cv2.LINE_AA)
     return drawn
 
 

@@ -76,10 +76,10 @@ def test_without_an_outline_in_the_image_there_is_nothing_to_say():
     assert np.isfinite(values).all()
 
 
-def test_more_particles_than_opencv_has_rows_give_the_same(monkeypatch):
+def test_more_particles_than_opencv_has_columns_give_the_same(monkeypatch):
     points = BALL + np.random.default_rng(1).normal(0, 0.1, (50, 3))
     whole = support(points)
-    monkeypatch.setattr(contour, "MOST_ROWS", 7)
+    monkeypatch.setattr(contour, "MOST_COLUMNS", 7)
     np.testing.assert_array_equal(support(points), whole)
 
 
@@ -101,3 +101,11 @@ def test_the_background_difference_is_the_colour_distance_at_the_point():
 def test_the_median_forgets_what_covers_a_pixel_less_than_half_the_time():
     frames = [np.full((4, 4, 3), value, np.uint8) for value in (10, 10, 10, 250, 250)]
     assert (median_background(frames) == 10).all()
+
+
+def test_strong_and_even_texture_says_nothing():
+    settings = ContourSettings()
+    texture = np.random.default_rng(2).integers(0, 256, IMAGE.shape, dtype=np.uint8)
+    values, _ = support(BALL + np.random.default_rng(3).normal(0, 0.1, (200, 3)), texture)
+    # The contrast of 60 grey levels takes a fiftieth of what 15 steps of 3 channels have here.
+    assert np.median(values) == pytest.approx(settings.clutter, abs=0.015)

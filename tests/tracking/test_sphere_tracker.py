@@ -9,9 +9,11 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.cameras.volume import common_volume, in_sight
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.filters.motion_3d import Ballistic, ConstantVelocity
 from tsuiseki.tracking.likelihoods.views import ContourLikelihood, PointLikelihood
 from tsuiseki.tracking.trackers.sphere import Glance, SphereTracker
 from tsuiseki.tracking.trackers.sphere_run import check_lengths, check_start
+from tsuiseki.tracking.trackers.sphere_search import find_ball
 
 RADIUS = 0.1
 CAMERAS = [
@@ -105,12 +107,14 @@ def test_without_any_image_the_ball_is_searched_then_lost(film):
 
 
 def test_the_whole_volume_is_searched(film):
-    tracker = SphereTracker(ContourLikelihood(CAMERAS, RADIUS))
-    volume = np.array([[-1.0, -1.0, 0.3], [1.0, 1.0, 1.8]])
-    glance = Glance(0.0, film[0])
-    state = tracker.search(volume, glance, 400, np.random.default_rng(0), candidates=8000)
-    _, info = tracker.step(state, glance, np.random.default_rng(1))
-    assert np.linalg.norm(info.position.point - PATH[0]) < 0.03
+    likelihood = ContourLikelihood(CAMERAS, RADIUS)
+    volume = np.array([[-1.5, -1.5, 0.2], [1.5, 1.5, 2.0]])
+    rng = np.random.default_rng(0)
+    positions = find_ball(likelihood, likelihood.broad(), CAMERAS, RADIUS, volume, 400, film[0], rng)
+    state = SphereTracker(likelihood).start_with(positions, 3, rng, 0.0)
+    _, info = SphereTracker(likelihood).step(state, Glance(0.0, film[0]), rng)
+    assert np.linalg.norm(info.position.point - PATH[0]) < 0.01
+    assert info.position.status == "tracking"
 
 
 def test_point_measurements_agree_with_triangulation():
@@ -151,3 +155,28 @@ def test_videos_of_different_length_are_refused():
     check_lengths([np.arange(30) / 15, np.arange(31) / 15], ["a", "b"])
     with pytest.raises(RequestError, match=r"a ends at 1\.93 s and b at 3\.93 s"):
         check_lengths([np.arange(30) / 15, np.arange(60) / 15], ["a", "b"])
+
+
+def test_a_bouncing_ball_is_found_again_after_the_frames_of_its_bounce_are_lost():
+    motion = Ballistic(RADIUS, floor=0.3, restitution=0.8, agitation=0.5)
+    times = np.arange(16) / 30
+    state = np.array([[-0.3, 0.1, 1.0, 1.2, 0.0, -1.0]])
+    still = Ballistic(RADIUS, floor=0.3, restitution=0.8, agitation=1e-9)
+    path = np.concatenate([still(state, t, np.random.default_rng(0))[:, :3] for t in times])
+    bounce = int(path[:, 2].argmin())
+    rng = np.random.default_rng(5)
+    lost = range(bounce - 1, bounce + 3)
+    away = {}
+    for name, model in (("ballistic", motion), ("level", ConstantVelocity(0.5))):
+        tracker = SphereTracker(ContourLikelihood(CAMERAS[:2], RADIUS), model)
+        now = tracker.start_at(path[0], 0.02, 500, 2, rng, times[0], speed=1.0)
+        for k, time in enumerate(times):
+            views = [None, None] if k in lost else [picture(camera, path[k], rng) for camera in CAMERAS[:2]]
+            now, info = tracker.step(now, Glance(time, views), rng)
+            if k == lost[-1]:
+                away[name] = np.linalg.norm(info.position.point - path[k])
+        away[f"{name} at the end"] = np.linalg.norm(info.position.point - path[-1])
+    # Half a radius is as far as an outline is noticed (the reach of the samples).
+    assert away["ballistic"] < 0.05
+    assert away["level"] > 3 * away["ballistic"]
+    assert away["ballistic at the end"] < 0.02

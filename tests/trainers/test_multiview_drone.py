@@ -7,8 +7,8 @@ from scipy.interpolate import CubicSpline
 from tsuiseki.datamodules.readers.multiview_drone import DroneFlight, read_drone_flight
 from tsuiseki.tracking.cameras.moving_target import calibrate_by_path
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.trainers.experiments.drone_filter import DroneSettings
 from tsuiseki.trainers.experiments.multiview_drone import (
-    DroneSettings,
     calibrate_flight,
     half_of,
     score_flight,

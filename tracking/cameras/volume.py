@@ -11,6 +11,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 SMALLEST_RADIUS = 4.0
+# Of the image height.
+LARGEST_SHARE = 0.25
 FARTHEST = 15.0
 
 
@@ -39,7 +41,7 @@ def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 
     for camera in cameras:
         depth = np.maximum(camera.to_camera(grid)[:, 2], 1e-9)
         size = camera.focal.mean() * radius / depth
-        seen += in_sight(camera, grid) & (size >= SMALLEST_RADIUS) & (size <= camera.height / 4)
+        seen += in_sight(camera, grid) & (size >= SMALLEST_RADIUS) & (size <= camera.height * LARGEST_SHARE)
     good = grid[seen >= views]
     if len(good) == 0:
         raise RequestError(

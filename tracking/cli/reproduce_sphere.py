@@ -14,19 +14,21 @@ from tsuiseki.tracking.errors import RequestError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tsuiseki.trainers.experiments.multiview_drone import DroneScores
+    from tsuiseki.trainers.experiments.multiview_drone import DroneScores, Selection
     from tsuiseki.trainers.experiments.stereo_sphere import Configuration, Outcome
 
 # The paper's rows stand below the two configurations that are its own.
 PAPER_BELOW = 1
+TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
 HEADINGS = ("to position: mean", "max", "sd", "to path: mean", "max", "sd")
 
 
 def stereo_sphere(
-    out: Path,
+    out: Path = Path("out/stereo-sphere"),
     seeds: int = 3,
     frames: int = 100,
     only: bool = False,
+    kept: Path = Path("out/cache/stereo-sphere"),
     seed: int = 0,
     overwrite: bool = False,
 ) -> None:
@@ -37,13 +39,15 @@ def stereo_sphere(
         seeds: number of films, each with its own room, person, ball and noise.
         frames: of each film.
         only: leave out the error against particles, cameras and covered frames, which needs six cameras.
+        kept: folder where the scores of finished films are kept, so that a run can be stopped and taken up again;
+            delete it when the code has changed.
         seed: of the first film; the others follow.
         overwrite: replace what is in the folder.
     """
     from tsuiseki.datamodules.scenes.ball import BallSettings
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
-    from tsuiseki.trainers.experiments.stereo_sphere import configurations, run_film
+    from tsuiseki.trainers.experiments.stereo_sphere import configurations, kept_film
 
     if seeds < 1 or frames < 2:
         raise RequestError(f"expected at least 1 seed and 2 frames, got {seeds} and {frames}")
@@ -53,7 +57,7 @@ def stereo_sphere(
     outcomes = {}
     for number in range(seed, seed + seeds):
         name = f"film {number - seed + 1} of {seeds}"
-        outcomes[number] = run_film(number, settings, rows, partial(progress, what=name, total=frames))
+        outcomes[number] = kept_film(kept, number, settings, rows, partial(progress, what=name, total=frames))
     with output_folder(out, overwrite) as work:
         table = _sphere_markdown(rows, outcomes)
         (work / "table.md").write_text(table, encoding="utf-8")
@@ -65,7 +69,12 @@ def stereo_sphere(
     print(table)
 
 
-def multiview_drone(out: Path, data: Path, seed: int = 0, overwrite: bool = False) -> None:
+def multiview_drone(
+    out: Path = Path("out/multiview-drone"),
+    data: Path = Path("../shared/data/stereo/multiview-drone-3"),
+    seed: int = 0,
+    overwrite: bool = False,
+) -> None:
     """The 3D filter on measured pixels of a flying drone (six cameras, RTK), beside triangulation frame by frame.
 
     Args:
@@ -85,17 +94,19 @@ def multiview_drone(out: Path, data: Path, seed: int = 0, overwrite: bool = Fals
     flight = read_drone_flight(data)
     cameras = experiment.calibrate_flight(flight, lambda views: progress(views, "calibrating", len(flight.views)))
     times, pixels, truth = experiment.half_of(flight, cameras, first=False)
-    settings = experiment.DroneSettings()
-    scores = [
-        experiment.score_flight(cameras[:count], times, pixels[:, :count], truth, settings, seed)
-        for count in progress(experiment.CAMERA_COUNTS, "tracking", len(experiment.CAMERA_COUNTS))
-    ]
+    scores, selections = [], {}
+    for count in experiment.CAMERA_COUNTS:
+        watch = partial(progress, what=f"{count} cameras, selecting on the first half")
+        selections[count] = experiment.select_settings(flight, cameras[:count], seed, watch)
+        settings = selections[count].settings
+        scores.append(experiment.score_flight(cameras[:count], times, pixels[:, :count], truth, settings, seed))
     lines = [_drone_markdown(scores), ""]
     lines += ["| camera | fitted pixels, median error | time of frame 0, s | frames/s |", "|---|---|---|---|"]
     lines += [
         f"| {k} | {np.median(c.residuals):.2f} px | {c.offset:.3f} | {1 / c.period:.3f} |"
         for k, c in enumerate(cameras)
     ]
+    lines += ["", *_selection_markdown(selections)]
     survey = data / "camera-locations" / "campos.txt"
     if survey.is_file():
         # The file lists the cameras in another order than the rest of the data set.
@@ -107,9 +118,10 @@ def multiview_drone(out: Path, data: Path, seed: int = 0, overwrite: bool = Fals
     table = "\n".join(lines)
     with output_folder(out, overwrite) as work:
         (work / "table.md").write_text(table + "\n", encoding="utf-8")
-        content = [dataclasses.asdict(s) for s in scores]
+        tried = {str(count): [dataclasses.asdict(t) for t in s.trials] for count, s in selections.items()}
+        content = {"scores": [dataclasses.asdict(s) for s in scores], "selection": tried}
         (work / "results.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        given = {"data": str(data), **dataclasses.asdict(settings)}
+        given = {"data": str(data), "settings": {str(c): dataclasses.asdict(s.settings) for c, s in selections.items()}}
         RunRecord(("tsuiseki", "reproduce", "multiview-drone"), given, seed).write(work)
     print(table)
 
@@ -128,6 +140,12 @@ def _sphere_markdown(rows: Sequence[Configuration], outcomes: Mapping[int, Seque
         if number == PAPER_BELOW:
             for name, paper in PAPER.items():
                 lines.append(f"| {name}, the paper | | | | {' | '.join(f'{100 * v:.2f}' for v in paper)} |")
+    lines += ["", f"| mean distance to the position in film | {' | '.join(map(str, outcomes))} |"]
+    lines.append("|---" * (len(outcomes) + 1) + "|")
+    for number, row in enumerate(rows):
+        if row.group == "section 3":
+            means = " | ".join(f"{100 * found[number].to_position.mean:.2f}" for found in outcomes.values())
+            lines.append(f"| {row.name} | {means} |")
     return "\n".join(lines)
 
 
@@ -150,7 +168,7 @@ def _sphere_figure(rows: Sequence[Configuration], outcomes: Mapping[int, Sequenc
 
     figure = Figure(figsize=(11, 3.4), layout="constrained")
     panels = (("particles", "particles"), ("cameras", "cameras"), ("covered", "covered"))
-    for axes, (group, label) in zip(figure.subplots(1, 3), panels, strict=True):
+    for axes, (group, label) in zip(figure.subplots(1, 3, sharey=True), panels, strict=True):
         series: dict[str, list[tuple[float, float]]] = {}
         for number, row in enumerate(rows):
             if row.group != group:
@@ -161,14 +179,35 @@ def _sphere_figure(rows: Sequence[Configuration], outcomes: Mapping[int, Sequenc
         for colour, (name, points) in zip(COLOURS, series.items(), strict=False):
             axes.plot(*zip(*points, strict=True), "o-", color=colour, label=name)
         axes.set_xlabel({"covered": "covered frames of camera 1"}.get(label, label))
-        axes.set_ylabel("mean distance to the true position, cm")
         axes.set_yscale("log")
+        axes.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS], minor=False)
+        axes.minorticks_off()
         axes.grid(alpha=0.3)
         if group == "particles":
+            axes.set_ylabel("mean distance to the true position, cm")
             axes.set_xscale("log")
+            axes.set_xticks([row.particles for row in rows if row.group == group])
+            axes.xaxis.set_major_formatter("{x:g}")
         if len(series) > 1:
             axes.legend(frameon=False, fontsize=8)
     return figure
+
+
+def _selection_markdown(selections: Mapping[int, Selection]) -> list[str]:
+    lines = [
+        "| cameras | chosen on the first half: agitation, m/s | inflation | lag, s | median there, m "
+        "| the evidence's choice: agitation | inflation |",
+        "|---" * 7 + "|",
+    ]
+    for count, selection in selections.items():
+        chosen = min(selection.trials, key=lambda t: t.median)
+        likely = max(selection.trials, key=lambda t: t.log_evidence).settings
+        s = chosen.settings
+        lines.append(
+            f"| {count} | {s.agitation:g} | {s.inflation:g} | {s.lag:g} | {chosen.median:.3f} "
+            f"| {likely.agitation:g} | {likely.inflation:g} |"
+        )
+    return lines
 
 
 def _drone_markdown(scores: Sequence[DroneScores]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -76,11 +77,13 @@ def sphere(
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.cli.sphere_output import write_sphere_run
     from tsuiseki.tracking.formats.track3d import read_path3d
+    from tsuiseki.tracking.likelihoods.views import ContourLikelihood
     from tsuiseki.tracking.output import check_output_folder, output_folder
     from tsuiseki.tracking.synchronise import align, default_tolerance
     from tsuiseki.tracking.timing import StageTimes
     from tsuiseki.tracking.trackers.sphere import SphereTracker
     from tsuiseki.tracking.trackers.sphere_run import Start, check_start, run_sphere
+    from tsuiseki.tracking.trackers.sphere_search import find_ball
     from tsuiseki.tracking.video import open_source
 
     settings = {name: value for name, value in locals().items() if name in sphere.__annotations__}
@@ -90,7 +93,7 @@ def sphere(
     if len(source) != len(placed) or len(source) < 2:
         raise RequestError(
             f"expected at least two videos and one camera for each, got {len(source)} videos and {len(placed)} cameras "
-            f"in {cameras}"
+            f"in {cameras}; give the videos in the order of its entries"
         )
     sources = [open_source(s) for s in source]
     true_path = None if truth is None else read_path3d(truth)
@@ -101,8 +104,13 @@ def sphere(
     if start is not None:
         check_start(np.array(start), placed)
     weigh = _likelihood(likelihood, placed, sources, radius, backgrounds)
-    tracker = SphereTracker(weigh, _motion(motion, agitation, radius, floor, bounce))
-    begin = Start(None if start is None else np.array(start), spread, box, particles)
+    moves = _motion(motion, agitation, radius, floor, bounce)
+    # The background difference is the paper's baseline, without what goes beyond the paper.
+    plain = likelihood == "background"
+    tracker = SphereTracker(weigh, moves, covering=None, stages=1) if plain else SphereTracker(weigh, moves)
+    broad = weigh.broad() if isinstance(weigh, ContourLikelihood) else weigh
+    search = partial(find_ball, weigh, broad, pinholes, radius, box, particles)
+    begin = Start(None if start is None else np.array(start), spread, particles, search)
     times = StageTimes()
     with graceful_interrupt() as interrupt, output_folder(out, overwrite) as work:
         videos = [_checked_frames(s, p) for s, p in zip(sources, placed, strict=True)]

@@ -18,11 +18,12 @@ from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path
 from tsuiseki.tracking.evaluation.space_plots import deviation_figure, path_figure
 from tsuiseki.tracking.formats.track3d import Path3D, write_track3d
 from tsuiseki.tracking.output import RunRecord
+from tsuiseki.tracking.render import without_flicker
 from tsuiseki.tracking.render_sphere import draw_sphere
 from tsuiseki.tracking.report import PAGE, STYLE
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.sphere_run import SphereLog
-from tsuiseki.tracking.types import STATUSES, Position
+from tsuiseki.tracking.types import STATUSES, ImageArray, Position
 from tsuiseki.tracking.video import Source
 from tsuiseki.tracking.webm import VideoWriter
 
@@ -73,16 +74,18 @@ def _write_overlay(path: Path, source: Source, log: SphereLog, placed: PlacedCam
     at = {m.frames[view]: k for k, m in enumerate(log.moments) if m.frames[view] is not None}
     points = np.array([p.point for p in log.positions])
     last = max((frame for frame in at if frame is not None), default=-1)
+    shown: ImageArray | None = None
     with VideoWriter(path, placed.frame_rate or source.frame_rate) as writer:
         for frame in progress(source.frames(), f"drawing {placed.name}", last + 1):
             if frame.index > last:
                 break
+            shown = without_flicker(frame.image, shown)
             moment = at.get(frame.index)
-            image = frame.image
-            if moment is not None:
-                trail = points[max(moment - TRAIL_MOMENTS, 0) : moment + 1]
-                image = draw_sphere(image, placed.camera, log.positions[moment], radius, view, trail)
-            writer.write(image)
+            if moment is None:
+                writer.write(shown)
+                continue
+            trail = points[max(moment - TRAIL_MOMENTS, 0) : moment + 1]
+            writer.write(draw_sphere(shown, placed.camera, log.positions[moment], radius, view, trail))
 
 
 def _page(

@@ -28,25 +28,30 @@ def path_figure(
     truth: Path3D | None = None,
     ink: str = "black",
 ) -> Figure:
-    """The path seen from above (x right, y up) and from the side (x right, z up), with 95 % ellipses.
+    """The path among the cameras from above, and close up from above (x right, y up) and from the side (z up).
+
+    The ellipses hold 95 % by the covariances.
 
     Args:
         positions: the estimates.
-        cameras: drawn as far as they are near.
+        cameras: drawn in the first plot.
         truth: drawn below the estimates.
         ink: colour of text and axes.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    figure = Figure(figsize=(12, 4.2), layout="constrained")
     points = np.array([p.point for p in positions]) if positions else np.empty((0, 3))
-    for axes, pair, title in zip(figure.subplots(1, 2), ((0, 1), (0, 2)), ("From above", "From the side"), strict=True):
+    views = (("Among the cameras, from above", (0, 1)), ("From above", (0, 1)), ("From the side", (0, 2)))
+    for number, (axes, (title, pair)) in enumerate(zip(figure.subplots(1, 3), views, strict=True)):
         _view(axes, positions, points, pair, truth, ink)
-        _cameras(axes, cameras, pair, points, ink)
+        if number == 0:
+            _cameras(axes, cameras, pair, points, ink)
         axes.set_title(title, loc="left", color=ink)
         axes.set_xlabel("x, m", color=ink)
         axes.set_ylabel(f"{'xyz'[pair[1]]}, m", color=ink)
         axes.set_aspect("equal", adjustable="datalim")
+        axes.margins(0.12)
         axes.set_facecolor("none")
         axes.grid(alpha=0.2, color=ink)
         axes.tick_params(colors=ink)

@@ -19,8 +19,8 @@ from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
-# cv2.remap takes fewer than 32768 rows.
-MOST_ROWS = 32000
+# cv2.remap takes fewer than 32768 columns.
+MOST_COLUMNS = 32000
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class PolarMaps:
     """Where `cv2.remap` samples one camera for N particles.
 
     Attributes:
-        columns: ``(N, R * A)`` float32, the angle fastest.
+        columns: ``(R, N * A)`` float32, the angle fastest.
         rows: likewise.
         inside: ``(N, A)`` whether the whole ray lies in the image.
     """
@@ -72,57 +72,51 @@ class PolarMaps:
 def polar_maps(camera: PinholeCamera, centres: FloatArray, radius: float, settings: ContourSettings) -> PolarMaps:
     """The polar samples around spheres at ``centres`` ``(N, 3)``.
 
-    A sample is ``centre + s (outline(t) - centre)``, linear in 1, s, s cos t and s sin t, so one matrix product gives
-    all of them. OpenCV counts pixels from the first one's centre, which lies at 0.5 here.
+    A sample is ``centre + s (outline(t) - centre)``. OpenCV counts pixels from the first one's centre, here it is 0.5.
     """
     outlines = sphere_outlines(camera, centres, radius)
-    terms = np.stack(
-        [outlines.centre - 0.5, outlines.middle - outlines.centre, outlines.first, outlines.second], axis=2
-    )
+    centre = outlines.centre - 0.5
+    spokes = np.stack([outlines.middle - outlines.centre, outlines.first, outlines.second], axis=2)
     # A particle behind the camera has NaN here, which remap must not see.
-    terms[~np.isfinite(terms).all(axis=(1, 2))] = -1e4
-    basis = _polar_basis(settings)
-    columns, rows = (terms[:, axis].astype(np.float32) @ basis for axis in (0, 1))
-    last = slice(-settings.angles, None)
-    inside = (columns[:, last] >= 0) & (columns[:, last] <= camera.width - 1)
-    inside &= (rows[:, last] >= 0) & (rows[:, last] <= camera.height - 1)
-    return PolarMaps(columns, rows, inside)
+    seen = np.isfinite(spokes).all(axis=(1, 2))
+    centre[~seen], spokes[~seen] = -1e4, 0.0
+    t = np.arange(settings.angles) * (2 * np.pi / settings.angles)
+    around = np.stack([np.ones_like(t), np.cos(t), np.sin(t)]).astype(np.float32)
+    shares = np.linspace(1 - settings.reach, 1 + settings.reach, settings.radii, dtype=np.float32)[:, None]
+    columns, rows = (
+        # Long rows, for the angles alone would be short ones.
+        np.repeat(centre[:, axis].astype(np.float32), settings.angles)
+        + shares * (spokes[:, axis].astype(np.float32) @ around).ravel()
+        for axis in (0, 1)
+    )
+    inside = (columns[-1] >= 0) & (columns[-1] <= camera.width - 1)
+    inside &= (rows[-1] >= 0) & (rows[-1] <= camera.height - 1)
+    return PolarMaps(columns, rows, inside.reshape(-1, settings.angles))
 
 
 def outline_support(image: ImageArray, maps: PolarMaps, settings: ContourSettings) -> FloatArray:
     """``(N, 2)``: the support of each particle's outline in [0, 1], and the share of it that lies in the image."""
-    channels = image.shape[2] if image.ndim == 3 else 1
     samples = fetch(image, maps)
-    ring = settings.angles * channels
-    steps = cv2.absdiff(samples[:, ring:], samples[:, :-ring])
-    slopes = steps.reshape(len(samples), settings.radii - 1, ring).astype(np.float32)
+    slopes = cv2.absdiff(samples[1:], samples[:-1]).reshape(settings.radii - 1, -1).astype(np.float32)
     # One product gives the Gaussian sum of the paper and the plain sum that it is measured against.
-    sums = (_radial_weights(settings) @ slopes).reshape(-1, 2, settings.angles, channels).sum(axis=3)
-    response = sums[:, 0] / (sums[:, 1] + np.float32(settings.contrast))
+    sums = (_radial_weights(settings) @ slopes).reshape(2, *maps.inside.shape, -1)
+    peak, plain = sums if sums.shape[3] == 1 else sums[..., :1] + sums[..., 1:2] + sums[..., 2:]
+    response = peak[..., 0] / (plain[..., 0] + np.float32(settings.contrast))
     count = maps.inside.sum(axis=1)
     support = np.einsum("na,na->n", response, maps.inside.astype(np.float32)) / np.maximum(count, 1)
     return np.stack([support, count / settings.angles], axis=1).astype(np.float64)
 
 
 def fetch(image: ImageArray, maps: PolarMaps) -> ImageArray:
-    """The samples ``(N, R * A * channels)`` uint8 of ``image`` ``(H, W, 3)`` or ``(H, W)``."""
-    if len(maps.columns) <= MOST_ROWS:
-        fetched = cv2.remap(image, maps.columns, maps.rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(fetched.reshape(len(fetched), -1), dtype=np.uint8)
+    """The samples ``(R, N * A * channels)`` uint8 of ``image`` ``(H, W, 3)`` or ``(H, W)``."""
     parts = []
-    for first in range(0, len(maps.columns), MOST_ROWS):
-        part = slice(first, first + MOST_ROWS)
-        parts.append(fetch(image, PolarMaps(maps.columns[part], maps.rows[part], maps.inside[part])))
-    return np.concatenate(parts)
-
-
-@lru_cache
-def _polar_basis(settings: ContourSettings) -> NDArray[np.float32]:
-    """``(4, R * A)``: 1, s, s cos t and s sin t of every sample."""
-    s = np.linspace(1 - settings.reach, 1 + settings.reach, settings.radii)[:, None]
-    t = np.arange(settings.angles)[None] * (2 * np.pi / settings.angles)
-    terms = (np.ones_like(s + t), s + 0 * t, s * np.cos(t), s * np.sin(t))
-    return np.stack([term.ravel() for term in terms]).astype(np.float32)
+    for first in range(0, maps.columns.shape[1], MOST_COLUMNS):
+        part = slice(first, first + MOST_COLUMNS)
+        found = cv2.remap(
+            image, maps.columns[:, part], maps.rows[:, part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        parts.append(found.reshape(len(found), -1))
+    return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1), dtype=np.uint8)
 
 
 @lru_cache

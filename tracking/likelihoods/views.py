@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -44,6 +44,10 @@ class ContourLikelihood:
             support, share = outline_support(image, maps, self.settings).T
             ratios[:, k] = self.settings.steepness * share * (support - self.settings.clutter)
         return ratios
+
+    def broad(self) -> ContourLikelihood:
+        """One that notices a ball from farther off, at a third of the cost: for searching."""
+        return replace(self, settings=replace(self.settings, angles=12, radii=10, width=0.2))
 
 
 @dataclass(frozen=True)

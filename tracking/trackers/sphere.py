@@ -14,7 +14,6 @@ import numpy as np
 
 from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, Motion3D
 from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.resampling import systematic
 from tsuiseki.tracking.filters.tempering import bearable_share, drawn_and_spread
 from tsuiseki.tracking.filters.views import Covering, open_after, weigh_views
 from tsuiseki.tracking.filters.weights import log_sum, probabilities, weighted_covariance, weighted_mean
@@ -113,48 +112,16 @@ class SphereTracker:
             time: of the start, seconds.
             speed: standard deviation of the velocity along each axis, m/s.
         """
-        states = rng.standard_normal((particles, 6)) * ([spread] * 3 + [speed] * 3)
-        states[:, :3] += position
-        return self._state(states, time, views)
+        positions = position + spread * rng.standard_normal((particles, 3))
+        return self.start_with(positions, views, rng, time, speed)
 
-    def search(
-        self,
-        volume: FloatArray,
-        glance: Glance,
-        particles: int,
-        rng: np.random.Generator,
-        candidates: int = 20000,
-        layers: int = 8,
+    def start_with(
+        self, positions: FloatArray, views: int, rng: np.random.Generator, time: float, speed: float = 0.3
     ) -> SphereState:
-        """Particles where one look at the whole volume finds the ball.
-
-        A particle far from the ball learns nothing from its outline, so many candidates are drawn first; then they are
-        weighed ever more sharply, resampled and moved by ever smaller random steps over the same images (Deutscher and
-        Reid, "Articulated body motion capture by stochastic search", 2005).
-
-        Args:
-            volume: ``(2, 3)`` lowest and highest corner, metres.
-            glance: the images.
-            particles: how many at the end.
-            rng: random numbers.
-            candidates: drawn evenly in the volume.
-            layers: rounds of weighing.
-        """
-        low, high = np.asarray(volume, dtype=np.float64)
-        positions = low + rng.random((candidates, 3)) * (high - low)
-        # Half the distance between neighbours, down to a centimetre.
-        step = 0.5 * float(np.prod(high - low) / candidates) ** (1 / 3)
-        count = candidates
-        for layer in range(layers):
-            share = (layer + 1) / layers
-            total = np.maximum(self.likelihood(positions, glance.views), -3.0).sum(axis=1)
-            count = max(particles, count // 2)
-            chosen = systematic(probabilities(total * share), count, rng)
-            jitter = max(step * (1 - share), 0.01)
-            positions = np.clip(positions[chosen] + rng.standard_normal((count, 3)) * jitter, low, high)
-        states = np.column_stack([positions[:: max(count // particles, 1)][:particles], np.zeros((particles, 3))])
-        states[:, 3:] = rng.standard_normal((particles, 3)) * 0.3
-        return self._state(states, glance.time, len(glance.views))
+        """Particles at ``positions`` ``(N, 3)``; see `start_at`."""
+        states = np.column_stack([positions, speed * rng.standard_normal((len(positions), 3))])
+        particles = ParticleState(states, np.full(len(states), -np.log(len(states))))
+        return SphereState(particles, time, np.full(views, 0.9))
 
     def step(self, state: SphereState, glance: Glance, rng: np.random.Generator) -> tuple[SphereState, SphereInfo]:
         """One look further: the state after it and the estimate."""
@@ -176,10 +143,6 @@ class SphereTracker:
         position = Position(glance.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
         evidence = look.log_evidence + info.log_evidence
         return SphereState(after, glance.time, opened, unseen), SphereInfo(position, evidence, deviation)
-
-    def _state(self, states: FloatArray, time: float, views: int) -> SphereState:
-        particles = ParticleState(states, np.full(len(states), -np.log(len(states))))
-        return SphereState(particles, time, np.full(views, 0.9))
 
 
 class _Look:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import in_sight
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.likelihoods.views import Views
 from tsuiseki.tracking.synchronise import Moment, moments_with_images
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
@@ -20,6 +22,8 @@ Seen: TypeAlias = tuple[Moment, list[ImageArray | None]]
 
 # Frames of different length at the end of two videos that are still taken for the same recording.
 SLACK_FRAMES = 2
+# A search takes frames of different cameras within so many seconds for one look.
+RECENT = 0.15
 
 
 @dataclass(frozen=True)
@@ -29,14 +33,15 @@ class Start:
     Attributes:
         position: ``(3,)`` metres; None searches the volume.
         spread: standard deviation around it, m.
-        volume: ``(2, 3)`` corners in which a lost ball is searched, m.
         particles: how many.
+        search: positions ``(particles, 3)`` after one look at everything: the start without a position, and for a ball
+            that was lost.
     """
 
     position: FloatArray | None
     spread: float
-    volume: FloatArray
     particles: int
+    search: Callable[[Views, np.random.Generator], FloatArray]
 
 
 @dataclass
@@ -47,11 +52,13 @@ class SphereLog:
         positions: one a moment.
         moments: which frames they are of.
         searches: indices of the moments at which the volume was searched.
+        last_search: its time, seconds.
     """
 
     positions: list[Position] = field(default_factory=list)
     moments: list[Moment] = field(default_factory=list)
     searches: list[int] = field(default_factory=list)
+    last_search: float = -np.inf
 
 
 def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
@@ -111,36 +118,49 @@ def run_sphere(
     """
     log = SphereLog()
     state: SphereState | None = None
+    recent = _Recent()
     for moment, images in watch(moments_with_images(moments, videos)):
         glance = Glance(moment.time, images)
-        if state is None:
-            state = _begin(tracker, start, glance, rng, times, log)
-        elif state.unseen > tracker.patience and sum(image is not None for image in images) >= 2:
+        recent.add(glance)
+        if state is None and start.position is not None:
+            particles, views = start.particles, len(images)
+            state = tracker.start_at(start.position, start.spread, particles, views, rng, moment.time)
+        lost = state is None or state.unseen > tracker.patience
+        if lost and recent.count() >= 2 and moment.time - log.last_search > tracker.patience:
             with times.measure("search"):
-                unseen = state.unseen
-                state = tracker.search(start.volume, glance, start.particles, rng)
-                state = SphereState(state.particles, state.time, state.open, unseen)
+                positions = start.search(recent.views(), rng)
+            unseen = 0.0 if state is None else state.unseen
+            state = replace(tracker.start_with(positions, len(images), rng, moment.time), unseen=unseen)
             log.searches.append(len(log.positions))
+            log.last_search = moment.time
+        if state is None:
+            continue
         with times.measure("filter"):
             state, info = tracker.step(state, glance, rng)
         log.positions.append(info.position)
         log.moments.append(moment)
     if not log.positions:
-        raise RunError("expected frames in all videos, got none")
+        raise RunError("expected frames of two videos at about one time, got none; check --offsets or --timestamps")
     return log
 
 
-def _begin(
-    tracker: SphereTracker,
-    start: Start,
-    glance: Glance,
-    rng: np.random.Generator,
-    times: StageTimes,
-    log: SphereLog,
-) -> SphereState:
-    if start.position is not None:
-        views = len(glance.views)
-        return tracker.start_at(start.position, start.spread, start.particles, views, rng, glance.time)
-    log.searches.append(0)
-    with times.measure("search"):
-        return tracker.search(start.volume, glance, start.particles, rng)
+class _Recent:
+    """The newest frame of each camera, for a search: cameras that are out of step never have frames together."""
+
+    def __init__(self) -> None:
+        self._seen: dict[int, tuple[float, NDArray[Any]]] = {}
+        self._now, self._cameras = 0.0, 0
+
+    def add(self, glance: Glance) -> None:
+        """Keep what is new."""
+        self._now, self._cameras = glance.time, len(glance.views)
+        self._seen |= {k: (glance.time, view) for k, view in enumerate(glance.views) if view is not None}
+        self._seen = {k: seen for k, seen in self._seen.items() if self._now - seen[0] <= RECENT}
+
+    def count(self) -> int:
+        """Cameras with a recent frame."""
+        return len(self._seen)
+
+    def views(self) -> Views:
+        """One image a camera, None where none is recent."""
+        return [self._seen[k][1] if k in self._seen else None for k in range(self._cameras)]

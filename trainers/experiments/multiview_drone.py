@@ -1,14 +1,15 @@
 """A flying drone seen by six unsynchronised cameras: the 3D filter with point measurements, against RTK.
 
 Cameras and clocks are calibrated from the first half of the trajectory only; the second half is tracked and scored. The
-filter and plain triangulation get the same pixels, interpolated to common times. The filter's noise is selected on the
-first half too, by the evidence of its pixels, and the lag of the smoother by the distance to RTK there.
+filter and plain triangulation get the same pixels, interpolated to common times. The noise of the filter and the lag of
+its smoother are selected on the first half too, for each number of cameras, by the distance to RTK there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -17,13 +18,8 @@ from tsuiseki.datamodules.readers.multiview_drone import DroneFlight, DroneView
 from tsuiseki.tracking.cameras.moving_target import TimedCamera, calibrate_by_path
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.evaluation.space import acceleration
-from tsuiseki.tracking.filters.motion_3d import ConstantVelocity
-from tsuiseki.tracking.filters.smoothing import smooth
-from tsuiseki.tracking.filters.views import Covering
-from tsuiseki.tracking.filters.weights import weighted_covariance, weighted_mean
-from tsuiseki.tracking.likelihoods.views import PointLikelihood
-from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
-from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.drone_filter import DroneSettings, track_points
 
 CAMERA_COUNTS = (2, 3, 4, 6)
 STEP = 0.04
@@ -31,41 +27,42 @@ STEP = 0.04
 LARGEST_GAP = 3.5
 OFFSETS = np.arange(-120.0, 120.0, 0.5)
 MARGIN = 1.0
-STAGES = 4
+# What is tried on the first half, in the first so many of every so many seconds.
+AGITATIONS = (1.0, 2.0, 4.0, 8.0)
+INFLATIONS = (1.0, 2.0, 4.0)
+LAGS = (0.0, 0.12, 0.24, 0.48, 0.96)
+SELECTION_STRETCH, SELECTION_PERIOD = 20.0, 60.0
+
+Candidate: TypeAlias = tuple[float, float]
+"""Agitation and inflation."""
 
 
 @dataclass(frozen=True)
-class DroneSettings:
-    """Of the filter.
+class Trial:
+    """One way to set the filter, on parts of the first half.
 
     Attributes:
-        particles: how many.
-        agitation: change of velocity in one second, m/s.
-        inflation: the pixels' standard deviation over that of the fit: their errors last for many frames.
-        lag: seconds by which an estimate waits for more pixels.
-        longest_alone: seconds for which one camera alone is believed.
+        settings: tried.
+        median: of the distance to RTK, metres.
+        log_evidence: of the pixels; the same for all lags.
     """
 
-    particles: int = 1000
-    agitation: float = 8.0
-    inflation: float = 2.0
-    lag: float = 0.48
-    longest_alone: float = 1.0
-
-
-@dataclass(frozen=True)
-class Course:
-    """What the filter found.
-
-    Attributes:
-        points: ``(T, 3)`` smoothed positions, metres; NaN where there is none.
-        alone: ``(T,)`` whether one camera alone carried them.
-        log_evidence: of all pixels.
-    """
-
-    points: FloatArray
-    alone: BoolArray
+    settings: DroneSettings
+    median: float
     log_evidence: float
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What the first half says of the filter.
+
+    Attributes:
+        settings: of the least median.
+        trials: all.
+    """
+
+    settings: DroneSettings
+    trials: tuple[Trial, ...]
 
 
 @dataclass(frozen=True)
@@ -111,75 +108,43 @@ def calibrate_flight(
 def half_of(
     flight: DroneFlight, cameras: Sequence[TimedCamera], first: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Common times ``(T,)``, pixels ``(T, C, 2)`` with NaN where a camera saw nothing, true positions ``(T, 3)``."""
+    """What the first C cameras saw in one half of the flight.
+
+    Returns:
+        Common times ``(T,)``, pixels ``(T, C, 2)`` with NaN where a camera saw nothing, true positions ``(T, 3)``.
+    """
     middle, end = float(flight.times[len(flight.times) // 2]), float(flight.times[-1])
     begin, end = (0.0, middle) if first else (middle, end)
     times = np.arange(begin + MARGIN, end - MARGIN, STEP)
-    pixels = np.stack([_at(times, v, c) for v, c in zip(flight.views, cameras, strict=True)], axis=1)
+    pixels = np.stack([_at(times, v, c) for v, c in zip(flight.views[: len(cameras)], cameras, strict=True)], axis=1)
     return times, pixels, np.asarray(CubicSpline(flight.times, flight.points)(times))
 
 
-def track_points(
+def select_settings(
+    flight: DroneFlight,
     cameras: Sequence[TimedCamera],
-    times: FloatArray,
-    pixels: FloatArray,
-    start: FloatArray,
-    settings: DroneSettings,
-    rng: np.random.Generator,
-) -> Course:
-    """The filter over all moments, then the smoother.
+    seed: int,
+    watch: Callable[[Iterable[Candidate]], Iterable[Candidate]] = iter,
+) -> Selection:
+    """Noise and lag of the least median distance to RTK in parts of the first half of the flight.
 
-    Args:
-        cameras: C cameras.
-        times: ``(T,)`` seconds.
-        pixels: ``(T, C, 2)``, NaN where a camera saw nothing.
-        start: ``(T, 3)`` triangulated positions, NaN where there is none: where the filter begins, and begins again
-            after nothing or one camera alone was seen for too long.
-        settings: of the filter.
-        rng: random numbers.
+    The evidence of each noise is kept beside it. It is not what decides: errors of calibration and clocks last for many
+    frames, and the filter's likelihood takes them for independent.
     """
-    motion = ConstantVelocity(settings.agitation)
-    likelihood = PointLikelihood([c.camera for c in cameras], pixel_noise(cameras) * settings.inflation)
-    tracker = SphereTracker(likelihood, motion, Covering(0.05, 5.0, 0.01), largest_deviation=1.0, stages=STAGES)
-    points, alone = np.full((len(times), 3), np.nan), np.zeros(len(times), dtype=np.bool_)
-    seen, known = np.isfinite(pixels[:, :, 0]), np.isfinite(start[:, 0])
-    stretch = list[int]()
-    means, covariances = np.empty((len(times), 6)), np.empty((len(times), 6, 6))
-
-    def finish() -> None:
-        if stretch:
-            points[stretch] = smooth(times[stretch], means[stretch], covariances[stretch], motion.linear, settings.lag)[
-                0
-            ][:, :3]
-            stretch.clear()
-
-    state: SphereState | None = None
-    evidence, last_pair = 0.0, -np.inf
-    for k, time in enumerate(times):
-        if known[k]:
-            last_pair = time
-        if time - last_pair > settings.longest_alone:
-            finish()
-            state = None
-            continue
-        if state is None:
-            state = tracker.start_at(start[k], 0.3, settings.particles, len(cameras), rng, time, speed=4.0)
-        views = [pixel if one else None for pixel, one in zip(pixels[k], seen[k], strict=True)]
-        state, info = tracker.step(state, Glance(float(time), views), rng)
-        cloud = state.particles
-        means[k] = weighted_mean(cloud.particles, cloud.log_weights)
-        covariances[k] = weighted_covariance(cloud.particles, cloud.log_weights)
-        evidence += info.log_evidence
-        alone[k] = not known[k] and seen[k].sum() == 1
-        stretch.append(k)
-    finish()
-    return Course(points, alone, evidence)
-
-
-def pixel_noise(cameras: Sequence[TimedCamera]) -> FloatArray:
-    """``(C,)`` standard deviation along x and y of the fitted pixels, from their median distance."""
-    # The median of a Rayleigh distribution is 1.1774 standard deviations.
-    return np.array([max(float(np.median(c.residuals)) / 1.1774, 0.5) for c in cameras])
+    times, pixels, truth = half_of(flight, cameras, first=True)
+    part = np.mod(times, SELECTION_PERIOD) < SELECTION_STRETCH
+    times, pixels, truth = times[part], pixels[part], truth[part]
+    triangulated, _ = triangulate([c.camera for c in cameras], pixels)
+    known = np.isfinite(triangulated[:, 0])
+    tried = []
+    for agitation, inflation in watch([(a, i) for a in AGITATIONS for i in INFLATIONS]):
+        settings = DroneSettings(agitation=agitation, inflation=inflation)
+        rng = np.random.default_rng((seed, len(cameras), 6))
+        course = track_points(cameras, times, pixels, triangulated, settings, rng)
+        for lag in LAGS:
+            away = np.sqrt(np.square(course.smoothed(lag) - truth).sum(axis=1))[known]
+            tried.append(Trial(replace(settings, lag=lag), float(np.median(away)), course.log_evidence))
+    return Selection(min(tried, key=lambda t: t.median).settings, tuple(tried))
 
 
 def score_flight(
@@ -193,7 +158,7 @@ def score_flight(
     """Filter and triangulation with ``cameras`` against the truth."""
     triangulated, _ = triangulate([c.camera for c in cameras], pixels)
     course = track_points(cameras, times, pixels, triangulated, settings, np.random.default_rng((seed, len(cameras))))
-    estimates, alone = course.points, course.alone
+    estimates, alone = course.smoothed(settings.lag), course.alone
     both = np.isfinite(triangulated[:, 0]) & np.isfinite(estimates[:, 0])
     away, plain = (np.sqrt(np.square(p - truth).sum(axis=1)) for p in (estimates, triangulated))
     single = away[alone & np.isfinite(away)]

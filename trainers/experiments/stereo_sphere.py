@@ -6,8 +6,11 @@ same for all seeds.
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -16,7 +19,9 @@ from tsuiseki.datamodules.scenes.ball import BallScene, BallSettings, background
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, Motion3D, RandomWalk
 from tsuiseki.tracking.filters.views import Covering
+from tsuiseki.tracking.likelihoods.sphere import ContourSettings
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
+from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -111,6 +116,28 @@ def run_film(
         for run in runs:
             run.see(index, images, board)
     return [run.outcome() for run in runs]
+
+
+def kept_film(
+    folder: Path,
+    seed: int,
+    settings: BallSettings,
+    rows: Sequence[Configuration],
+    watch: Callable[[Iterable[list[ImageArray]]], Iterable[list[ImageArray]]] = iter,
+) -> list[Outcome]:
+    """`run_film`, read from ``folder`` when the same film was run before, else kept there."""
+    what = repr((settings, rows, ContourSettings(), Covering()))
+    path = folder / f"{seed}-{hashlib.sha256(what.encode()).hexdigest()[:12]}.json"
+    if path.is_file():
+        return [
+            Outcome(DistanceScores(**row["to_position"]), DistanceScores(**row["to_path"]))
+            for row in json.loads(path.read_text(encoding="utf-8"))
+        ]
+    found = run_film(seed, settings, rows, watch)
+    folder.mkdir(parents=True, exist_ok=True)
+    with output_file(path, overwrite=True) as work:
+        work.write_text(json.dumps([asdict(o) for o in found]), encoding="utf-8")
+    return found
 
 
 class _Run:

@@ -1,0 +1,127 @@
+"""The 3D filter on measured pixels of several cameras, and the smoother behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.moving_target import TimedCamera
+from tsuiseki.tracking.filters.motion_3d import ConstantVelocity
+from tsuiseki.tracking.filters.smoothing import smooth
+from tsuiseki.tracking.filters.views import Covering
+from tsuiseki.tracking.filters.weights import weighted_covariance, weighted_mean
+from tsuiseki.tracking.likelihoods.views import PointLikelihood
+from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+# A detector seldom misses for long, so a view opens again soon.
+COVERING = Covering(covers=0.05, opens=5.0, floor=0.01)
+STAGES = 4
+# Spread of a start, metres and m/s.
+SPREAD, SPEED = 0.3, 4.0
+
+
+@dataclass(frozen=True)
+class DroneSettings:
+    """Of the filter.
+
+    Attributes:
+        particles: how many.
+        agitation: change of velocity in one second, m/s.
+        inflation: the pixels' standard deviation over that of the fit: their errors last for many frames.
+        lag: seconds by which an estimate waits for more pixels.
+        longest_alone: seconds for which one camera alone is believed.
+    """
+
+    particles: int = 500
+    agitation: float = 4.0
+    inflation: float = 2.0
+    lag: float = 0.24
+    longest_alone: float = 1.0
+
+
+@dataclass(frozen=True)
+class Course:
+    """What the filter found at T times.
+
+    Attributes:
+        times: ``(T,)`` seconds.
+        means: ``(T, 6)`` positions and velocities.
+        covariances: ``(T, 6, 6)``.
+        stretch: ``(T,)`` number of the unbroken stretch that each time belongs to; -1 where nothing is known.
+        alone: ``(T,)`` whether one camera alone was there.
+        log_evidence: of all pixels.
+        motion: of the filter.
+    """
+
+    times: FloatArray
+    means: FloatArray
+    covariances: FloatArray
+    stretch: IntArray
+    alone: BoolArray
+    log_evidence: float
+    motion: ConstantVelocity
+
+    def smoothed(self, lag: float) -> FloatArray:
+        """``(T, 3)`` positions given the pixels up to ``lag`` seconds later; NaN where nothing is known."""
+        points = np.full((len(self.times), 3), np.nan)
+        for number in range(int(self.stretch.max()) + 1):
+            part = self.stretch == number
+            means, _ = smooth(self.times[part], self.means[part], self.covariances[part], self.motion.linear, lag)
+            points[part] = means[:, :3]
+        return points
+
+
+def track_points(
+    cameras: Sequence[TimedCamera],
+    times: FloatArray,
+    pixels: FloatArray,
+    start: FloatArray,
+    settings: DroneSettings,
+    rng: np.random.Generator,
+) -> Course:
+    """The filter over all moments.
+
+    Args:
+        cameras: C cameras.
+        times: ``(T,)`` seconds.
+        pixels: ``(T, C, 2)``, NaN where a camera saw nothing.
+        start: ``(T, 3)`` triangulated positions, NaN where there is none: where the filter begins, and begins again
+            after less than two cameras saw the target for too long.
+        settings: of the filter.
+        rng: random numbers.
+    """
+    likelihood = PointLikelihood([c.camera for c in cameras], pixel_noise(cameras) * settings.inflation)
+    motion = ConstantVelocity(settings.agitation)
+    tracker = SphereTracker(likelihood, motion, COVERING, largest_deviation=1.0, stages=STAGES)
+    seen, known = np.isfinite(pixels[:, :, 0]), np.isfinite(start[:, 0])
+    means, covariances = np.full((len(times), 6), np.nan), np.full((len(times), 6, 6), np.nan)
+    stretch = np.full(len(times), -1)
+    state: SphereState | None = None
+    number, evidence, last_pair = -1, 0.0, -np.inf
+    for k, time in enumerate(times):
+        last_pair, before = (float(time) if known[k] else last_pair), last_pair
+        lost = state is not None and state.unseen > tracker.patience and known[k]
+        if time - before > settings.longest_alone or lost:
+            state = None
+        if time - last_pair > settings.longest_alone:
+            continue
+        if state is None:
+            state = tracker.start_at(start[k], SPREAD, settings.particles, len(cameras), rng, float(time), SPEED)
+            number += 1
+        views = [pixel if one else None for pixel, one in zip(pixels[k], seen[k], strict=True)]
+        state, info = tracker.step(state, Glance(float(time), views), rng)
+        means[k] = weighted_mean(state.particles.particles, state.particles.log_weights)
+        covariances[k] = weighted_covariance(state.particles.particles, state.particles.log_weights)
+        stretch[k] = number
+        evidence += info.log_evidence
+    alone = ~known & (seen.sum(axis=1) == 1) & (stretch >= 0)
+    return Course(times, means, covariances, stretch, alone, evidence, motion)
+
+
+def pixel_noise(cameras: Sequence[TimedCamera]) -> FloatArray:
+    """``(C,)`` standard deviation along x and y of the fitted pixels, from their median distance."""
+    # The median of a Rayleigh distribution is 1.1774 standard deviations.
+    return np.array([max(float(np.median(c.residuals)) / 1.1774, 0.5) for c in cameras])
