@@ -60,10 +60,18 @@ def test_a_box_without_labels(labelled, tmp_path):
         (["--box", "0,0,300,20"], "expected a box that fits into the 140x100 image"),
         (["--box", "20,20,9,9", "--select"], "expected one of --box and --select"),
         (["--box", "20,20,9,9", "--method", "kcf", "--past", "score"], "--past: expected with --method kcf-particle"),
+        (
+            ["--box", "20,20,9,9", "--method", "csk", "--scale", "true"],
+            "--scale: expected with --method kcf-particle or kcf",
+        ),
+        (["--box", "20,20,9,9", "--preset", "paper"], "--preset paper: expected with --method kcf only"),
+        (["--select"], "--select: expected a display"),
         (["--box", "20,20,9,9", "--method", "struck"], "--method"),
     ],
 )
-def test_wrong_requests_are_one_line_and_status_2(labelled, tmp_path, capsys, options, said):
+def test_wrong_requests_are_one_line_and_status_2(labelled, tmp_path, capsys, monkeypatch, options, said):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     assert main(["track", "single", str(labelled / "img"), "--out", str(tmp_path / "o"), *options]) == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert said in error[-1]
