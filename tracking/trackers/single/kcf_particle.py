@@ -37,8 +37,10 @@ from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, KcfParticleSettings
 from tsuiseki.tracking.trackers.single.particles import (
     best_by_filter,
+    densest,
     dispersion,
     draw_particles,
+    jump_prior,
     random_walk,
     step_deviation,
 )
@@ -141,8 +143,13 @@ class KcfParticle:
         past = self._archive.candidates()
         peaks = self._highest_maxima(image)
         weights = self._archive.weights(settings.past == "score")
+        shares = (
+            jump_prior(peaks, self.target.centre, self.model.target * self.target.size)
+            if settings.prefers_near
+            else None
+        )
         particles = draw_particles(
-            peaks, len(past), weights, settings.past_share, settings.particles, self._deviation, self._rng
+            peaks, len(past), weights, settings.past_share, settings.particles, self._deviation, self._rng, shares
         )
         banks = [self.target.bank] * len(peaks) + list(past)
         if not settings.learns_while_searching:  # the hypotheses stay one filter, which then responds only once
@@ -209,7 +216,8 @@ class KcfParticle:
         view = self._view(image, search.bank)
         state, _ = self._filter(move).step(search.state, view, self._rng)
         weights = probabilities(state.log_weights)
-        best = state.particles[int(np.argmax(weights))]
+        chosen = densest(state.particles, weights, self._deviation) if settings.densest else int(np.argmax(weights))
+        best = state.particles[chosen]
         response = float(view.maps.at(best[None, :2], best[None, 2].astype(np.int64))[0])
         self.searched_frames += 1
         place = view.maps.climb(best[:2], int(best[2])) if settings.climbs else best[:2].copy()
@@ -230,7 +238,7 @@ class KcfParticle:
         sure = not settings.ends_when_sure or not self._confidence.doubts(settings, image, self._box(), response)
         if sure or search.frames + 1 >= settings.longest_search:
             self._doubted = 0 if sure else self._doubted
-            self._end_search(bank.select(slice(int(numbers[np.argmax(weights)]), int(numbers[np.argmax(weights)]) + 1)))
+            self._end_search(bank.select(slice(int(numbers[chosen]), int(numbers[chosen]) + 1)))
 
     def _end_search(self, bank: FilterBank) -> None:
         """3.2.6: the best particle's filter goes on alone."""
