@@ -103,8 +103,8 @@ def _results(
 
     values: dict[str, Any] = {"sequences": [c.sequence.name for c in clips], "seeds": seeds[0], "sweep_seeds": seeds[1]}
     if "sweeps" in parts:
-        sweeps = {sweep: experiment.run_sweep(runs, sweep, clips, range(seeds[1])) for sweep in experiment.SWEEPS}
-        values["sweeps"] = {s.name: _show_sweep(s, r) for s, r in sweeps.items()}
+        sweeps = [(sweep, experiment.run_sweep(runs, sweep, clips, range(seeds[1]))) for sweep in experiment.SWEEPS]
+        values["sweeps"] = {s.name: _show_sweep(s, r) for s, r in sweeps}
         plots.plot_sweeps(sweeps, work / "sweeps.png")
     if "comparison" in parts:
         results = experiment.compare(runs, clips, range(seeds[0]))
