@@ -66,7 +66,8 @@ class TemplateMatching:
             # Velocities wander by a tenth of a side a frame.
             noise = np.diag([0.0025, 0.0025, 0.01, 0.01]) * self._size.mean() ** 2
             self._motion = predict(self._motion, np.eye(4) + np.eye(4, k=2), noise)
-        centre = self._motion.mean[0, :2]
+        # Nothing is to be found outside the image, and nothing would stop the box there.
+        centre = np.clip(self._motion.mean[0, :2], 0, [image.shape[1], image.shape[0]])
         height, width = self._shape
         reach_x, reach_y = round(REACH * width), round(REACH * height)
         area = self._grey(image, centre, width + 2 * reach_x, height + 2 * reach_y)
