@@ -171,6 +171,7 @@ class HistogramMatching:
         scale = np.array([self._scale])
         area = cut(image, self._centre[None], scale, width + 2 * reach_x, height + 2 * reach_y)[0]
         row, column, score = active_search(colour_bins(area), self._reference, height, width)
-        self._centre = self._centre + self._scale * np.array([column - reach_x, row - reach_y])
+        found = self._centre + self._scale * np.array([column - reach_x, row - reach_y])
+        self._centre = np.clip(found, 0, [image.shape[1], image.shape[0]])
         status: Status = "tracking" if score >= self.lost_below else "lost"
         return Sighting(np.concatenate([self._centre - self._size / 2, self._centre + self._size / 2]), score, status)
