@@ -8,7 +8,7 @@ from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 
-PARTS = ("sweeps", "comparison", "intervals", "pictures")
+PARTS = ("sweeps", "comparison", "additions", "intervals", "pictures")
 
 
 def multi_correlation_filter(
@@ -32,7 +32,8 @@ def multi_correlation_filter(
         data: folders of sequences (OTB, VOT, UAV123), separated by commas; by default four generated chases.
         attributes: OTB's list of attributes; only sequences in it are used.
         published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
-        parts: sweeps, comparison, intervals, pictures, separated by commas.
+        parts: sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Figs. 3.9, 3.11), additions (ours without one of them at a
+            time), intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
         cache: folder of finished passes.
@@ -83,6 +84,8 @@ def _run_all(runs: Any, clips: Any, parts: list[str], seeds: int, sweep_seeds: i
         jobs += experiment.passes(runs, clips, entrants, range(sweep_seeds))
     if "comparison" in parts:
         jobs += experiment.passes(runs, clips, list(experiment.compared().values()), range(seeds))
+    if "additions" in parts:
+        jobs += experiment.passes(runs, clips, list(experiment.additions().values()), range(sweep_seeds))
     if "intervals" in parts:
         jobs += [partial(one_pass, runs, c, s, k) for s in (THESIS, ROBUST) for k in range(seeds) for c in clips]
     for job in progress(jobs, "passes", len(jobs)):
@@ -100,8 +103,8 @@ def _results(
 
     values: dict[str, Any] = {"sequences": [c.sequence.name for c in clips], "seeds": seeds[0], "sweep_seeds": seeds[1]}
     if "sweeps" in parts:
-        sweeps = {sweep: experiment.run_sweep(runs, sweep, clips, range(seeds[1])) for sweep in experiment.SWEEPS}
-        values["sweeps"] = {s.name: _show_sweep(s, r) for s, r in sweeps.items()}
+        sweeps = [(sweep, experiment.run_sweep(runs, sweep, clips, range(seeds[1]))) for sweep in experiment.SWEEPS]
+        values["sweeps"] = {s.name: _show_sweep(s, r) for s, r in sweeps}
         plots.plot_sweeps(sweeps, work / "sweeps.png")
     if "comparison" in parts:
         results = experiment.compare(runs, clips, range(seeds[0]))
@@ -111,6 +114,10 @@ def _results(
         plots.plot_comparison(results, work / "comparison.png")
         if values["attributes"]:
             plots.plot_attributes(values["attributes"], work / "attributes.png")
+    if "additions" in parts:
+        values["additions"] = _show_additions(
+            {n: experiment.repeat(runs, clips, e, range(seeds[1])) for n, e in experiment.additions().items()}
+        )
     if "intervals" in parts:
         values["intervals"] = {}
         for name, settings in (("thesis", THESIS), ("robust", ROBUST)):
@@ -133,6 +140,13 @@ def _show_sweep(sweep: Any, results: Any) -> dict[str, Any]:
         paper = f"{sweep.paper[value]:.2f}" if value in sweep.paper else "-"
         print(f"{value:8g}  {paper:>6}  {_spread(result.areas())}")
     return {f"{value:g}": {"paper": sweep.paper.get(value), "here": r.areas().tolist()} for value, r in results.items()}
+
+
+def _show_additions(results: Any) -> dict[str, Any]:
+    print("\nOurs, and ours with one addition taken back: AUC [%], 21 thresholds")
+    for name, result in results.items():
+        print(f"{name:32}{_spread(result.areas(thesis=False))}")
+    return {name: result.areas(thesis=False).tolist() for name, result in results.items()}
 
 
 def _show_comparison(results: Any) -> dict[str, Any]:

@@ -40,7 +40,7 @@ def single(
     """Follow one target through a video, and say in every frame how sure the box is.
 
     DIR gets boxes.txt (x,y,width,height a line, counted from 1), run.json with the score and status of every frame and,
-    with --overlay, overlay.webm.
+    with --overlay and --plot, overlay.webm (a dashed box is searched for or lost) and peaks.png.
 
     Args:
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), the number of a
@@ -140,6 +140,8 @@ def _tracker(
     from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
     from tsuiseki.tracking.trackers.single.methods import make_tracker
 
+    if preset == "paper" and method != "kcf":
+        raise RequestError(f"--preset paper: expected with --method kcf only, got --method {method}")
     tracker = make_tracker(method, preset, scale, seed)
     if isinstance(tracker, KcfParticle):
         settings = tracker.settings
@@ -152,6 +154,8 @@ def _tracker(
     for name, value in (("--past", past), ("--redetect", redetect or None), ("--objectness", objectness)):
         if value is not None:
             raise RequestError(f"{name}: expected with --method kcf-particle only, got --method {method}")
+    if scale is not None and method != "kcf":
+        raise RequestError(f"--scale: expected with --method kcf-particle or kcf only, got --method {method}")
     own = getattr(tracker, "settings", None)
     return tracker, asdict(own) if own is not None else {}
 

@@ -29,7 +29,7 @@ def curves_figure(results: Mapping[str, Mapping[str, Curves]]) -> Figure:
     from matplotlib.figure import Figure
 
     groups = [g for g in next(iter(results.values())) if g != "ALL"]
-    figure = Figure(figsize=(11, 8.2 if groups else 4.4), layout="constrained")
+    figure = Figure(figsize=(13, 8.2 if groups else 4.4), layout="constrained")
     axes = figure.subplot_mosaic(
         [["success", "precision"], ["groups", "groups"]] if groups else [["success", "precision"]]
     )
@@ -72,7 +72,7 @@ def _label(axes: Axes, x: str, y: str, title: str) -> None:
     axes.set_ylim(0, 100)
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
 
 
 def _plain(name: str) -> str:
@@ -97,7 +97,7 @@ def peaks_figure(estimates: Sequence[Estimate]) -> Figure:
     axes.set_ylabel("Score")
     axes.spines[["top", "right"]].set_visible(False)
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(frameon=False)
+        axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
     return figure
 
 

@@ -34,9 +34,11 @@ def cut(image: ImageArray, centres: FloatArray, scales: FloatArray, width: int, 
         width: of a patch.
         height: of a patch.
     """
+    # A window outside the image shows its border wherever it stands: without bounds its margin would fill the memory.
+    reach = np.asarray(scales)[:, None] * np.array([width, height]) / 2 + 1
+    centres = np.clip(centres, -reach, np.array([image.shape[1], image.shape[0]]) + reach)
     halvings = max(0, int(np.floor(np.log2(np.max(scales)))) - 1)
     if halvings:
-        reach = np.max(scales) * np.array([width, height]) / 2
         image, origin = _halved(image, (centres - reach).min(axis=0), (centres + reach).max(axis=0), halvings)
         centres, scales = (centres - origin) / 2**halvings, scales / 2**halvings
     return np.stack(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -82,6 +83,29 @@ def alone(settings: kcf.KcfSettings) -> Entrant:
 def baseline(method: Method) -> Entrant:
     """A tracker of chapter 2."""
     return Entrant(method, lambda seed: make_tracker(method, seed=seed), random=method == "colour-particle")
+
+
+def additions() -> dict[str, Entrant]:
+    """Ours, and ours with one addition at a time taken back to the thesis's value."""
+    named: dict[str, dict[str, Any]] = {
+        "all additions": {},
+        "mixture of equal maxima": {"prefers_near": THESIS.prefers_near},
+        "heaviest particle": {"densest": THESIS.densest},
+        "not uphill": {"climbs": THESIS.climbs},
+        "one window": {"reach": THESIS.reach},
+        "S of the thesis": {"spread": THESIS.spread},
+        "likelihood to the first power": {"sharpness": THESIS.sharpness},
+        "no colours in the likelihood": {"colour": THESIS.colour},
+        "no relative switch": {"relative_switch": THESIS.relative_switch},
+        "no drift switch": {"drift_switch": THESIS.drift_switch},
+        "ends on agreement alone": {"ends_when_sure": THESIS.ends_when_sure},
+        "learns while searching": {"learns_while_searching": THESIS.learns_while_searching},
+        "first filter not kept": {"keeps_first": THESIS.keeps_first},
+        "U = 20, every frame": {"stored": THESIS.stored, "store_interval": THESIS.store_interval},
+        "past drawn uniformly": {"past": THESIS.past},
+        "H = 50": {"plain_frames": THESIS.plain_frames},
+    }
+    return {name: combined(replace(ROBUST, **fields)) for name, fields in named.items()}
 
 
 def compared() -> dict[str, Entrant]:

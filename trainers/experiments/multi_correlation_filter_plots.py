@@ -20,12 +20,12 @@ STYLES = ("-", "--", ":")
 PICTURES = 4
 
 
-def plot_sweeps(sweeps: Mapping[Sweep, Mapping[float, Repeated]], path: Path) -> None:
+def plot_sweeps(sweeps: Sequence[tuple[Sweep, Mapping[float, Repeated]]], path: Path) -> None:
     """One panel a parameter: the mean over seeds with its spread, and the paper's points."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(3.2 * len(sweeps), 3.2), layout="constrained")
-    for axes, (sweep, results) in zip(np.atleast_1d(figure.subplots(1, len(sweeps))), sweeps.items(), strict=True):
+    for axes, (sweep, results) in zip(np.atleast_1d(figure.subplots(1, len(sweeps))), sweeps, strict=True):
         areas = [r.areas() for r in results.values()]
         axes.errorbar(
             list(results),
@@ -49,7 +49,7 @@ def plot_comparison(results: Mapping[str, Repeated], path: Path) -> None:
     """Fig. 3.9: success curves, best first."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.5, 4.8), layout="constrained")
+    figure = Figure(figsize=(9, 4.8), layout="constrained")
     axes = figure.subplots()
     ranked = sorted(results.items(), key=lambda item: -item[1].areas().mean())
     for n, (name, result) in enumerate(ranked):
@@ -60,7 +60,7 @@ def plot_comparison(results: Mapping[str, Repeated], path: Path) -> None:
     axes.set_xlabel("Overlap threshold")
     axes.set_ylabel("Frames above it [%]")
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=7)
+    axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
     figure.savefig(path, dpi=110, facecolor="white")
 
 
@@ -93,6 +93,8 @@ def plot_intervals(found: Intervals, path: Path) -> None:
             axes.plot(OVERLAPS, curve, color=COLOURS[n], label=f"{name} [{Intervals.area(overlaps):.1f}]")
         axes.set_title(title, loc="left")
         axes.set_xlabel("Overlap threshold")
+        axes.set_ylabel("Frames above it [%]")
+        axes.set_ylim(0, 102)
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(frameon=False)
     figure.savefig(path, dpi=110, facecolor="white")

@@ -60,10 +60,18 @@ def test_a_box_without_labels(labelled, tmp_path):
         (["--box", "0,0,300,20"], "expected a box that fits into the 140x100 image"),
         (["--box", "20,20,9,9", "--select"], "expected one of --box and --select"),
         (["--box", "20,20,9,9", "--method", "kcf", "--past", "score"], "--past: expected with --method kcf-particle"),
+        (
+            ["--box", "20,20,9,9", "--method", "csk", "--scale", "true"],
+            "--scale: expected with --method kcf-particle or kcf",
+        ),
+        (["--box", "20,20,9,9", "--preset", "paper"], "--preset paper: expected with --method kcf only"),
+        (["--select"], "--select: expected a display"),
         (["--box", "20,20,9,9", "--method", "struck"], "--method"),
     ],
 )
-def test_wrong_requests_are_one_line_and_status_2(labelled, tmp_path, capsys, options, said):
+def test_wrong_requests_are_one_line_and_status_2(labelled, tmp_path, capsys, monkeypatch, options, said):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     assert main(["track", "single", str(labelled / "img"), "--out", str(tmp_path / "o"), *options]) == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert said in error[-1]
@@ -74,3 +82,49 @@ def test_a_result_of_another_length_is_said(labelled, tmp_path, capsys):
     (tmp_path / "r.txt").write_text("21,31,30,35\n" * 3)
     assert main(["evaluate", "single", str(labelled), str(tmp_path / "r.txt")]) == 0
     assert "3 results for 8 boxes: the 3 frames that both have are scored" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tmp_path, capsys):
+    out, cache = tmp_path / "out", tmp_path / "cache"
+    words = ["reproduce", "multi-correlation-filter", "--data", str(labelled), "--cache", str(cache)]
+    words += ["--seeds", "1", "--sweep_seeds", "1"]
+    assert main([*words, "--out", str(out)]) == 0
+    made = {p.name for p in out.iterdir()}
+    assert {"results.json", "sweeps.png", "comparison.png", "intervals-thesis.png", "intervals-robust.png"} <= made
+    values = json.loads((out / "results.json").read_text())
+    assert values["sweeps"]["alpha"]["0.3"]["paper"] == 38.60
+    assert len(values["additions"]) == 16
+    said = capsys.readouterr().out
+    assert "no published scores of CSK, VTS" in said
+    before = sorted(p.stat().st_mtime_ns for p in cache.iterdir())
+    assert main([*words, "--out", str(tmp_path / "again")]) == 0
+    assert sorted(p.stat().st_mtime_ns for p in cache.iterdir()) == before
+    assert json.loads((tmp_path / "again" / "results.json").read_text()) == values
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--parts", "sweep"], "--parts: expected some of sweeps, comparison"),
+        (["--seeds", "0"], "--seeds: expected at least 1"),
+        (["--data", "nowhere"], "expected a folder of sequences or a label file at nowhere"),
+    ],
+)
+def test_wrong_experiments_are_refused(tmp_path, capsys, options, said):
+    assert main(["reproduce", "multi-correlation-filter", "--out", str(tmp_path / "o"), *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
+def test_objectness_is_learnt_from_folders_and_needs_enough_boxes(labelled, tmp_path, capsys):
+    pytest.importorskip("sklearn", reason="training needs the train extra")
+    words = ["train", "objectness", "--out", str(tmp_path / "m.json"), "--interval", "1"]
+    assert main([*words, "--data", str(labelled)]) == 2
+    assert "expected at least 20 labelled boxes" in capsys.readouterr().err
+    assert not (tmp_path / "m.json").exists()
+    assert main([*words, "--data", ",".join([str(labelled)] * 4), "--test", str(labelled), "--plot", "r.txt"]) == 2
+    assert main([*words, "--data", ",".join([str(labelled)] * 4), "--test", str(labelled)]) == 0
+    assert "windows  boxes found" in capsys.readouterr().out
+    track = ["track", "single", str(labelled), "--objectness", str(tmp_path / "m.json"), "--preset", "thesis"]
+    assert main([*track, "--out", str(tmp_path / "o")]) == 0

@@ -58,3 +58,13 @@ def test_colours_tell_the_target_from_its_surroundings():
 @pytest.mark.parametrize("box", [[-50, -50, -20, -20], [0, 0, 80, 60]])
 def test_without_target_or_surroundings_there_are_no_colours(box):
     assert ForegroundColour.learn(np.zeros((60, 80, 3), dtype=np.uint8), np.array(box, dtype=float)) is None
+
+
+def test_climbing_ends_on_the_maximum_between_cells():
+    cells = np.arange(8)
+    bump = np.exp(-0.1 * ((cells - 2.25)[None] ** 2 + (cells - 3.0)[:, None] ** 2)).astype(np.float32)
+    maps = ResponseMaps(bump[None, None], np.array([[100.0, 200.0]]), cell=4.0)
+    # a parabola through a Gaussian is a hundredth of a cell off
+    np.testing.assert_allclose(maps.climb(np.array([105.0, 209.0]), 0), [109, 212], atol=0.1)
+    far = np.array([100.0, 200.0])  # two cells away: one step uphill does not reach it
+    assert np.abs(maps.climb(far, 0) - far).max() <= 1.5 * 4

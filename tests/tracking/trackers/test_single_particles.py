@@ -7,8 +7,10 @@ from tsuiseki.tracking.filters.correlation import GaussianKernel, gaussian_label
 from tsuiseki.tracking.trackers.single.archive import Archive
 from tsuiseki.tracking.trackers.single.particles import (
     best_by_filter,
+    densest,
     dispersion,
     draw_particles,
+    jump_prior,
     random_walk,
     step_deviation,
 )
@@ -95,3 +97,21 @@ def test_the_archive_forgets_the_oldest_and_keeps_the_first_frame():
     assert archive.candidates() == (single[0], single[2], single[3])
     assert archive.weights(by_score=False).tolist() == [1, 1, 1]
     np.testing.assert_allclose(archive.weights(by_score=True), [0.3, 0.2, 0.3])
+
+
+def test_a_place_counts_by_the_particles_around_it():
+    rng = np.random.default_rng(0)
+    group = np.column_stack([rng.normal(50, 0.5, (40, 2)), np.zeros(40)])
+    alone = np.array([[10.0, 10.0, 1.0]])
+    weights = np.append(np.full(40, 0.8 / 40), 0.2)  # ten times as heavy as each of the others
+    particles = np.concatenate([group, alone])
+    weights[7] = 0.04
+    assert densest(particles, weights, np.array([2.0, 2.0])) == 7
+
+
+def test_near_maxima_are_drawn_more_often():
+    shares = jump_prior(np.array([[0.0, 0], [20, 0], [0, 80]]), np.zeros(2), np.array([20.0, 40.0]))
+    # 1, 1 / 2 and 1 / 5, normalised
+    np.testing.assert_allclose(shares, np.array([10, 5, 2]) / 17)
+    particles = draw_particles(PEAKS, 0, np.empty(0), 0.0, 20000, DEVIATION, np.random.default_rng(0), shares)
+    np.testing.assert_allclose(np.bincount(particles[:, 2].astype(int)) / 20000, shares, atol=0.015)

@@ -205,6 +205,17 @@ def test_a_target_that_does_not_come_back_is_lost():
     assert statuses[-1] == "lost"
 
 
+def test_a_new_look_is_followed_after_the_longest_search():
+    """The target turns blue for good: nothing explains it any more, so the filter goes on, and says that it doubts."""
+    images, boxes = clip(walk(40))
+    changed = [image if t < 12 else np.ascontiguousarray(image[..., ::-1]) for t, image in enumerate(images)]
+    tracker = KcfParticle(replace(ROBUST, longest_search=6))
+    statuses = [s.status for s in run(tracker, changed, boxes[0])]
+    assert statuses[8] == "tracking"
+    assert "searching" in statuses[12:20]
+    assert tracker.searched_frames < 28
+
+
 def test_a_wider_search_finds_a_target_that_jumped():
     """It jumps two of its widths, beyond the window of the filter."""
     path = np.concatenate([np.tile([[50.0, 80.0]], (12, 1)), np.tile([[100.0, 80.0]], (12, 1))])

@@ -16,7 +16,7 @@ Where the text leaves a choice:
 * (3.7): see `particles.dispersion` for the matrix C and the filter numbers, `particles.step_deviation` for ``a``.
 * Particles are drawn anew in every frame of the search, systematically.
 
-What `ROBUST` adds, each for a failure seen on videos: see the attributes below the line in `KcfParticleSettings`.
+What the preset `ROBUST` adds, each for a failure seen on videos, stands second in `KcfParticleSettings`.
 """
 
 from __future__ import annotations
@@ -37,8 +37,10 @@ from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, KcfParticleSettings
 from tsuiseki.tracking.trackers.single.particles import (
     best_by_filter,
+    densest,
     dispersion,
     draw_particles,
+    jump_prior,
     random_walk,
     step_deviation,
 )
@@ -46,6 +48,7 @@ from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 PROPOSALS = 100
 SMALLEST_LIKELIHOOD = 1e-6
+Windows = tuple[Samples, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -137,14 +140,16 @@ class KcfParticle:
 
     def _begin_search(self, image: ImageArray) -> None:
         """Algorithm 1: particles about the highest maxima of the present filter's response."""
-        settings = self.settings
+        settings, target = self.settings, self.target
         past = self._archive.candidates()
-        peaks = self._highest_maxima(image)
+        windows = self._windows(image)
+        peaks = self._highest_maxima(self._maps(windows, target.bank))
         weights = self._archive.weights(settings.past == "score")
+        shares = jump_prior(peaks, target.centre, self.model.target * target.size) if settings.prefers_near else None
         particles = draw_particles(
-            peaks, len(past), weights, settings.past_share, settings.particles, self._deviation, self._rng
+            peaks, len(past), weights, settings.past_share, settings.particles, self._deviation, self._rng, shares
         )
-        banks = [self.target.bank] * len(peaks) + list(past)
+        banks = [target.bank] * len(peaks) + list(past)
         if not settings.learns_while_searching:  # the hypotheses stay one filter, which then responds only once
             particles[:, 2] = np.maximum(particles[:, 2] - (len(peaks) - 1), 0)
             banks = banks[len(peaks) - 1 :]
@@ -152,12 +157,12 @@ class KcfParticle:
         particles[:, 2] = numbers
         bank = join([banks[number] for number in used])
         state = self._filter(move=False).init(particles)
-        self._weigh(image, Search(state, bank, 0), move=False)
+        self._weigh(self._view(image, windows, bank), Search(state, bank, 0), move=False)
 
     def _continue_search(self, image: ImageArray, search: Search) -> None:
-        self._weigh(image, search, move=True)
+        self._weigh(self._view(image, self._windows(image), search.bank), search, move=True)
 
-    def _windows(self, image: ImageArray) -> tuple[Samples, FloatArray]:
+    def _windows(self, image: ImageArray) -> Windows:
         """The windows of a frame of search and their centres."""
         settings, target = self.settings, self.target
         lost = self.search is not None and self._status() == "lost"
@@ -166,19 +171,21 @@ class KcfParticle:
             return self.model.window.describe(image, target.centre[None], np.array([target.size])), target.centre[None]
         return self.model.window.describe_around(image, target.centre, target.size, reach)
 
-    def _view(self, image: ImageArray, bank: FilterBank) -> SearchView:
-        """Responses of all filters in all windows, and what looks like an object near them."""
-        windows, centres = self._windows(image)
+    def _maps(self, windows: Windows, bank: FilterBank) -> ResponseMaps:
+        """Responses of all filters in all windows."""
+        samples, centres = windows
         kernel = self.settings.kcf.kernel
-        maps = np.stack([respond(bank, windows.select(slice(k, k + 1)), kernel) for k in range(len(centres))])
-        proposals = np.empty((0, 4))
+        maps = np.stack([respond(bank, samples.select(slice(k, k + 1)), kernel) for k in range(len(centres))])
+        return ResponseMaps(maps, centres, self.model.window.cell_pixels(self.target.size))
+
+    def _view(self, image: ImageArray, windows: Windows, bank: FilterBank) -> SearchView:
+        """Responses of the filters, and what looks like an object near the windows."""
+        proposals, centres = np.empty((0, 4)), windows[1]
         if self.settings.response_share < 1:
             half = self.model.target * self.target.size * self.settings.kcf.padding / 2
             region = np.concatenate([centres.min(axis=0) - half, centres.max(axis=0) + half])
             proposals, _ = propose(image, self._near_sizes, PROPOSALS, region)
-        return SearchView(
-            ResponseMaps(maps, centres, self.model.window.cell_pixels(self.target.size)), image, proposals
-        )
+        return SearchView(self._maps(windows, bank), image, proposals)
 
     def _boxes(self, particles: FloatArray) -> FloatArray:
         half = self.model.target * self.target.size / 2
@@ -203,21 +210,21 @@ class KcfParticle:
         motion = random_walk(self._deviation) if move else _stay
         return ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=1.0)
 
-    def _weigh(self, image: ImageArray, search: Search, move: bool) -> None:
-        """One frame of search: move, weigh, take the heaviest particle, learn, and see whether they agree."""
+    def _weigh(self, view: SearchView, search: Search, move: bool) -> None:
+        """One frame of search: move, weigh, take the best particle, learn, and see whether they agree."""
         settings = self.settings
-        view = self._view(image, search.bank)
         state, _ = self._filter(move).step(search.state, view, self._rng)
         weights = probabilities(state.log_weights)
-        best = state.particles[int(np.argmax(weights))]
-        response = float(view.maps.at(best[None, :2], best[None, 2].astype(np.int64))[0])
+        chosen = densest(state.particles, weights, self._deviation) if settings.densest else int(np.argmax(weights))
+        best = state.particles[chosen]
         self.searched_frames += 1
         place = view.maps.climb(best[:2], int(best[2])) if settings.climbs else best[:2].copy()
+        response = float(view.maps.at(place[None], best[None, 2].astype(np.int64))[0])
         self.target = replace(self.target, centre=place, peak=response)
         used, places = best_by_filter(state.particles, weights)
         bank = search.bank.select(used)
         if settings.learns_while_searching:
-            bank = self.model.update(bank, image, places, np.full(len(places), self.target.size))
+            bank = self.model.update(bank, view.image, places, np.full(len(places), self.target.size))
             strongest = int(np.argmax(view.maps.maps[:, used].max(axis=(0, 2, 3))))
             value = float(view.maps.maps[:, used[strongest]].max())
             self._archive = self._archive.add(bank.select(slice(strongest, strongest + 1)), value)
@@ -227,25 +234,24 @@ class KcfParticle:
         spread = dispersion(particles, weights, self._deviation**2) / float(np.prod(self.model.target))
         if spread >= settings.convergence:
             return
-        sure = not settings.ends_when_sure or not self._confidence.doubts(settings, image, self._box(), response)
+        sure = not settings.ends_when_sure or not self._confidence.doubts(settings, view.image, self._box(), response)
         if sure or search.frames + 1 >= settings.longest_search:
             self._doubted = 0 if sure else self._doubted
-            self._end_search(bank.select(slice(int(numbers[np.argmax(weights)]), int(numbers[np.argmax(weights)]) + 1)))
+            self._end_search(bank.select(slice(int(numbers[chosen]), int(numbers[chosen]) + 1)))
 
     def _end_search(self, bank: FilterBank) -> None:
         """3.2.6: the best particle's filter goes on alone."""
         self.target = replace(self.target, bank=bank)
         self.search, self._plain_left = None, self.settings.plain_frames
 
-    def _highest_maxima(self, image: ImageArray) -> FloatArray:
+    def _highest_maxima(self, present: ResponseMaps) -> FloatArray:
         """Places ``(M, 2)`` of the highest maxima of the present filter's responses, highest first."""
-        view = self._view(image, self.target.bank)
         places, values = [], []
-        for k, centre in enumerate(view.maps.centres):
-            shifts, heights = local_maxima(view.maps.maps[k, 0], self.settings.hypotheses)
-            found = centre + shifts * view.maps.cell
+        for k, centre in enumerate(present.centres):
+            shifts, heights = local_maxima(present.maps[k, 0], self.settings.hypotheses)
+            found = centre + shifts * present.cell
             # Windows overlap: a maximum counts in the window whose centre is nearest.
-            nearest = np.argmin(((found[:, None] - view.maps.centres[None]) ** 2).sum(axis=2), axis=1)
+            nearest = np.argmin(((found[:, None] - present.centres[None]) ** 2).sum(axis=2), axis=1)
             places.append(found[nearest == k])
             values.append(heights[nearest == k])
         order = np.argsort(-np.concatenate(values), kind="stable")[: self.settings.hypotheses]

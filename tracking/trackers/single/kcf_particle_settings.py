@@ -39,6 +39,8 @@ class KcfParticleSettings:
             good; what follows counts as tracked only once there is no doubt.
         learns_while_searching: whether filters learn before it is known who is right.
         keeps_first: keep the filter of the first frame, the only one that is surely right, in the store.
+        prefers_near: maxima near the last place are drawn more often, by `particles.jump_prior`, instead of P_J = 1/M.
+        densest: output the place where particles are dense, by `particles.densest`, not the heaviest particle's.
         climbs: output the maximum of the response uphill from the best particle, not the particle.
         store_interval: frames between stored filters.
         lost_after: frames of search after which the target counts as lost.
@@ -68,7 +70,9 @@ class KcfParticleSettings:
     longest_search: int = 30
     learns_while_searching: bool = True
     keeps_first: bool = False
+    prefers_near: bool = False
     climbs: bool = False
+    densest: bool = False
     store_interval: int = 1
     lost_after: int = 30
     redetect_reach: int = 0
@@ -90,5 +94,7 @@ ROBUST = KcfParticleSettings(
     store_interval=3,
     learns_while_searching=False,
     keeps_first=True,
+    prefers_near=True,
     climbs=True,
+    densest=True,
 )

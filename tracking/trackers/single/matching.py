@@ -66,7 +66,8 @@ class TemplateMatching:
             # Velocities wander by a tenth of a side a frame.
             noise = np.diag([0.0025, 0.0025, 0.01, 0.01]) * self._size.mean() ** 2
             self._motion = predict(self._motion, np.eye(4) + np.eye(4, k=2), noise)
-        centre = self._motion.mean[0, :2]
+        # Nothing is to be found outside the image, and nothing would stop the box there.
+        centre = np.clip(self._motion.mean[0, :2], 0, [image.shape[1], image.shape[0]])
         height, width = self._shape
         reach_x, reach_y = round(REACH * width), round(REACH * height)
         area = self._grey(image, centre, width + 2 * reach_x, height + 2 * reach_y)
@@ -170,6 +171,7 @@ class HistogramMatching:
         scale = np.array([self._scale])
         area = cut(image, self._centre[None], scale, width + 2 * reach_x, height + 2 * reach_y)[0]
         row, column, score = active_search(colour_bins(area), self._reference, height, width)
-        self._centre = self._centre + self._scale * np.array([column - reach_x, row - reach_y])
+        found = self._centre + self._scale * np.array([column - reach_x, row - reach_y])
+        self._centre = np.clip(found, 0, [image.shape[1], image.shape[0]])
         status: Status = "tracking" if score >= self.lost_below else "lost"
         return Sighting(np.concatenate([self._centre - self._size / 2, self._centre + self._size / 2]), score, status)

@@ -29,6 +29,7 @@ def draw_particles(
     count: int,
     deviation: FloatArray,
     rng: np.random.Generator,
+    shares: FloatArray | None = None,
 ) -> FloatArray:
     """Algorithm 1: particles around the highest maxima of the response, some with a filter of the past.
 
@@ -36,18 +37,19 @@ def draw_particles(
     ``M ... M+stored-1`` are the filters of the past.
 
     Args:
-        peaks: ``(M, 2)`` places of the maxima, pixels; each is as likely as the others (P_J = 1/M).
+        peaks: ``(M, 2)`` places of the maxima, pixels.
         stored: number of filters of the past; with none, no number is replaced.
         past_weights: ``(stored,)`` not negative, proportional to P_K.
         past_share: mu of equation (3.2), in [0, 1].
         count: number of particles N.
         deviation: ``(2,)`` of S in equation (3.1), pixels.
         rng: draws everything.
+        shares: ``(M,)`` P_J, the probability of each maximum; by default 1/M.
 
     Returns:
         ``(N, 3)`` particles.
     """
-    number = rng.integers(len(peaks), size=count)
+    number = rng.choice(len(peaks), size=count, p=shares)
     places = peaks[number] + rng.normal(size=(count, 2)) * deviation
     from_past = rng.random(count) < past_share
     if stored and past_weights.sum() > 0:
@@ -92,3 +94,31 @@ def best_by_filter(particles: FloatArray, weights: FloatArray) -> tuple[IntArray
     order = np.lexsort((-weights, numbers))
     used, first = np.unique(numbers[order], return_index=True)
     return used, particles[order[first], :2]
+
+
+def jump_prior(places: FloatArray, before: FloatArray, target: FloatArray) -> FloatArray:
+    """``(M,)`` probabilities of maxima by how far they are from where the target was.
+
+    A Cauchy density in widths and heights of the target: most targets move by less than themselves between frames, and
+    a camera may be jerked by much more.
+
+    Args:
+        places: ``(M, 2)`` pixels.
+        before: ``(2,)`` centre in the frame before.
+        target: ``(2,)`` width and height.
+    """
+    distance = (((places - before) / target) ** 2).sum(axis=1)
+    density = 1 / (1 + distance)
+    return np.asarray(density / density.sum())
+
+
+def densest(particles: FloatArray, weights: FloatArray, deviation: FloatArray) -> int:
+    """Index of the heaviest particle at the place where the posterior density is greatest.
+
+    After resampling the posterior is told by where the particles are, and hardly by their last weights: the heaviest
+    one alone would jump between groups from frame to frame. The density is a sum of Gaussians about the particles, as
+    wide as one step of the motion, ``deviation`` ``(2,)`` pixels.
+    """
+    places = particles[:, :2] / deviation
+    near = np.exp(-0.5 * ((places[:, None] - places[None]) ** 2).sum(axis=2)) * weights
+    return int(np.argmax(near[int(np.argmax(near.sum(axis=1)))]))
