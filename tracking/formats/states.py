@@ -47,20 +47,21 @@ class BodyTrack:
 
 def exact_track(identity: int, frames: IntArray, states: FloatArray) -> BodyTrack:
     """A track of known states ``(T, D)``."""
-    return BodyTrack(identity, frames, states, np.ones(len(frames)), ("tracking",) * len(frames))
+    tracking: Status = "tracking"
+    return BodyTrack(identity, frames, states, np.ones(len(frames)), (tracking,) * len(frames))
 
 
 def write_states(path: Path, tracks: Iterable[BodyTrack], fields: Sequence[str]) -> None:
     """Writes tracks of bodies with state components ``fields``, by frame, then by id."""
     rows = [
-        (int(frame) + 1, track.id, *(f"{value:.4f}" for value in state), f"{score:.4g}", status)
+        (int(frame) + 1, track.id, [*(f"{value:.4f}" for value in state), f"{score:.4g}", status])
         for track in tracks
         for frame, state, score, status in zip(track.frames, track.states, track.scores, track.statuses, strict=True)
     ]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["frame", "id", *fields, *LAST_COLUMNS])
-        writer.writerows(sorted(rows, key=lambda row: row[:2]))
+        writer.writerows([frame, identity, *values] for frame, identity, values in sorted(rows))
 
 
 def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTrack]:
