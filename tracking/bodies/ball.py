@@ -1,0 +1,82 @@
+"""A ball that squashes when it hits a wall: the paper's own outlook (section 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tsuiseki.tracking.bodies.body import Contours, Stroke, placed, unlimited
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import FloatArray
+
+LARGEST_SQUASH = 0.6
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A disc about ``(a, b)`` squashed along ``theta`` by the share ``squash``, its area kept.
+
+    The axis along ``theta`` is ``1 - squash`` diameters long, the other ``1 / (1 - squash)``; below 0 it is stretched.
+    ``theta`` and ``theta + pi`` look the same, and any ``theta`` does at ``squash = 0``.
+
+    Attributes:
+        diameter: of the ball at rest, pixels.
+        points: contour points, at least 8.
+    """
+
+    diameter: float = 60.0
+    points: int = 24
+
+    def __post_init__(self) -> None:
+        if not 0 < self.diameter < np.inf or self.points < 8:
+            raise RequestError(
+                f"ball: expected a diameter above 0 and at least 8 points, got {self.diameter:g} and {self.points}"
+            )
+
+    @property
+    def name(self) -> str:
+        return "ball"
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        return ("a", "b", "theta", "squash")
+
+    @property
+    def angles(self) -> tuple[int, ...]:
+        return (2,)
+
+    @cached_property
+    def limits(self) -> FloatArray:
+        limits = unlimited(4)
+        limits[3] = -LARGEST_SQUASH, LARGEST_SQUASH
+        return limits
+
+    @property
+    def strokes(self) -> tuple[Stroke, ...]:
+        return (Stroke(0, self.points, closed=True),)
+
+    @property
+    def radius(self) -> float:
+        return self.diameter / 2 / (1 - LARGEST_SQUASH)
+
+    @property
+    def card(self) -> Mapping[str, object]:
+        return {"body": self.name, **asdict(self)}
+
+    def contour(self, states: FloatArray) -> Contours:
+        """See :class:`~tsuiseki.tracking.bodies.body.Body`; squashes beyond the limits are drawn at the limit.
+
+        >>> Ball(diameter=20).contour(np.array([[0, 0, 0, 0.5]]))[0, [0, 6]].tolist()
+        [[5.0, 0.0], [0.0, 20.0]]
+        """
+        length = np.float32(1) - np.clip(states[:, 3], *self.limits[3]).astype(np.float32)[:, None]
+        return placed(np.stack([self._circle[:, 0] * length, self._circle[:, 1] / length], axis=-1), states)
+
+    @cached_property
+    def _circle(self) -> Contours:
+        angle = np.arange(self.points) * 2 * np.pi / self.points
+        circle = self.diameter / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return np.asarray(np.where(np.abs(circle) < 1e-9, 0.0, circle), dtype=np.float32)
