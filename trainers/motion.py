@@ -107,12 +107,12 @@ def learn_motion(
         frame_rate=frame_rate,
         steps=count,
         walk=principal_components(steps.walk, columns),
-        velocity=principal_components(steps.velocity, columns),
+        velocity=_components(steps.velocity),
         image=principal_components(steps.image, columns),
         increments=principal_components(steps.increments, columns),
         printed=principal_components(steps.printed, columns),
         gain=gain,
-        residual=principal_components(rest, columns),
+        residual=_components(rest),
     )
 
 
@@ -133,6 +133,11 @@ def principal_components(rows: FloatArray, columns: Sequence[str]) -> PrincipalC
             f"expected increments that vary in all {rows.shape[1]} directions, but one column follows from the others "
             "(singular covariance); learn from more, or more varied, tracks"
         )
+    return _components(rows)
+
+
+def _components(rows: FloatArray) -> PrincipalComponents:
+    mean = rows.mean(axis=0)
     _, lengths, vectors = np.linalg.svd(rows - mean, full_matrices=False)
     return PrincipalComponents(mean, vectors.T, lengths**2 / (len(rows) - 1))
 

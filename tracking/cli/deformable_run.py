@@ -71,7 +71,7 @@ def write_run(folder: Path, run: DeformableRun, body: Body, record: RunRecord, s
         source: the video.
         overlay: draw the contours; an interrupted run goes without.
     """
-    write_states(folder / STATES_FILE, body.fields, run.tracks)
+    write_states(folder / STATES_FILE, run.tracks, body.fields)
     plot_states(folder / "states.png", body, run.tracks)
     record.partial = run.stopped and not source.live
     if overlay and not record.partial:

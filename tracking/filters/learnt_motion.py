@@ -34,7 +34,7 @@ class PrincipalComponents:
     Attributes:
         mean: ``(D,)``.
         components: ``(D, D)``, a unit vector a column.
-        variances: ``(D,)`` along them, falling, all above 0.
+        variances: ``(D,)`` along them, falling.
     """
 
     mean: FloatArray
@@ -193,8 +193,8 @@ def _from_values(values: Mapping[str, Any]) -> LearntMotion:
 
 def _components(values: Mapping[str, Any], size: int) -> PrincipalComponents:
     variances = _numbers(values["variances"], (size,))
-    if np.any(variances <= 0):
-        raise ValueError("expected variances above 0")
+    if np.any(variances < 0) or not variances.max() > 0:
+        raise ValueError("expected variances from 0, and one above it")
     return PrincipalComponents(
         _numbers(values["mean"], (size,)), _numbers(values["components"], (size, size)), variances
     )

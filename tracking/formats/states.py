@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import STATUSES, FloatArray, IntArray, Status
+from tsuiseki.tracking.types import STATUSES, BoolArray, FloatArray, IntArray, Status
 
 LAST_COLUMNS = ("score", "status")
 
@@ -43,6 +43,17 @@ class BodyTrack:
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @property
+    def tracking(self) -> BoolArray:
+        """``(T,)`` frames whose status is ``tracking``."""
+        return np.array([status == "tracking" for status in self.statuses], dtype=np.bool_)
+
+    def stretches(self) -> list[FloatArray]:
+        """States ``(T_i, D)`` of the stretches of consecutive frames whose status is ``tracking``."""
+        good = np.flatnonzero(self.tracking)
+        breaks = np.flatnonzero(np.diff(self.frames[good]) != 1) + 1
+        return [self.states[part] for part in np.split(good, breaks.tolist()) if len(part)]
 
 
 def exact_track(identity: int, frames: IntArray, states: FloatArray) -> BodyTrack:

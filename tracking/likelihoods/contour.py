@@ -85,10 +85,10 @@ class EdgeImage:
 
 def look_up(image: NDArray[Value], points: Points) -> NDArray[Value]:
     """Values ``(N, K)`` at the pixels nearest to points ``(N, K, 2)`` x, y; off the image those of its border."""
-    nowhere = np.empty(0, dtype=np.float32)  # the points are in one array, not in two
     pieces = [
-        cv2.remap(image, points[row : row + ROWS_AT_ONCE], nowhere, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-        for row in range(0, len(points), ROWS_AT_ONCE)
+        # None is right for a second map, but OpenCV's types do not know it.
+        cv2.remap(image, part, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        for part in (points[row : row + ROWS_AT_ONCE] for row in range(0, len(points), ROWS_AT_ONCE))
     ]
     return np.asarray(pieces[0] if len(pieces) == 1 else np.concatenate(pieces), dtype=image.dtype)
 
@@ -125,7 +125,7 @@ class ContourLikelihood:
     """
 
     spread: float = 40.0
-    hidden_cost: float = 20.0
+    hidden_cost: float = 2.0
 
     def __post_init__(self) -> None:
         if not (self.spread > 0 and np.isfinite(self.spread)) or not self.hidden_cost >= 0:

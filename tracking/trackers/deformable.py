@@ -50,7 +50,7 @@ class DeformableSettings:
 
     particles: int = 500
     spread: float = 40.0
-    hidden_cost: float = 20.0
+    hidden_cost: float = 2.0
     margin: int = 4
     searching_beyond: float = 15.0
     patience: int = 10
@@ -164,14 +164,16 @@ class DeformableTracker:
             for i, r in self._records.items()
         ]
 
-    def _propose(self, particles: FloatArray, view: View, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    def _propose(
+        self, particles: FloatArray, observation: View, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray]:
         """The motion as proposal; shapes that the body cannot take are moved to its limit."""
-        del view
+        del observation
         return within_limits(self.motion(particles, rng), self.body), np.zeros(len(particles))
 
-    def _log_likelihood(self, particles: FloatArray, view: View) -> FloatArray:
+    def _log_likelihood(self, particles: FloatArray, observation: View) -> FloatArray:
         contours = self.body.contour(particles[:, : self._columns])
-        return self._likelihood.log(view.edges, contours, view.neighbours)
+        return self._likelihood.log(observation.edges, contours, observation.neighbours)
 
     def _begin(self, edges: EdgeImage) -> None:
         """Targets at the given states, or at the bodies that the first frame shows."""
