@@ -59,11 +59,14 @@ COMMANDS: Tree = {
         },
     ),
     "train": Group(
-        "fit a model to labelled video (needs the train extra)",
+        "fit a model to labelled video (all but motion need the train extra)",
         {
             "detector": Command("where people are", "train", "detector", forwarded=True),
             "appearance": Command("what they look like", "train", "appearance", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
+            "motion": Command(
+                "how a body that bends moves, from its tracks", "deformable", "train_motion", ("tracks",)
+            ),
         },
     ),
     "export": Group(
@@ -78,6 +81,7 @@ COMMANDS: Tree = {
         {
             "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
             "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
+            "deformable": Command("bodies that bend, such as fish from above", "deformable", "track", ("source",)),
         },
     ),
     "evaluate": Group(
