@@ -38,8 +38,9 @@ def plot_states(path: Path, body: Body, tracks: Sequence[BodyTrack], truth: Sequ
             colour = np.array(track_colour(track.id)) / 255 * 0.85
             axes.plot(track.frames + 1, _shown(body, track, column), color=colour, linewidth=1.1, label=f"{track.id}")
             unseen = track.frames[~track.tracking] + 1
-            bottom = np.zeros(len(unseen))
-            axes.plot(unseen, bottom, "|", color=colour, transform=axes.get_xaxis_transform(), clip_on=False)
+            if len(unseen):
+                bottom = np.zeros(len(unseen))
+                axes.plot(unseen, bottom, "|", color=colour, transform=axes.get_xaxis_transform(), clip_on=False)
         unit = "degrees" if column in body.angles else "pixels" if column < PIXEL_COLUMNS else ""
         axes.set_ylabel(f"{body.fields[column]}\n{unit}".strip())
         axes.grid(visible=True, alpha=0.3)
