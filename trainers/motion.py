@@ -18,8 +18,8 @@ from tsuiseki.tracking.filters.learnt_motion import LearntMotion, PrincipalCompo
 from tsuiseki.tracking.types import FloatArray
 
 FEWEST_STEPS = 10
-# Below this share of the variance of a column, what varies is rounding and not motion; of the greatest deviation, too.
-SINGULAR = 1e-12
+# Below this share of the variance of a column, what varies is the rounding of a file and not motion.
+SINGULAR = 1e-6
 STILL = 1e-9
 # Weight of a prior that the conditions say nothing, against as many steps.
 RIDGE = 1.0

@@ -82,7 +82,7 @@ def track(
     tracker = DeformableTracker(shape, moves, extraction, deformable, _starts(init, shape, opened), seed)
     times = StageTimes()
     with output_folder(out, overwrite) as work:
-        run = follow(opened, tracker, times)
+        run = follow(opened, tracker, extraction, times)
         settings = {name: plain(value) for name, value in given.items()} | {"frame_rate": opened.frame_rate}
         record = RunRecord(["tsuiseki", "track", "deformable"], settings, seed, times.seconds)
         write_run(work, run, shape, record, opened, overlay=overlay)

@@ -13,7 +13,7 @@ from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.evaluation.state_plots import plot_states
 from tsuiseki.tracking.formats.states import BodyTrack, write_states
-from tsuiseki.tracking.likelihoods.contour import EdgeImage
+from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
 from tsuiseki.tracking.output import RunRecord
 from tsuiseki.tracking.render_bodies import write_contours
 from tsuiseki.tracking.timing import StageTimes
@@ -38,7 +38,7 @@ class DeformableRun:
     stopped: bool
 
 
-def follow(source: Source, tracker: DeformableTracker, times: StageTimes) -> DeformableRun:
+def follow(source: Source, tracker: DeformableTracker, extraction: Extraction, times: StageTimes) -> DeformableRun:
     """Track until the video ends or the user presses Ctrl-C.
 
     Raises:
@@ -49,7 +49,7 @@ def follow(source: Source, tracker: DeformableTracker, times: StageTimes) -> Def
     with graceful_interrupt() as interrupt:
         for frame in interrupt.until_asked(progress(source.frames(), "tracking", source.length)):
             with times.measure("edges"):
-                edges = EdgeImage.of(frame.image, tracker.extraction)
+                edges = EdgeImage.of(frame.image, extraction)
             with times.measure("particles"):
                 tracker.update_edges(frame.index, edges)
             frames.append(frame.index)

@@ -45,7 +45,7 @@ def plot_states(path: Path, body: Body, tracks: Sequence[BodyTrack], truth: Sequ
         axes.grid(visible=True, alpha=0.3)
     panels[-1].set_xlabel("frame; marks at the bottom: not seen" if tracks else "frame")
     if 0 < len(tracks) <= 10:
-        panels[0].legend(title="id", loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        figure.legend(*panels[0].get_legend_handles_labels(), title="id", loc="outside right upper", frameon=False)
     figure.savefig(path, dpi=100, facecolor="white")
 
 

@@ -48,8 +48,8 @@ def find_starts(
 ) -> FloatArray:
     """States ``(K, D)`` of the bodies that a frame shows, the largest region first.
 
-    A region of about the area of several bodies holds as many. In each, candidates are drawn all over it and improved
-    by an annealed particle filter; the next one sees the image without those found before.
+    In each, candidates are drawn all over it and improved by an annealed particle filter. Bodies that touch are one
+    region, and one of them is found; their states have to be given.
 
     Args:
         edges: the frame.
@@ -59,8 +59,8 @@ def find_starts(
         margin: pixels around a contour that count as its body.
     """
     found: list[FloatArray] = []
-    known = list(others)
-    mask = np.where(contours_mask(edges.size, known, margin) > 0, 0, edges.mask) if known else edges.mask
+    neighbours = contours_mask(edges.size, others, margin) if others else None
+    mask = edges.mask if neighbours is None else cv2.subtract(edges.mask, neighbours)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
     area = silhouette_area(body)
     for label in sorted(range(1, count), key=lambda n: -stats[n, cv2.CC_STAT_AREA]):
@@ -68,19 +68,16 @@ def find_starts(
         if size < SMALLEST_REGION * area:
             break
         pixels = np.argwhere(labels == label)[:, ::-1].astype(np.float64)
-        for _ in range(max(1, round(size / area))):
-            state, misfit = _best_state(edges, body, pixels, known, margin, rng)
-            if misfit <= LARGEST_MISFIT:
-                found.append(state)
-                known.append(body.contour(state[None])[0])
+        state, misfit = _best_state(edges, body, pixels, neighbours, rng)
+        if misfit <= LARGEST_MISFIT:
+            found.append(state)
     return np.array(found).reshape(-1, len(body.fields))
 
 
 def _best_state(
-    edges: EdgeImage, body: Body, pixels: FloatArray, known: Sequence[Points], margin: int, rng: np.random.Generator
+    edges: EdgeImage, body: Body, pixels: FloatArray, neighbours: Mask | None, rng: np.random.Generator
 ) -> tuple[FloatArray, float]:
     """The state in the region of ``pixels`` that fits best, and its distance to the edges."""
-    neighbours = contours_mask(edges.size, known, margin) if known else None
     wide = wide_noise(body)
     states = np.zeros((CANDIDATES, len(body.fields)))
     states[:, :2] = pixels[rng.integers(len(pixels), size=CANDIDATES)]

@@ -60,6 +60,12 @@ class DeformableSettings:
         for name, least in (("particles", 1), ("margin", 0), ("patience", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"expected {name} from {least}, got {getattr(self, name)}")
+        if self.smooth < 1 or self.smooth % 2 == 0:
+            raise ValueError(f"expected smooth to be an odd number of pixels, got {self.smooth}")
+        if not (0 < self.spread < np.inf and 0 <= self.hidden_cost < np.inf):
+            raise ValueError(
+                f"expected a spread above 0 and a hidden_cost from 0, got {self.spread:g} and {self.hidden_cost:g}"
+            )
         if not 0 < self.searching_beyond <= FARTHEST:
             raise ValueError(f"expected searching_beyond in (0, {FARTHEST:g}], got {self.searching_beyond:g}")
 
@@ -109,7 +115,7 @@ class DeformableTracker:
     Args:
         body: theirs.
         motion: how they move.
-        extraction: what belongs to them in an image.
+        extraction: what belongs to them in an image; None where only `update_edges` is used.
         settings: see `DeformableSettings`.
         starts: ``(K, D)`` states in the first frame; None finds the bodies there.
         seed: of the particles.
@@ -120,7 +126,7 @@ class DeformableTracker:
         self,
         body: Body,
         motion: BodyMotion,
-        extraction: Extraction,
+        extraction: Extraction | None,
         settings: DeformableSettings | None = None,
         starts: FloatArray | None = None,
         seed: int = 0,
@@ -139,7 +145,13 @@ class DeformableTracker:
         )
 
     def update(self, frame: Frame) -> None:
-        """Take the next frame."""
+        """Take the next frame.
+
+        Raises:
+            ValueError: the tracker has no extraction.
+        """
+        if self.extraction is None:
+            raise ValueError("expected an extraction to find edges by; give one, or use update_edges")
         self.update_edges(frame.index, EdgeImage.of(frame.image, self.extraction))
 
     def update_edges(self, index: int, edges: EdgeImage) -> None:
