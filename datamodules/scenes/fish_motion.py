@@ -16,8 +16,9 @@ import numpy as np
 from tsuiseki.tracking.types import FloatArray
 
 STEPS_PER_SECOND = 120.0
-# Share of the way to the border from which a fish minds the wall, pixels.
-WALL_MARGIN = 70.0
+# A fish minds the wall from here on, and its centre never comes nearer than the second; pixels from the border.
+WALL_MARGIN = 110.0
+NEAREST_WALL = 66.0
 LARGEST_BEND = 1.4
 
 
@@ -36,7 +37,8 @@ class Swimming:
         bursts: share of the stretches between turns that are bursts.
         glides: share that are glides without a beat.
         stretch_seconds: least and greatest length of a stretch of cruising or gliding.
-        turns: probability of a sudden turn at the end of a stretch.
+        lively: share of the fish that turn suddenly at all.
+        turns: probability of a sudden turn at the end of a stretch of a lively fish; 0.9 where it nears a wall.
         turn_angle: least and greatest angle of a sudden turn, radians.
         turn_bend: bend of the body in it, radians.
         stiffness: natural frequency of the bend's answer to its target, radians a second.
@@ -58,6 +60,7 @@ class Swimming:
     bursts: float = 0.3
     glides: float = 0.2
     stretch_seconds: tuple[float, float] = (0.5, 1.6)
+    lively: float = 0.5
     turns: float = 0.3
     turn_angle: tuple[float, float] = (1.2, 2.4)
     turn_bend: float = 1.3
@@ -78,6 +81,7 @@ class _Fish:
     velocity: FloatArray
     goal: FloatArray
     heading: float
+    lively: bool
     turning: float = 0.0
     bend: float = 0.0
     bending: float = 0.0
@@ -97,7 +101,7 @@ def swim(
     The heading is continuous: it does not jump by full turns.
     """
     size = np.array(extent, dtype=np.float64)
-    fish = _start(size, rng)
+    fish = _start(size, way, rng)
     substeps = max(1, round(STEPS_PER_SECOND / frame_rate))
     dt = 1.0 / (frame_rate * substeps)
     states = np.empty((frames, 4))
@@ -113,12 +117,13 @@ def swim(
     return states
 
 
-def _start(size: FloatArray, rng: np.random.Generator) -> _Fish:
+def _start(size: FloatArray, way: Swimming, rng: np.random.Generator) -> _Fish:
     place = WALL_MARGIN + (size - 2 * WALL_MARGIN) * rng.random(2)
     heading = float(rng.uniform(-np.pi, np.pi))
     velocity = 60.0 * np.array([np.cos(heading), np.sin(heading)])
     phase = float(rng.uniform(0, 2 * np.pi))
-    return _Fish(place, velocity, _new_goal(size, rng), heading, phase=phase, until=-10.0)
+    lively = bool(rng.random() < way.lively)
+    return _Fish(place, velocity, _new_goal(size, rng), heading, lively, phase=phase, until=-10.0)
 
 
 def _step(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> None:
@@ -151,7 +156,7 @@ def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimmin
 
 def _next_stretch(fish: _Fish, clock: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> None:
     outward = _headed_for_wall(fish, size)
-    if rng.random() < (0.9 if outward else way.turns):
+    if fish.lively and rng.random() < (0.9 if outward else way.turns):
         inward = _difference(_direction(size / 2 - fish.place), fish.heading)
         fish.side = float(np.sign(inward)) if outward else float(rng.choice([-1.0, 1.0]))
         angle = float(rng.uniform(*way.turn_angle))
@@ -195,7 +200,7 @@ def _push(fish: _Fish, dt: float, way: Swimming) -> None:
 
 def _keep_inside(fish: _Fish, size: FloatArray) -> None:
     """The glass stops what would leave the tank."""
-    low, high = WALL_MARGIN / 2, size - WALL_MARGIN / 2
+    low, high = NEAREST_WALL, size - NEAREST_WALL
     out = ((fish.place < low) & (fish.velocity < 0)) | ((fish.place > high) & (fish.velocity > 0))
     fish.velocity = np.where(out, 0.0, fish.velocity)
     fish.place = np.clip(fish.place, low, high)
@@ -208,7 +213,7 @@ def _headed_for_wall(fish: _Fish, size: FloatArray) -> bool:
 
 def _new_goal(size: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Somewhere in the middle part, so that ways cross."""
-    return size * rng.uniform(0.22, 0.78, 2)
+    return size * rng.uniform(0.25, 0.75, 2)
 
 
 def _direction(vector: FloatArray) -> float:

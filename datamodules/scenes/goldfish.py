@@ -22,6 +22,7 @@ FIELDS = ("a", "b", "theta", "phi")
 PANE = 24
 SHADOW = (11, 15)
 SHADOW_BLUR = 4.0
+GRAIN_SHIFT = 64
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class GoldfishSettings:
     swimming: Swimming = field(default_factory=Swimming)
     ripples: float = 0.16
     glints: float = 0.004
-    reflections: float = 0.6
+    reflections: float = 0.3
     shadows: float = 0.35
     pebbles: int = 6
     noise: float = 4.0
@@ -91,15 +92,25 @@ def goldfish_frames(settings: GoldfishSettings, seed: int) -> Iterator[SceneFram
     looks = _looks(settings, stage)
     floor = gravel(settings.width, settings.height, settings.pebbles, stage)
     ripples = make_ripples(settings.width, settings.height, settings.ripples, settings.glints, stage)
+    grain = settings.noise * stage.standard_normal(
+        (settings.height + GRAIN_SHIFT, settings.width + GRAIN_SHIFT, 3), dtype=np.float32
+    )
     for frame in range(settings.frames):
         drawn = [draw_fish(look, state) for look, state in zip(looks, states[frame], strict=True)]
         image = _picture(settings, floor, drawn, looks, states[frame], ripples.at(frame / settings.frame_rate))
-        image += settings.noise * stage.standard_normal(image.shape, dtype=np.float32)
         silhouettes = np.zeros(floor.shape[:2], np.uint8)
         for bit, fish in enumerate(drawn):
             part, own = within((settings.height, settings.width), fish)
             silhouettes[part] |= np.where(fish.silhouette[own], np.uint8(1 << bit), np.uint8(0))
-        yield SceneFrame(np.clip(image, 0, 255).astype(np.uint8), states[frame], silhouettes)
+        noisy = cv2.add(image, _another_part(grain, stage), dtype=cv2.CV_8U)
+        yield SceneFrame(np.asarray(noisy, np.uint8), states[frame], silhouettes)
+
+
+def _another_part(grain: Float32, rng: np.random.Generator) -> Float32:
+    """The camera's noise of one frame, cut from a larger picture of it: drawing it anew costs more than the scene."""
+    top, left = rng.integers(GRAIN_SHIFT, size=2)
+    height, width = grain.shape[0] - GRAIN_SHIFT, grain.shape[1] - GRAIN_SHIFT
+    return grain[top : top + height, left : left + width]
 
 
 def write_goldfish(
@@ -144,8 +155,9 @@ def _picture(
         part, own = within(image.shape[:2], fish)
         cover = fish.opacity[own][..., None]
         image[part] = (1 - cover) * image[part] + cover * fish.colour[own]
-    image *= brightness[..., None]
-    image += glints[..., None] * (250.0 - image)
+    image *= cv2.merge([brightness] * 3)
+    glinting = glints > 0
+    image[glinting] += glints[glinting, None] * (250.0 - image[glinting])
     return image
 
 

@@ -17,38 +17,45 @@ WATER = np.array([60, 118, 122], np.float32)
 
 @dataclass(frozen=True)
 class Ripples:
-    """Light and glints over a tank that drift with the waves; two layers that move against each other.
+    """Light and glints over a tank: layers of waves that drift against each other.
 
     Attributes:
-        light: two ``(h, w)`` float32 layers that repeat at their borders, about 0.
-        drift: ``(2, 2)`` pixels a second of each.
+        layers: three ``(H, W)`` float32 layers of unit deviation that repeat at their borders: two of light on the
+            floor, one of facets that may mirror the lamp.
+        drift: ``(3, 2)`` pixels a second of each.
         strength: of the light, as a share of the brightness.
-        glints: share of the surface that mirrors the lamp white, in [0, 1).
+        glints: about the share of the surface that mirrors the lamp, in [0, 1).
     """
 
-    light: tuple[Float32, Float32]
+    layers: tuple[Float32, Float32, Float32]
     drift: Float32
     strength: float
     glints: float
 
     def at(self, time: float) -> tuple[Float32, Float32]:
         """Brightness factor ``(H, W)`` and the glints' opacity ``(H, W)`` in [0, 1] at a time in seconds."""
-        a, b = (
+        a, b, facets = (
             np.roll(layer, np.round(time * shift[::-1]).astype(int).tolist(), axis=(0, 1))
-            for layer, shift in zip(self.light, self.drift, strict=True)
+            for layer, shift in zip(self.layers, self.drift, strict=True)
         )
-        crest = a + b
+        crest = (a + b) * np.float32(np.sqrt(0.5))
         brightness = 1.0 + self.strength * np.clip(1.2 - 2.4 * np.abs(crest), -0.5, 1.2)
         if not self.glints:
             return brightness, np.zeros_like(crest)
-        return brightness, np.clip((crest - _level(self)) * 6.0, 0.0, 1.0)
+        slope = (facets + crest) * np.float32(np.sqrt(0.5))
+        # The wanted share of a normal distribution of unit deviation lies above this level.
+        return brightness, np.clip((slope - ndtri(1.0 - self.glints)) * 5.0, 0.0, 1.0)
 
 
 def make_ripples(width: int, height: int, strength: float, glints: float, rng: np.random.Generator) -> Ripples:
     """Ripples over an image; ``glints`` is the share of it that they cover."""
-    layers = (_periodic_noise(width, height, 9, rng), _periodic_noise(width, height, 14, rng))
-    angle = rng.uniform(0, 2 * np.pi)
-    drift = 45.0 * np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]], np.float32)
+    layers = (
+        _periodic_noise(width, height, 9, 1.0, rng),
+        _periodic_noise(width, height, 14, 1.0, rng),
+        _periodic_noise(width, height, 60, 3.5, rng),
+    )
+    angle = rng.uniform(0, 2 * np.pi) + np.array([0.0, np.pi / 2, np.pi])
+    drift = 45.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
     return Ripples(layers, drift, strength, glints)
 
 
@@ -92,15 +99,13 @@ def _stone(
     cv2.ellipse(floor, (centre[0] - 1, centre[1] - 1), inner, angle, 0, 360, light, cv2.FILLED)
 
 
-def _periodic_noise(width: int, height: int, waves: int, rng: np.random.Generator) -> Float32:
-    """Smooth noise ``(H, W)`` of unit deviation, about ``waves`` across, that fits together at its borders."""
+def _periodic_noise(width: int, height: int, waves: int, stretch: float, rng: np.random.Generator) -> Float32:
+    """Smooth noise ``(H, W)`` of unit deviation that fits together at its borders.
+
+    About ``waves`` waves fill the width where ``stretch`` is 1; they are ``stretch`` times as long along x as along y.
+    """
     fy = np.fft.fftfreq(height)[:, None] * width
     fx = np.fft.rfftfreq(width)[None, :] * width
-    band = np.exp(-(((np.hypot(fx, fy) - waves) / (0.35 * waves)) ** 2))
+    band = np.exp(-(((np.hypot(stretch * fx, fy) - waves) / (0.35 * waves)) ** 2))
     noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((height, width))) * band, s=(height, width))
-    return np.asarray(noise / noise.std() / np.sqrt(2), np.float32)
-
-
-def _level(ripples: Ripples) -> float:
-    """Height above which a crest glints: the wanted share of a normal distribution of unit deviation lies above."""
-    return float(ndtri(1.0 - ripples.glints))
+    return np.asarray(noise / noise.std(), np.float32)
