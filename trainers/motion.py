@@ -77,6 +77,22 @@ def track_steps(states: FloatArray, circular: Sequence[int]) -> Steps:
     )
 
 
+def pooled_steps(tracks: Sequence[FloatArray], circular: Sequence[int]) -> Steps:
+    """The steps of all tracks ``(T_i, D)``; those of fewer than three frames hold none.
+
+    Raises:
+        RequestError: there are fewer than 10.
+    """
+    parts = [track_steps(track, circular) for track in tracks if len(track) > 2]
+    count = sum(map(len, parts))
+    if count < FEWEST_STEPS:
+        raise RequestError(
+            f"expected at least {FEWEST_STEPS} steps to learn from, got {count}; "
+            "a track of T consecutive frames in the status tracking has T - 2"
+        )
+    return Steps(*(np.concatenate([getattr(part, name) for part in parts]) for name in Steps.__dataclass_fields__))
+
+
 def learn_motion(
     tracks: Sequence[FloatArray], body: str, columns: Sequence[str], circular: Sequence[int], frame_rate: float
 ) -> LearntMotion:
@@ -92,27 +108,20 @@ def learn_motion(
     Raises:
         RequestError: there are fewer than 10 steps, or a covariance is singular.
     """
-    parts = [track_steps(track, circular) for track in tracks if len(track) > 2]
-    count = sum(map(len, parts))
-    if count < FEWEST_STEPS:
-        raise RequestError(
-            f"expected at least {FEWEST_STEPS} steps to learn from, got {count}; "
-            "a track of T consecutive frames in the status tracking has T - 2"
-        )
-    steps = Steps(*(np.concatenate([getattr(part, name) for part in parts]) for name in Steps.__dataclass_fields__))
-    gain, rest = _regression(steps.conditions, steps.changes)
+    steps = pooled_steps(tracks, circular)
+    gain, rest = regression(steps.conditions, steps.changes)
     return LearntMotion(
         body=body,
         columns=tuple(columns),
         frame_rate=frame_rate,
-        steps=count,
+        steps=len(steps),
         walk=principal_components(steps.walk, columns),
-        velocity=_components(steps.velocity),
+        velocity=components_of(steps.velocity),
         image=principal_components(steps.image, columns),
         increments=principal_components(steps.increments, columns),
         printed=principal_components(steps.printed, columns),
         gain=gain,
-        residual=_components(rest),
+        residual=components_of(rest),
     )
 
 
@@ -133,16 +142,17 @@ def principal_components(rows: FloatArray, columns: Sequence[str]) -> PrincipalC
             f"expected increments that vary in all {rows.shape[1]} directions, but one column follows from the others "
             "(singular covariance); learn from more, or more varied, tracks"
         )
-    return _components(rows)
+    return components_of(rows)
 
 
-def _components(rows: FloatArray) -> PrincipalComponents:
+def components_of(rows: FloatArray) -> PrincipalComponents:
+    """Mean and principal components of rows ``(S, D)``, some of which may not vary."""
     mean = rows.mean(axis=0)
     _, lengths, vectors = np.linalg.svd(rows - mean, full_matrices=False)
     return PrincipalComponents(mean, vectors.T, lengths**2 / (len(rows) - 1))
 
 
-def _regression(given: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def regression(given: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Gain ``(D, C)`` and the rows it leaves ``(S, D)``, which keep the constant part."""
     centre, deviation = given.mean(axis=0), given.std(axis=0)
     # A condition that never changes says nothing, and must not be divided by zero.

@@ -96,6 +96,9 @@ COMMANDS: Tree = {
         "a paper's table or figure: paper and here, plus the plot",
         {
             "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
+            "pca-particle-filter": Command(
+                "how many particles a goldfish needs", "reproduce_goldfish", "pca_particle_filter"
+            ),
             "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
         },
     ),

@@ -19,22 +19,6 @@ HEADING = 2
 """Column of the heading; position stands before it, shape behind it."""
 
 
-class BodyMotion(Protocol):
-    """Moves particles whose first columns are states of a body."""
-
-    def start(self, states: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Particles of body states ``(N, D)`` whose motion is not known yet."""
-        ...
-
-    def drift(self, particles: FloatArray) -> FloatArray:
-        """Where particles go without noise."""
-        ...
-
-    def __call__(self, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Where they go, drawn."""
-        ...
-
-
 @dataclass(frozen=True)
 class Noise:
     """Gaussian increments ``mean + factor z`` with ``z`` standard normal.
@@ -67,6 +51,35 @@ class Noise:
         return Noise.independent(self.mean, self.deviation)
 
 
+class BodyMotion(Protocol):
+    """Moves particles whose first columns are states of a body.
+
+    Attributes:
+        noise: of the increments.
+    """
+
+    @property
+    def noise(self) -> Noise: ...
+
+    def start(self, states: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Particles of body states ``(N, D)`` whose motion is not known yet."""
+        ...
+
+    def moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
+        """Where particles go with the increments ``(N, D)``."""
+        ...
+
+
+def drift(motion: BodyMotion, particles: FloatArray) -> FloatArray:
+    """Where particles go without noise."""
+    return motion.moved(particles, np.tile(motion.noise.mean, (len(particles), 1)))
+
+
+def draw(motion: BodyMotion, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Where particles go, drawn."""
+    return motion.moved(particles, motion.noise.draw(len(particles), rng))
+
+
 @dataclass(frozen=True)
 class RandomWalk:
     """The state stays as it is but for noise, (8).
@@ -82,13 +95,9 @@ class RandomWalk:
         del rng
         return states.copy()
 
-    def drift(self, particles: FloatArray) -> FloatArray:
-        """See `BodyMotion.drift`."""
-        return particles + self.noise.mean
-
-    def __call__(self, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See `BodyMotion.__call__`."""
-        return particles + self.noise.draw(len(particles), rng)
+    def moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
+        """See `BodyMotion.moved`."""
+        return particles + increments
 
 
 @dataclass(frozen=True)
@@ -110,15 +119,8 @@ class ConstantVelocity:
         """See `BodyMotion.start`: states and a velocity along each one's heading."""
         return np.concatenate([states, turned(self.velocity.draw(len(states), rng), states[:, HEADING])], axis=1)
 
-    def drift(self, particles: FloatArray) -> FloatArray:
-        """See `BodyMotion.drift`."""
-        return self._moved(particles, np.broadcast_to(self.noise.mean, (len(particles), len(self.noise.mean))))
-
-    def __call__(self, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See `BodyMotion.__call__`."""
-        return self._moved(particles, self.noise.draw(len(particles), rng))
-
-    def _moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
+    def moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
+        """See `BodyMotion.moved`."""
         moved = particles.copy()
         moved[:, -2:] += increments[:, :2]
         moved[:, :2] += moved[:, -2:]
@@ -150,15 +152,8 @@ class BodyFixedVelocity:
         rates[:, :2] = self.velocity.draw(len(states), rng)
         return np.concatenate([states, rates], axis=1)
 
-    def drift(self, particles: FloatArray) -> FloatArray:
-        """See `BodyMotion.drift`."""
-        return self._moved(particles, np.tile(self.noise.mean, (len(particles), 1)))
-
-    def __call__(self, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See `BodyMotion.__call__`."""
-        return self._moved(particles, self.noise.draw(len(particles), rng))
-
-    def _moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
+    def moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
+        """See `BodyMotion.moved`."""
         columns = len(self.noise.mean)
         states, rates = particles[:, :columns], particles[:, columns:]
         if self.gain is not None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import cv2
 import numpy as np
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.filters.body_motion import HEADING, Noise, RandomWalk
+from tsuiseki.tracking.filters.body_motion import HEADING, Noise, RandomWalk, draw
 from tsuiseki.tracking.filters.particle import ParticleFilter, bootstrap
 from tsuiseki.tracking.filters.weights import best_particle
 from tsuiseki.tracking.likelihoods.contour import (
@@ -88,7 +89,7 @@ def _best_state(
         likelihood = ContourLikelihood(spread)
         noise = Noise(wide.mean, share * wide.factor * (number > 0))
         layer = ParticleFilter(
-            bootstrap(RandomWalk(noise)),
+            bootstrap(partial(draw, RandomWalk(noise))),
             lambda particles, _, use=likelihood: use.log(edges, body.contour(particles), neighbours),
             threshold=1.0,
         )

@@ -8,13 +8,15 @@ is expected, the image belongs to that one: see `ContourLikelihood`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.filters.body_motion import BodyMotion
-from tsuiseki.tracking.filters.particle import AdaptiveNumber, ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.annealed import Annealed
+from tsuiseki.tracking.filters.body_motion import BodyMotion, draw, drift
+from tsuiseki.tracking.filters.particle import AdaptiveNumber, ParticleFilter, ParticleState, Proposal, bootstrap
 from tsuiseki.tracking.filters.weights import weighted_mean
 from tsuiseki.tracking.formats.states import BodyTrack
 from tsuiseki.tracking.likelihoods.contour import (
@@ -46,6 +48,7 @@ class DeformableSettings:
         searching_beyond: a body whose contour is farther than this from the edges is not seen there, pixels.
         patience: frames unseen until a body is lost.
         smooth: side in pixels of the median filter of the extraction; 1 leaves it out.
+        layers: 1 draws particles from the motion; 2 draws again near the better ones (`Annealed`), at twice the cost.
     """
 
     particles: int = 500
@@ -55,11 +58,14 @@ class DeformableSettings:
     searching_beyond: float = 15.0
     patience: int = 10
     smooth: int = 5
+    layers: int = 1
 
     def __post_init__(self) -> None:
         for name, least in (("particles", 1), ("margin", 0), ("patience", 0)):
             if getattr(self, name) < least:
                 raise ValueError(f"expected {name} from {least}, got {getattr(self, name)}")
+        if self.layers not in (1, 2):
+            raise ValueError(f"expected 1 or 2 layers, got {self.layers}")
         if self.smooth < 1 or self.smooth % 2 == 0:
             raise ValueError(f"expected smooth to be an odd number of pixels, got {self.smooth}")
         if not (0 < self.spread < np.inf and 0 <= self.hidden_cost < np.inf):
@@ -140,6 +146,9 @@ class DeformableTracker:
         self._columns = len(body.fields)
         self._records: dict[int, _Record] = {}
         self._likelihood = ContourLikelihood(self.settings.spread, self.settings.hidden_cost)
+        self._move: Proposal[View] = bootstrap(partial(draw, motion))
+        if self.settings.layers == 2:
+            self._move = Annealed(motion, self._log_likelihood)
         self._filter: ParticleFilter[View] = ParticleFilter(
             self._propose, self._log_likelihood, threshold=1.0, adaptive=adaptive
         )
@@ -179,9 +188,9 @@ class DeformableTracker:
     def _propose(
         self, particles: FloatArray, observation: View, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
-        """The motion as proposal; shapes that the body cannot take are moved to its limit."""
-        del observation
-        return within_limits(self.motion(particles, rng), self.body), np.zeros(len(particles))
+        """The motion, in one layer or two; shapes that the body cannot take are moved to its limit."""
+        moved, correction = self._move(particles, observation, rng)
+        return within_limits(moved, self.body), correction
 
     def _log_likelihood(self, particles: FloatArray, observation: View) -> FloatArray:
         contours = self.body.contour(particles[:, : self._columns])
@@ -226,7 +235,7 @@ class DeformableTracker:
         """Contours ``(K, 2)`` where the targets are expected before the image is looked at."""
         if not self.targets:
             return {}
-        moved = self.motion.drift(np.array([target.estimate for target in self.targets]))
+        moved = drift(self.motion, np.array([target.estimate for target in self.targets]))
         contours = self.body.contour(moved[:, : self._columns])
         return {target.id: contour for target, contour in zip(self.targets, contours, strict=True)}
 
