@@ -8,12 +8,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.formats.mot import write_sequence_info
 from tsuiseki.tracking.formats.silhouettes import FOLDER, write_silhouettes
 from tsuiseki.tracking.formats.states import exact_track, write_states
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import FloatArray, ImageArray
+
+GRAIN_SHIFT = 64
 
 
 @dataclass(frozen=True)
@@ -54,3 +57,15 @@ def write_body_clip(
         write_states(work / "states.csv", tracks, fields)
         write_sequence_info(work, folder.name, frame_rate, len(states), *size)
     return folder
+
+
+def larger_noise(height: int, width: int, level: float, rng: np.random.Generator) -> NDArray[np.float32]:
+    """The noise of a camera in grey levels, on somewhat more than an image of three channels."""
+    size = (height + GRAIN_SHIFT, width + GRAIN_SHIFT, 3)
+    return np.float32(level) * rng.standard_normal(size, dtype=np.float32)
+
+
+def another_part(noise: NDArray[np.float32], shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
+    """One frame's noise, cut from the larger picture of it: drawing it anew would cost more than the scene."""
+    top, left = rng.integers(GRAIN_SHIFT + 1, size=2)
+    return noise[top : top + shape[0], left : left + shape[1]]

@@ -127,7 +127,7 @@ def _colour(look: FishLook, s: Float32, r: Float32, opaque: Float32) -> Float32:
     scales = cv2.remap(look.pattern, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     roundness = np.sqrt(np.clip(1 - (r / (look.width / 2)) ** 2, 0, 1))
     light = 0.78 + 0.2 * roundness + 0.05 * scales - 0.10 * np.exp(-((r / 1.8) ** 2))
-    eyes = np.hypot(s - 0.36 * look.length, np.abs(r) - 0.24 * look.width) < 0.045 * look.length
+    eyes = np.hypot(s - 0.35 * look.length, np.abs(r) - 0.22 * look.width) < 0.032 * look.length
     colour = look.colour * light[..., None]
     fins = look.colour * 0.75 + 60.0
     colour = opaque[..., None] * colour + (1 - opaque[..., None]) * fins

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.body_clip import SceneFrame, write_body_clip
+from tsuiseki.datamodules.scenes.body_clip import SceneFrame, another_part, larger_noise, write_body_clip
 from tsuiseki.datamodules.scenes.fish_drawing import Drawn, FishLook, Float32, draw_fish, random_look, within
 from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
 from tsuiseki.datamodules.scenes.water import gravel, make_ripples
@@ -22,7 +22,6 @@ FIELDS = ("a", "b", "theta", "phi")
 PANE = 24
 SHADOW = (11, 15)
 SHADOW_BLUR = 4.0
-GRAIN_SHIFT = 64
 
 
 @dataclass(frozen=True)
@@ -92,9 +91,7 @@ def goldfish_frames(settings: GoldfishSettings, seed: int) -> Iterator[SceneFram
     looks = _looks(settings, stage)
     floor = gravel(settings.width, settings.height, settings.pebbles, stage)
     ripples = make_ripples(settings.width, settings.height, settings.ripples, settings.glints, stage)
-    grain = settings.noise * stage.standard_normal(
-        (settings.height + GRAIN_SHIFT, settings.width + GRAIN_SHIFT, 3), dtype=np.float32
-    )
+    grain = larger_noise(settings.height, settings.width, settings.noise, stage)
     for frame in range(settings.frames):
         drawn = [draw_fish(look, state) for look, state in zip(looks, states[frame], strict=True)]
         image = _picture(settings, floor, drawn, looks, states[frame], ripples.at(frame / settings.frame_rate))
@@ -102,15 +99,8 @@ def goldfish_frames(settings: GoldfishSettings, seed: int) -> Iterator[SceneFram
         for bit, fish in enumerate(drawn):
             part, own = within((settings.height, settings.width), fish)
             silhouettes[part] |= np.where(fish.silhouette[own], np.uint8(1 << bit), np.uint8(0))
-        noisy = cv2.add(image, _another_part(grain, stage), dtype=cv2.CV_8U)
+        noisy = cv2.add(image, another_part(grain, image.shape, stage), dtype=cv2.CV_8U)
         yield SceneFrame(np.asarray(noisy, np.uint8), states[frame], silhouettes)
-
-
-def _another_part(grain: Float32, rng: np.random.Generator) -> Float32:
-    """The camera's noise of one frame, cut from a larger picture of it: drawing it anew costs more than the scene."""
-    top, left = rng.integers(GRAIN_SHIFT, size=2)
-    height, width = grain.shape[0] - GRAIN_SHIFT, grain.shape[1] - GRAIN_SHIFT
-    return grain[top : top + height, left : left + width]
 
 
 def write_goldfish(

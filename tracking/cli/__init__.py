@@ -55,7 +55,7 @@ COMMANDS: Tree = {
         {
             "street": Command("people on a street before a fixed camera", "simulate", "street"),
             "blobs": Command("coloured objects over natural clutter", "blobs", "simulate"),
-            "goldfish": Command("fish that bend, seen from above", "goldfish", "simulate"),
+            "goldfish": Command("fish that bend, or balls that squash", "goldfish", "simulate"),
         },
     ),
     "train": Group(
