@@ -69,7 +69,8 @@ def learn_body(outlines: Sequence[Outline], modes: int = 1, points: int = 48, na
     aligned, turns = line_up(sampled - centroids[:, None])
     steps = np.array([complex(*outline.step) for outline in outlines])
     heading = _heading(aligned.mean(axis=0), steps * np.exp(-1j * turns))
-    aligned, turns = aligned[:, ::FINER] * np.exp(-1j * heading), turns + heading
+    aligned, turns = aligned * np.exp(-1j * heading), turns + heading
+    aligned = np.roll(aligned, -int(aligned.real.mean(axis=0).argmax()), axis=1)[:, ::FINER]  # from the nose on
     rows = np.concatenate([aligned.real, aligned.imag], axis=1)
     mean = rows.mean(axis=0)
     spread = _distance(rows - mean)
