@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.bodies.body import Contours, Stroke, placed, unlimited
+from tsuiseki.tracking.bodies.body import Contours, Stroke, placed, turning_basis, unlimited
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 
@@ -86,12 +86,11 @@ class LearntBody:
         """See :class:`~tsuiseki.tracking.bodies.body.Body`; bends beyond the limits are drawn at the limit."""
         bends = np.clip(states[:, 3 : 3 + len(self.modes)], *self.bends.T).astype(np.float32)
         terms = np.concatenate([bends, bends**2 - 1, np.ones((len(bends), 1), np.float32)], axis=1)
-        return placed((terms @ self._basis).reshape(len(states), -1, 2), states)
+        return placed(terms, states, self._turning)
 
     @cached_property
-    def _basis(self) -> Contours:
-        parts = np.concatenate([self.modes, self.curves, self.mean[None]])
-        return np.asarray(parts.reshape(len(parts), -1), dtype=np.float32)
+    def _turning(self) -> Contours:
+        return turning_basis(np.concatenate([self.modes, self.curves, self.mean[None]]).astype(np.float32))
 
 
 def write_body(path: Path, body: LearntBody) -> None:
