@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tsuiseki.tracking.bodies.body import Contours, Stroke, placed, unlimited
+from tsuiseki.tracking.bodies.body import Contours, Stroke, placed, turning_basis, unlimited
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 
@@ -69,14 +69,16 @@ class Ball:
     def contour(self, states: FloatArray) -> Contours:
         """See :class:`~tsuiseki.tracking.bodies.body.Body`; squashes beyond the limits are drawn at the limit.
 
-        >>> Ball(diameter=20).contour(np.array([[0, 0, 0, 0.5]]))[0, [0, 6]].tolist()
+        >>> Ball(diameter=20).contour(np.array([[0, 0, 0, 0.5]]))[0, [0, 6]].round(3).tolist()
         [[5.0, 0.0], [0.0, 20.0]]
         """
-        length = np.float32(1) - np.clip(states[:, 3], *self.limits[3]).astype(np.float32)[:, None]
-        return placed(np.stack([self._circle[:, 0] * length, self._circle[:, 1] / length], axis=-1), states)
+        length = np.float32(1) - np.clip(states[:, 3:4], *self.limits[3]).astype(np.float32)
+        return placed(np.concatenate([length, 1 / length], axis=1), states, self._turning)
 
     @cached_property
-    def _circle(self) -> Contours:
+    def _turning(self) -> Contours:
+        """Of the circle along and across the squash."""
         angle = np.arange(self.points) * 2 * np.pi / self.points
-        circle = self.diameter / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        return np.asarray(np.where(np.abs(circle) < 1e-9, 0.0, circle), dtype=np.float32)
+        basis = np.zeros((2, self.points, 2), dtype=np.float32)
+        basis[0, :, 0], basis[1, :, 1] = np.cos(angle), np.sin(angle)
+        return turning_basis(basis * np.float32(self.diameter / 2))

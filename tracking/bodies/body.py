@@ -70,19 +70,30 @@ def unlimited(components: int) -> FloatArray:
     return np.tile([-np.inf, np.inf], (components, 1))
 
 
-def placed(local: Contours, states: FloatArray) -> Contours:
-    """Turns local points by the heading and moves them to the centre.
+def turning_basis(basis: Contours) -> Contours:
+    """What :func:`placed` multiplies: basis shapes ``(R, K, 2)`` with the nose on +x, as rows ``(2 R + 2, 2 K)``.
+
+    The first rows are the shapes themselves, then follow the shapes turned by a right angle, then the two shifts.
+    """
+    turned = np.stack([-basis[..., 1], basis[..., 0]], axis=-1)
+    shifts = np.broadcast_to(np.eye(2)[:, None], (2, basis.shape[1], 2))
+    return np.concatenate([basis, turned, shifts]).reshape(2 * len(basis) + 2, -1).astype(np.float32)
+
+
+def placed(terms: Contours, states: FloatArray, turning: Contours) -> Contours:
+    """Contours ``(N, K, 2)`` that are sums of basis shapes, turned by the heading and moved to the centre.
+
+    All of it is linear in ``cos theta`` and ``sin theta`` times the terms, so that one product does it.
 
     Args:
-        local: ``(K, 2)`` or ``(N, K, 2)`` points with the nose on +x.
+        terms: ``(N, R)`` how much of each basis shape.
         states: ``(N, D >= 3)``.
+        turning: of the basis shapes, by :func:`turning_basis`.
     """
-    a, b, theta = np.asarray(states[:, :3], dtype=np.float32).T[:, :, None]
-    cos, sin = np.cos(theta), np.sin(theta)
-    points = np.empty((len(states), local.shape[-2], 2), dtype=np.float32)
-    points[..., 0] = cos * local[..., 0] - sin * local[..., 1] + a
-    points[..., 1] = sin * local[..., 0] + cos * local[..., 1] + b
-    return points
+    theta = np.asarray(states[:, 2:3], dtype=np.float32)
+    place = np.asarray(states[:, :2], dtype=np.float32)
+    factors = np.concatenate([np.cos(theta) * terms, np.sin(theta) * terms, place], axis=1)
+    return (factors @ turning).reshape(len(states), -1, 2)
 
 
 def ellipse(length: float, width: float, points: int) -> Contours:

@@ -1,28 +1,32 @@
-"""Bodies by name, for the command line and for files."""
+"""Bodies by name or file, for the command line and for files."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.tracking.bodies.learnt import read_body
 from tsuiseki.tracking.errors import RequestError
 
 BODIES: Mapping[str, Callable[..., Body]] = {"goldfish": Goldfish, "ball": Ball}
 
 
 def parse_body(text: str) -> Body:
-    """A body by name, with its sizes where they differ from the usual ones.
+    """A body by name, with its sizes where they differ from the usual ones, or a file of `tsuiseki train body`.
 
     >>> parse_body("goldfish,length=40,width=14").card["length"]
     40.0
 
     Raises:
-        RequestError: there is no such body or size, or a size is no number.
+        RequestError: there is no such body, size or file, or a size is no number.
     """
+    if text.endswith(".json"):
+        return read_body(Path(text))
     name, *sizes = (part.strip() for part in text.split(","))
     values: dict[str, object] = {"body": name}
     for size in sizes:
@@ -34,14 +38,16 @@ def parse_body(text: str) -> Body:
 
 
 def body_of_card(card: Mapping[str, object]) -> Body:
-    """The body that a :attr:`Body.card` describes; numbers may be text.
+    """The goldfish or ball that a :attr:`Body.card` describes; numbers may be text.
 
     Raises:
         RequestError: as :func:`parse_body`.
     """
     make = BODIES.get(str(card.get("body")))
     if make is None:
-        raise RequestError(f"expected a body of {', '.join(BODIES)}, got {card.get('body')!r}")
+        raise RequestError(
+            f"expected a body of {', '.join(BODIES)} or a file .json of tsuiseki train body, got {card.get('body')!r}"
+        )
     known = {field.name: _number_type(field.type) for field in fields(make)}  # type: ignore[arg-type]
     sizes: dict[str, Any] = {}
     for key, value in card.items():

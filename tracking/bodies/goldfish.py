@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tsuiseki.tracking.bodies.body import Contours, Stroke, ellipse, placed, unlimited
+from tsuiseki.tracking.bodies.body import Contours, Stroke, ellipse, placed, turning_basis, unlimited
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 
@@ -85,18 +85,18 @@ class Goldfish:
         >>> Goldfish(length=40, width=20, tail=30).contour(np.array([[0, 0, 0, 0.0]]))[0, [0, -1]].tolist()
         [[20.0, 0.0], [-50.0, 0.0]]
         """
-        local = np.empty((len(states), self.ellipse_points + self.tail_points, 2), dtype=np.float32)
-        local[:, : self.ellipse_points] = self._ellipse
-        phi = np.asarray(states[:, 3], dtype=np.float32)[:, None]
-        local[:, self.ellipse_points :, 0] = -self.length / 2 - np.cos(phi) * self._along
-        local[:, self.ellipse_points :, 1] = np.sin(phi) * self._along
-        return placed(local, states)
+        phi = np.asarray(states[:, 3:4], dtype=np.float32)
+        terms = np.concatenate([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
+        return placed(terms, states, self._turning)
 
     @cached_property
-    def _ellipse(self) -> Contours:
-        return ellipse(self.length, self.width, self.ellipse_points)
-
-    @cached_property
-    def _along(self) -> Contours:
-        """Distances of the tail's points from its root; the root itself lies on the ellipse."""
-        return np.linspace(0.0, self.tail, self.tail_points + 1, dtype=np.float32)[1:]
+    def _turning(self) -> Contours:
+        """Of the unbent body without its tail, and of the tail along and across it."""
+        basis = np.zeros((3, self.ellipse_points + self.tail_points, 2), dtype=np.float32)
+        basis[0, : self.ellipse_points] = ellipse(self.length, self.width, self.ellipse_points)
+        basis[0, self.ellipse_points :, 0] = -self.length / 2
+        # The root of the tail lies on the ellipse already.
+        along = np.linspace(0.0, self.tail, self.tail_points + 1)[1:]
+        basis[1, self.ellipse_points :, 0] = -along
+        basis[2, self.ellipse_points :, 1] = along
+        return turning_basis(basis)

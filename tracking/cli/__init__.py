@@ -59,11 +59,12 @@ COMMANDS: Tree = {
         },
     ),
     "train": Group(
-        "fit a model to labelled video (all but motion need the train extra)",
+        "fit a model to labelled video (all but body and motion need the train extra)",
         {
             "detector": Command("where people are", "train", "detector", forwarded=True),
             "appearance": Command("what they look like", "train", "appearance", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
+            "body": Command("a body that bends, from silhouettes", "goldfish", "train_body", ("clips",)),
             "motion": Command(
                 "how a body that bends moves, from its tracks", "deformable", "train_motion", ("tracks",)
             ),

@@ -73,7 +73,8 @@ def test_contours_move_and_turn_with_the_state_and_stay_within_the_radius(body):
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
 def test_one_call_for_all_states_equals_one_call_each(body):
     states = random_states(body, 7)
-    assert body.contour(states) == pytest.approx(np.concatenate([body.contour(s[None]) for s in states]))
+    one_by_one = np.concatenate([body.contour(s[None]) for s in states])
+    assert body.contour(states) == pytest.approx(one_by_one, abs=1e-3)
     assert body.contour(states[:0]).shape == (0, body.strokes[-1].last, 2)
     assert len(body.fields) == len(body.limits) == states.shape[1]
 
