@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.affinity import FeatureSet, feature_rows
+from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.costs import pair_features
 from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
 from tsuiseki.tracking.errors import RequestError
@@ -114,10 +114,8 @@ def match_boxes(found: FloatArray, labelled: FloatArray) -> tuple[IntArray, Bool
 def _assign(overlaps: FloatArray, least: float) -> IntArray:
     """``(N,)`` column assigned to each row, best total first (Hungarian), -1 where there is none."""
     result = np.full(len(overlaps), -1, dtype=np.int64)
-    # Below the limit a match is worth nothing, so that it never pushes a valid one aside.
-    i, j = linear_sum_assignment(np.where(overlaps >= least, overlaps, 0), maximize=True)
-    valid = overlaps[i, j] >= least
-    result[i[valid]] = j[valid]
+    rows, columns = assign_overlaps(overlaps, least)
+    result[rows] = columns
     return result
 
 

@@ -10,7 +10,6 @@ import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 from torch.optim import AdamW
-from torch.optim.lr_scheduler import LambdaLR
 
 from tsuiseki.datamodules.appearance import AppearanceBatch
 from tsuiseki.models.appearance import AppearanceNetwork
@@ -19,7 +18,7 @@ from tsuiseki.models.metric_losses import contrastive_loss, softmax_contrastive_
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import Retrieval, evaluate_retrieval
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.detector import decay_groups, warmup_cosine
+from tsuiseki.trainers.schedule import decay_groups, scheduled
 
 LossName = Literal["softmax", "triplet", "contrastive"]
 LOSSES = {"softmax": softmax_contrastive_loss, "triplet": triplet_loss, "contrastive": contrastive_loss}
@@ -129,9 +128,5 @@ class AppearanceTraining(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW under a linear warm-up and a cosine decay over the whole training."""
-        decayed, others = decay_groups(self.network)
-        groups = [{"params": decayed, "weight_decay": self.weight_decay}, {"params": others, "weight_decay": 0.0}]
-        optimiser = AdamW(groups, lr=self.learning_rate)
-        total = max(int(self.trainer.estimated_stepping_batches), self.warmup_steps + 1)
-        schedule = LambdaLR(optimiser, lambda step: warmup_cosine(step, self.warmup_steps, total, self.final_share))
-        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+        optimiser = AdamW(decay_groups(self.network, self.weight_decay), lr=self.learning_rate)
+        return scheduled(optimiser, self.trainer, self.warmup_steps, self.final_share)

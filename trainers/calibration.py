@@ -11,10 +11,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 from sklearn.linear_model import LogisticRegression
 
 from tsuiseki.datamodules.readers.mot import labelled_images
+from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks import Detector
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
@@ -34,10 +34,8 @@ def matched_scores(detector: Detector, folder: Path) -> tuple[FloatArray, BoolAr
     for sample in labelled_images(folder):
         found = detector.detect([read_image(sample.path)])[0]
         people, ignored = sample.boxes[~sample.ignored], sample.boxes[sample.ignored]
-        overlaps = iou_matrix(found.boxes, people)
-        rows, columns = linear_sum_assignment(-np.where(overlaps >= MATCH_OVERLAP, overlaps, 0))
         matched = np.zeros(len(found), dtype=np.bool_)
-        matched[rows[overlaps[rows, columns] >= MATCH_OVERLAP]] = True
+        matched[assign_overlaps(iou_matrix(found.boxes, people), MATCH_OVERLAP)[0]] = True
         inside = intersections(found.boxes[:, None], ignored[None]) / areas(found.boxes)[:, None]
         counted = matched | ~(inside > MATCH_OVERLAP).any(axis=1)
         scores.append(found.scores[counted])

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import lightning
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
-from torch import Tensor, nn
+from torch import Tensor
 from torch.optim import SGD, AdamW, Optimizer
-from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import batched_nms
 
 from tsuiseki.datamodules.detection import DetectionBatch
@@ -24,6 +22,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import Detections
+from tsuiseki.trainers.schedule import decay_groups, scheduled
 
 Architecture = Literal["people", "ssdlite320", "ssd300", "ssd512"]
 Resize = Literal["letterbox", "stretch"]
@@ -193,35 +192,13 @@ class DetectorTraining(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""
-        optimiser = self._optimiser()
-        total = max(int(self.trainer.estimated_stepping_batches), self.warmup_steps + 1)
-        schedule = LambdaLR(optimiser, lambda step: warmup_cosine(step, self.warmup_steps, total, self.final_share))
-        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+        return scheduled(self._optimiser(), self.trainer, self.warmup_steps, self.final_share)
 
     def _optimiser(self) -> Optimizer:
-        decayed, others = decay_groups(self.network)
-        groups = [{"params": decayed, "weight_decay": self.weight_decay}, {"params": others, "weight_decay": 0.0}]
+        groups = decay_groups(self.network, self.weight_decay)
         if self.optimiser == "sgd":
             return SGD(groups, lr=self.learning_rate, momentum=0.9, nesterov=True)
         return AdamW(groups, lr=self.learning_rate)
-
-
-def decay_groups(module: nn.Module) -> tuple[list[nn.Parameter], list[nn.Parameter]]:
-    """Parameters that weight decay is for (matrices and kernels), and the others."""
-    trained = [p for p in module.parameters() if p.requires_grad]
-    return [p for p in trained if p.ndim > 1], [p for p in trained if p.ndim <= 1]
-
-
-def warmup_cosine(step: int, warmup: int, total: int, final_share: float) -> float:
-    """Factor on the learning rate: a linear rise to 1 at ``warmup``, a cosine fall to ``final_share`` at ``total``.
-
-    >>> [round(warmup_cosine(s, 10, 110, 0.0), 2) for s in (0, 9, 10, 60, 110)]
-    [0.1, 1.0, 1.0, 0.5, 0.0]
-    """
-    if step < warmup:
-        return (step + 1) / warmup
-    progress = min(1.0, (step - warmup) / (total - warmup))
-    return final_share + (1 - final_share) * (1 + math.cos(math.pi * progress)) / 2
 
 
 def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard) -> list[Detections]:

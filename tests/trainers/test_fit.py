@@ -12,8 +12,9 @@ import torch
 import yaml
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.detector import DetectorTraining, detections, detector_card, warmup_cosine
+from tsuiseki.trainers.detector import DetectorTraining, detections, detector_card
 from tsuiseki.trainers.fit import fit_detector
+from tsuiseki.trainers.schedule import warmup_cosine
 
 
 def sequence(folder: Path, frames: int = 6) -> Path:

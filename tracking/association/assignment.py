@@ -1,4 +1,4 @@
-"""Matching two sets one to one at the least cost: the Hungarian step of SORT and DeepSORT."""
+"""Matching two sets one to one (Hungarian): by the least cost, or by the most overlap."""
 
 from __future__ import annotations
 
@@ -38,3 +38,22 @@ def assign(costs: FloatArray, limit: float) -> tuple[IntArray, IntArray]:
     rows, columns = linear_sum_assignment(np.where(barred, (limit - lowest + 1.0) * (min(costs.shape) + 1), costs))
     allowed = ~barred[rows, columns]
     return rows[allowed], columns[allowed]
+
+
+def assign_overlaps(overlaps: FloatArray, least: float) -> tuple[IntArray, IntArray]:
+    """Match rows to columns one to one for the greatest total overlap.
+
+    Args:
+        overlaps: ``(N, M)`` in [0, 1].
+        least: pairs that overlap less count for nothing, and so never push a valid pair aside.
+
+    Returns:
+        Indices of the matched rows, increasing, and of their columns.
+
+    >>> assign_overlaps(np.array([[0.6, 0.55], [0.7, 0.4]]), least=0.5)
+    (array([0, 1]), array([1, 0]))
+    """
+    valid = overlaps >= least
+    rows, columns = linear_sum_assignment(np.where(valid, overlaps, 0), maximize=True)
+    kept = valid[rows, columns]
+    return rows[kept], columns[kept]

@@ -93,7 +93,7 @@ def placed(terms: Contours, states: FloatArray, turning: Contours) -> Contours:
     theta = np.asarray(states[:, 2:3], dtype=np.float32)
     place = np.asarray(states[:, :2], dtype=np.float32)
     factors = np.concatenate([np.cos(theta) * terms, np.sin(theta) * terms, place], axis=1)
-    return (factors @ turning).reshape(len(states), -1, 2)
+    return (factors @ turning).reshape(len(states), turning.shape[1] // 2, 2)
 
 
 def ellipse(length: float, width: float, points: int) -> Contours:

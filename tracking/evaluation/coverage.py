@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import IntArray, Track
@@ -51,10 +51,8 @@ def coverage(truth: GroundTruth, tracks: Iterable[Track]) -> list[Coverage]:
     found = np.zeros(len(rows), dtype=np.int64)
     for frame in np.unique(rows.frames):
         a, b = (slice(*np.searchsorted(numbers, [frame, frame + 1])) for numbers in (rows.frames, frames))
-        overlaps = iou_matrix(rows.boxes[a], boxes[b])
-        i, j = linear_sum_assignment(-np.where(overlaps < MATCH_OVERLAP, 0, overlaps))
-        right = overlaps[i, j] >= MATCH_OVERLAP
-        found[a][i[right]] = ids[b][j[right]]
+        i, j = assign_overlaps(iou_matrix(rows.boxes[a], boxes[b]), MATCH_OVERLAP)
+        found[a][i] = ids[b][j]
     people, first = np.unique(rows.ids, return_index=True)
     return [
         Coverage(int(person), rows.frames[rows.ids == person], found[rows.ids == person])

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.geometry import iou_matrix
@@ -243,9 +243,8 @@ def _on_ignored(overlaps: FloatArray, ignored: BoolArray) -> BoolArray:
     found = np.zeros(overlaps.shape[1], dtype=np.bool_)
     if not ignored.any():
         return found
-    matching = np.where(overlaps < MATCH_OVERLAP - np.finfo(np.float64).eps, 0, overlaps)
-    rows, columns = linear_sum_assignment(-matching)
-    found[columns[(matching[rows, columns] > 0) & ignored[rows]]] = True
+    rows, columns = assign_overlaps(overlaps, MATCH_OVERLAP - np.finfo(np.float64).eps)
+    found[columns[ignored[rows]]] = True
     return found
 
 
