@@ -122,32 +122,37 @@ class ContourLikelihood:
     """``exp(-d_max^2 / spread)`` (7), and what becomes of it where another body is in the way.
 
     Contour points inside a neighbour are not seen: the image there is explained by the neighbour, so they take no part
-    in ``d_max``, and each hidden share of the contour costs ``hidden_cost``. Without the cost a particle would fit best
-    with all of itself inside the neighbour, and without the exclusion it would fit best on the neighbour's outline.
+    in ``d_max``, and the share of the contour that is hidden beyond what was expected costs ``hidden_cost``. Without
+    the cost a particle would fit best with all of itself inside the neighbour, and without the exclusion it would fit
+    best on the neighbour's outline. Where bodies are expected to cross, being hidden is no fault.
 
     Attributes:
         spread: ``sigma_d``, pixels squared.
-        hidden_cost: subtracted from the log-likelihood of a contour that is hidden in full.
+        hidden_cost: subtracted from the log-likelihood of a contour that is hidden in full and was to be seen in full.
     """
 
     spread: float = 40.0
-    hidden_cost: float = 2.0
+    hidden_cost: float = 14.0
 
     def __post_init__(self) -> None:
         if not (self.spread > 0 and np.isfinite(self.spread)) or not self.hidden_cost >= 0:
             raise ValueError(f"expected a spread above 0 and a cost from 0, got {self.spread} and {self.hidden_cost}")
 
-    def log(self, image: EdgeImage, points: Points, neighbours: Mask | None = None) -> FloatArray:
+    def log(
+        self, image: EdgeImage, points: Points, neighbours: Mask | None = None, expected: float = 0.0
+    ) -> FloatArray:
         """Log-likelihood ``(N,)`` of contours ``(N, K, 2)``.
 
         Args:
             image: the edges.
             points: float32 pixels.
             neighbours: ``(H, W)`` uint8, above 0 where another body is expected.
+            expected: share of the contour that is expected to be hidden there, in [0, 1].
         """
         distance = point_distances(image, points)
         if neighbours is None:
             return np.asarray(-(distance.max(axis=1).astype(np.float64) ** 2) / self.spread)
         hidden = look_up(neighbours, points) > 0
         farthest = np.where(hidden, 0.0, distance).max(axis=1).astype(np.float64)
-        return np.asarray(-(farthest**2) / self.spread - self.hidden_cost * hidden.mean(axis=1))
+        unexpected = np.maximum(hidden.mean(axis=1) - expected, 0.0)
+        return np.asarray(-(farthest**2) / self.spread - self.hidden_cost * unexpected)

@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.filters.annealed import Annealed
-from tsuiseki.tracking.filters.body_motion import BodyMotion, draw, drift
+from tsuiseki.tracking.filters.body_motion import BodyMotion, draw
 from tsuiseki.tracking.filters.particle import AdaptiveNumber, ParticleFilter, ParticleState, Proposal, bootstrap
 from tsuiseki.tracking.filters.weights import weighted_mean
 from tsuiseki.tracking.formats.states import BodyTrack
@@ -53,7 +53,7 @@ class DeformableSettings:
 
     particles: int = 500
     spread: float = 40.0
-    hidden_cost: float = 2.0
+    hidden_cost: float = 14.0
     margin: int = 4
     searching_beyond: float = 15.0
     patience: int = 10
@@ -78,10 +78,17 @@ class DeformableSettings:
 
 @dataclass(frozen=True)
 class View:
-    """What one body's filter observes: the edges of the frame, and where its neighbours are expected."""
+    """What one body's filter observes.
+
+    Attributes:
+        edges: of the frame.
+        neighbours: where other bodies are expected; None where none is near.
+        hidden: share of the body's contour that is expected to lie there.
+    """
 
     edges: EdgeImage
     neighbours: Mask | None
+    hidden: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -92,6 +99,7 @@ class Target:
         id: from 1.
         particles: of its filter.
         estimate: mean particle ``(D + …,)``; the body's state comes first.
+        before: that of the frame before.
         score: likelihood (7) of the estimate, in [0, 1].
         distance: ``d_max`` of the estimate, pixels.
         status: whether to believe it.
@@ -101,6 +109,7 @@ class Target:
     id: int
     particles: ParticleState
     estimate: FloatArray
+    before: FloatArray
     score: float = 1.0
     distance: float = 0.0
     status: Status = "tracking"
@@ -168,8 +177,11 @@ class DeformableTracker:
         if not self._records:
             self._begin(edges)
         else:
-            expected = self._expected_contours()
-            self.targets = [self._step(target, edges, expected) for target in self.targets]
+            contours = self._expected_contours()
+            for row, target in enumerate(self.targets):
+                self.targets[row] = self._step(target, edges, contours)
+                # Those that follow see this one where it is, and no longer where it was expected.
+                contours[target.id] = self._contour(self.targets[row])
             self._recover(edges)
         for target in self.targets:
             record = self._records.setdefault(target.id, _Record())
@@ -194,7 +206,7 @@ class DeformableTracker:
 
     def _log_likelihood(self, particles: FloatArray, observation: View) -> FloatArray:
         contours = self.body.contour(particles[:, : self._columns])
-        return self._likelihood.log(observation.edges, contours, observation.neighbours)
+        return self._likelihood.log(observation.edges, contours, observation.neighbours, observation.hidden)
 
     def _begin(self, edges: EdgeImage) -> None:
         """Targets at the given states, or at the bodies that the first frame shows."""
@@ -209,20 +221,23 @@ class DeformableTracker:
         """A target whose particles all stand at one state, their motions drawn."""
         states = np.tile(state, (self.settings.particles, 1))
         particles = self._filter.init(self.motion.start(states, self.rng))
-        return Target(number, particles, particles.particles.mean(axis=0))
+        mean = particles.particles.mean(axis=0)
+        return Target(number, particles, mean, mean)
 
     def _step(self, target: Target, edges: EdgeImage, expected: dict[int, Points]) -> Target:
         """One frame further."""
         others = [contour for number, contour in expected.items() if number != target.id]
         neighbours = near_mask(edges.size, expected[target.id], others, self.settings.margin)
-        particles, _ = self._filter.step(target.particles, View(edges, neighbours), self.rng)
+        _, hidden = visible_distance(edges, expected[target.id][None], neighbours)
+        particles, _ = self._filter.step(target.particles, View(edges, neighbours, hidden), self.rng)
         estimate = weighted_mean(particles.particles, particles.log_weights, self.body.angles)
-        return self._assessed(replace(target, particles=particles, estimate=estimate), edges, neighbours)
+        return self._assessed(
+            replace(target, particles=particles, estimate=estimate, before=target.estimate), edges, neighbours
+        )
 
     def _assessed(self, target: Target, edges: EdgeImage, neighbours: Mask | None) -> Target:
         """The target with its score and status."""
-        contour = self.body.contour(target.estimate[None, : self._columns])
-        distance, hidden = visible_distance(edges, contour, neighbours)
+        distance, hidden = visible_distance(edges, self._contour(target)[None], neighbours)
         seen = edges.has_edges and distance <= self.settings.searching_beyond and hidden < MOSTLY
         unseen = 0 if seen else target.unseen + 1
         status: Status = "tracking" if seen else "searching"
@@ -232,12 +247,22 @@ class DeformableTracker:
         return replace(target, score=score, distance=distance, status=status, unseen=unseen)
 
     def _expected_contours(self) -> dict[int, Points]:
-        """Contours ``(K, 2)`` where the targets are expected before the image is looked at."""
+        """Contours ``(K, 2)`` where the targets are expected before the image is looked at.
+
+        They go on by their last step, whatever their motion: a random walk would expect a fast body where it was.
+        """
         if not self.targets:
             return {}
-        moved = drift(self.motion, np.array([target.estimate for target in self.targets]))
-        contours = self.body.contour(moved[:, : self._columns])
+        now, before = (
+            np.array([getattr(t, name)[: self._columns] for t in self.targets]) for name in ("estimate", "before")
+        )
+        moved = now.copy()
+        moved[:, :2] += now[:, :2] - before[:, :2]
+        contours = self.body.contour(moved)
         return {target.id: contour for target, contour in zip(self.targets, contours, strict=True)}
+
+    def _contour(self, target: Target) -> Points:
+        return self.body.contour(target.estimate[None, : self._columns])[0]
 
     def _recover(self, edges: EdgeImage) -> None:
         """Put lost targets onto regions that no other target explains, now and then."""
