@@ -57,7 +57,7 @@ class Overlay:
             self._draw_trail(image, self.tracks[number], row)
         for number, row in present:
             _draw_box(image, self.tracks[number], row)
-        _label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))
+        draw_label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))
         return image
 
     def _draw_trail(self, image: ImageArray, track: Track, row: int) -> None:
@@ -106,7 +106,7 @@ def _draw_box(image: ImageArray, track: Track, row: int) -> None:
         corners = ((x1, y1), (x2, y1), (x2, y2), (x1, y2))
         for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
             _dashed_line(image, start, end, colour)
-    _label(image, str(track.id), (x1, y1 - 2), colour)
+    draw_label(image, str(track.id), (x1, y1 - 2), colour)
 
 
 def _dashed_line(image: ImageArray, start: tuple[int, int], end: tuple[int, int], colour: Colour) -> None:
@@ -122,7 +122,7 @@ def _dashed_line(image: ImageArray, start: tuple[int, int], end: tuple[int, int]
     cv2.polylines(image, dashes, isClosed=False, color=colour, thickness=2)
 
 
-def _label(image: ImageArray, text: str, place: tuple[int, int], colour: Colour) -> None:
+def draw_label(image: ImageArray, text: str, place: tuple[int, int], colour: Colour) -> None:
     """``text`` on a patch of ``colour`` whose lower left corner is ``place``, moved into the image."""
     scale = 0.4
     (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)

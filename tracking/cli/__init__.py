@@ -56,15 +56,20 @@ COMMANDS: Tree = {
             "street": Command("people on a street before a fixed camera", "simulate", "street"),
             "sphere": Command("a ball carried through a room before several cameras", "simulate_sphere", "sphere"),
             "blobs": Command("coloured objects over natural clutter", "blobs", "simulate"),
+            "goldfish": Command("fish that bend, or balls that squash", "goldfish", "simulate"),
         },
     ),
     "train": Group(
-        "fit a model to labelled video (needs the train extra)",
+        "fit a model to labelled video (all but body and motion need the train extra)",
         {
             "detector": Command("where people are", "train", "detector", forwarded=True),
             "appearance": Command("what they look like", "train", "appearance", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
             "objectness": Command("which boxes look like an object", "train_objectness", "objectness"),
+            "body": Command("a body that bends, from silhouettes", "goldfish", "train_body", ("clips",)),
+            "motion": Command(
+                "how a body that bends moves, from its tracks", "deformable", "train_motion", ("tracks",)
+            ),
         },
     ),
     "export": Group(
@@ -85,6 +90,7 @@ COMMANDS: Tree = {
             "single": Command("one target, from its box in the first frame", "track_single", "single", ("source",)),
             "sphere": Command("a ball in space, from calibrated cameras", "sphere", "sphere", ("source",)),
             "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
+            "deformable": Command("bodies that bend, such as fish from above", "deformable", "track", ("source",)),
         },
     ),
     "evaluate": Group(
@@ -103,6 +109,9 @@ COMMANDS: Tree = {
                 "correlation filters selected by a particle filter", "reproduce_single", "multi_correlation_filter"
             ),
             "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
+            "pca-particle-filter": Command(
+                "how many particles a goldfish needs", "reproduce_goldfish", "pca_particle_filter"
+            ),
             "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
             "stereo-sphere": Command("a ball in space from two cameras", "reproduce_sphere", "stereo_sphere"),
             "multiview-drone": Command("a drone in space from measured pixels", "reproduce_sphere", "multiview_drone"),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import grown
@@ -102,13 +103,18 @@ def colour_of_box(image: ImageArray, box: FloatArray) -> ColourRange:
 
 def colour_mask(image: ImageArray, colour: ColourRange) -> BoolArray:
     """Pixels ``(H, W)`` of an RGB image that have the colour."""
+    return np.asarray(colour_pixels(image, colour), dtype=np.bool_)
+
+
+def colour_pixels(image: ImageArray, colour: ColourRange) -> NDArray[np.uint8]:
+    """``(H, W)`` uint8, 255 at the pixels of an RGB image that have the colour and 0 elsewhere."""
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
     low = np.array([0, round(255 * colour.saturation[0]), round(255 * colour.value[0])])
     high = np.array([180, round(255 * colour.saturation[1]), round(255 * colour.value[1])])
     first, last = colour.hue[0] / 2, colour.hue[1] / 2
     ranges = [(first, last)] if first <= last else [(first, 180.0), (0.0, last)]
     masks = [cv2.inRange(hsv, np.array([a, *low[1:]]), np.array([b, *high[1:]])) for a, b in ranges]
-    return np.asarray(np.any(masks, axis=0))
+    return np.asarray(masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks), dtype=np.uint8)
 
 
 @dataclass(frozen=True)
