@@ -41,7 +41,7 @@ from tsuiseki.trainers.affinity_samples import (
 from tsuiseki.trainers.export_affinity import export_affinity
 
 # More of it makes two people alike less alike for no feature but the gap.
-FALLING = {"iou": 1, "appearance": -1, "width": -1, "height": -1, "x": -1, "y": -1, "gap": 0}
+FALLING = {"iou": 1, "appearance": -1, "width": -1, "height": -1, "x": -1, "y": -1, "gap": 0, "action": -1}
 GROUPS = 5
 WINDOW = 10
 UNKNOWN_SHARE = 0.1

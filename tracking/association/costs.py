@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.gating import GateSettings, pairs_by_gap
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,8 @@ class PairFeatures:
         dy: ``(P,)`` change of the centre's y in mean heights of the two boxes.
         dw: ``(P,)`` logarithm of the ratio of the widths.
         dh: ``(P,)`` logarithm of the ratio of the heights.
+        action: ``(P,)`` cosine distance of the action features in [0, 1], NaN where one is not known; None where
+            nothing recognises actions.
     """
 
     gap: IntArray
@@ -38,9 +40,24 @@ class PairFeatures:
     dy: FloatArray
     dw: FloatArray
     dh: FloatArray
+    action: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.gap)
+
+    def select(self, which: BoolArray | IntArray) -> PairFeatures:
+        """The pairs at a mask or at indices."""
+        action = None if self.action is None else self.action[which]
+        return PairFeatures(
+            self.gap[which],
+            self.iou[which],
+            self.appearance[which],
+            self.dx[which],
+            self.dy[which],
+            self.dw[which],
+            self.dh[which],
+            action,
+        )
 
 
 class TransitionCost(Protocol):

@@ -62,6 +62,7 @@ COMMANDS: Tree = {
         {
             "detector": Command("where people are", "train", "detector", forwarded=True),
             "appearance": Command("what they look like", "train", "appearance", forwarded=True),
+            "action": Command("what they do", "train", "action", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
         },
     ),
@@ -70,6 +71,7 @@ COMMANDS: Tree = {
         {
             "detector": Command("from a checkpoint, or from torchvision's COCO weights", "export", "detector"),
             "appearance": Command("from a checkpoint", "export", "appearance"),
+            "action": Command("from a checkpoint, one file a stream", "export", "action"),
         },
     ),
     "track": Group(

@@ -23,6 +23,13 @@ def appearance(words: Sequence[str]) -> int:
     return _fit(fit_appearance, words)
 
 
+def action(words: Sequence[str]) -> int:
+    """Fit the streams of an action network to clips labelled with actions."""
+    with needs_train_extra():
+        from tsuiseki.trainers.fit import fit_action
+    return _fit(fit_action, words)
+
+
 def affinity(words: Sequence[str]) -> int:
     """Fit the costs of the flow to labelled video."""
     with needs_train_extra():
