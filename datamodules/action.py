@@ -251,7 +251,7 @@ class ActionData(lightning.LightningDataModule):
         for clips in self._find().values():
             for clip in clips:
                 folder = self._folder(clip)
-                if not has_crops(folder, self.cutting, clip.labels.names):
+                if not has_crops(folder, self.cutting, clip.labels.class_names):
                     cut_clip(clip.images, clip.labels, self.cutting, folder)
 
     def setup(self, stage: str) -> None:
@@ -265,7 +265,7 @@ class ActionData(lightning.LightningDataModule):
     @property
     def names(self) -> tuple[str, ...]:
         """The actions, in the order of the labels."""
-        return self._find()["train"][0].labels.names
+        return self._find()["train"][0].labels.class_names
 
     def _find(self) -> dict[str, list[ActionClip]]:
         if not self.clips:
@@ -313,8 +313,8 @@ def _check_apart(found: dict[str, list[ActionClip]]) -> None:
     if twice:
         raise RequestError(f"expected clips of different names for training and validation, got {twice[0]} twice")
     for clip in clips:
-        if clip.labels.names != clips[0].labels.names:
+        if clip.labels.class_names != clips[0].labels.class_names:
             raise RequestError(
-                f"expected the same actions in all clips, got {', '.join(clip.labels.names)} in {clip.name} and "
-                f"{', '.join(clips[0].labels.names)} in {clips[0].name}"
+                f"expected the same actions in all clips, got {', '.join(clip.labels.class_names)} in {clip.name} and "
+                f"{', '.join(clips[0].labels.class_names)} in {clips[0].name}"
             )

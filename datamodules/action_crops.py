@@ -21,7 +21,7 @@ from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName, crop_squares, flow_to, square_boxes
 from tsuiseki.tracking.features.optical_flow import FlowName
-from tsuiseki.tracking.formats.action_labels import ActionLabels
+from tsuiseki.tracking.formats.okutama import ActionLabels
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 
 VERSION = 1
@@ -39,7 +39,6 @@ class CropSettings:
         stack: pairs of frames whose flow is stacked.
         flow: how it is estimated.
         step: every how many frames people are cut out.
-        least_visible: smallest visible share of a person, in [0, 1].
     """
 
     size: int = 64
@@ -49,7 +48,6 @@ class CropSettings:
     stack: int = 1
     flow: FlowName = "dis"
     step: int = 5
-    least_visible: float = 0.3
 
     @property
     def stored_size(self) -> int:
@@ -89,7 +87,7 @@ class ActionCrops:
 
 def cut_clip(images: Sequence[Path], labels: ActionLabels, settings: CropSettings, folder: Path) -> None:
     """Cut the labelled people of a clip out and keep them in ``folder``, which appears when it is complete."""
-    usable = labels.visibility >= settings.least_visible
+    usable = ~(labels.lost | labels.occluded)
     wanted = [t for t in np.unique(labels.frames[usable]).tolist() if t >= settings.stack and t % settings.step == 0]
     if not wanted:
         raise RequestError(f"expected labelled people in {folder.name}, found none with a frame before")
@@ -108,7 +106,7 @@ def cut_clip(images: Sequence[Path], labels: ActionLabels, settings: CropSetting
         for name, parts in crops.items():
             np.save(work / f"{name}.npy", np.concatenate(parts))
         np.savez(work / "rows.npz", actions=labels.actions[rows], ids=labels.ids[rows], frames=labels.frames[rows])
-        (work / "settings.json").write_text(_described(settings, labels.names), encoding="utf-8")
+        (work / "settings.json").write_text(_described(settings, labels.class_names), encoding="utf-8")
         if folder.exists():
             shutil.rmtree(folder)
         work.replace(folder)

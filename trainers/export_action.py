@@ -104,15 +104,15 @@ def _crops(folders: Sequence[Path], module: ActionTraining) -> ActionCrops:
     settings = CropSettings(one.size, 0.0, one.enlargement, one.flow_limit, one.stack, one.flow)
     clips = [clip for folder in folders for clip in find_action_clips(folder)]
     for clip in clips:
-        if clip.labels.names != module.names:
+        if clip.labels.class_names != module.names:
             raise RequestError(
                 f"{clip.name}: expected the actions of the network, {', '.join(module.names)}; got "
-                f"{', '.join(clip.labels.names)}"
+                f"{', '.join(clip.labels.class_names)}"
             )
     with tempfile.TemporaryDirectory() as folder:
         places = [Path(folder) / clip.name for clip in clips]
         for clip, place in zip(clips, places, strict=True):
-            if not has_crops(place, settings, clip.labels.names):
+            if not has_crops(place, settings, clip.labels.class_names):
                 cut_clip(clip.images, clip.labels, settings, place)
         # The pictures are held in memory, for the folder goes away.
         found = load_crops(places, tuple(module.inputs))

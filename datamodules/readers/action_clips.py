@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.action_labels import ActionLabels
 from tsuiseki.tracking.formats.mot import find_sequences
+from tsuiseki.tracking.formats.okutama import ActionLabels, read_okutama
 
-LABELS_FILE = "labels.txt"
-NAMES = ("Running", "Walking", "Lying", "Sitting", "Standing", "Handshaking", "Hugging", "Reading", "Drinking",
-         "Pushing/Pulling", "Carrying", "Calling")  # fmt: skip
+ACTIONS_FILE = "gt/actions.txt"
 
 
 @dataclass(frozen=True)
@@ -32,26 +28,21 @@ class ActionClip:
 
 
 def find_action_clips(folder: Path) -> list[ActionClip]:
-    """The clip in ``folder``, or in each of its sub-folders."""
-    return [ActionClip(s.name, s.images, _read(s.folder / LABELS_FILE)) for s in find_sequences(folder)]
+    """The clip in ``folder``, or in each of its sub-folders: a MOTChallenge sequence with ``gt/actions.txt``.
 
-
-def _read(path: Path) -> ActionLabels:
-    rows, actions = [], []
-    for line in path.read_text().splitlines():
-        head, *rest = line.split('"')
-        words = head.split()
-        rows.append([float(w) for w in words[:9]])
-        said = [r for r in rest if r.strip()][1:]
-        actions.append([name in said for name in NAMES])
-    table = np.array(rows)
-    if not len(table):
-        raise RequestError(f"{path}: no rows")
-    return ActionLabels(
-        NAMES,
-        table[:, 5].astype(np.int64),
-        table[:, 0].astype(np.int64),
-        table[:, 1:5],
-        np.array(actions),
-        1.0 - 0.8 * table[:, 7],
-    )
+    Raises:
+        RequestError: there is none, one has no images, or its labels are not readable.
+    """
+    clips = []
+    for sequence in find_sequences(folder):
+        if not sequence.images:
+            raise RequestError(f"{sequence.folder}: expected images in img1/, found none; training needs them")
+        labels = read_okutama(sequence.folder / ACTIONS_FILE, (sequence.width, sequence.height))
+        last = int(labels.frames[~labels.lost].max(initial=-1))
+        if last >= len(sequence.images):
+            raise RequestError(
+                f"{sequence.folder}: labels reach frame {last}, but there are {len(sequence.images)} images; are these "
+                "the labels of another video?"
+            )
+        clips.append(ActionClip(sequence.name, sequence.images, labels))
+    return clips

@@ -181,6 +181,8 @@ class HandSetCost:
         tails: degrees of freedom of the distributions; the fewer, the less a large difference counts.
         appearance: weight of the cosine distance.
         neutral: cosine distance that speaks neither for nor against, taken also where the distance is not known.
+        action: weight of the cosine distance of the action features, where there are any.
+        action_neutral: likewise, of the action features.
     """
 
     bias: float = -5.0
@@ -192,6 +194,8 @@ class HandSetCost:
     tails: float = 5.0
     appearance: float = 14.0
     neutral: float = 0.27
+    action: float = 4.0
+    action_neutral: float = 0.15
 
     def __call__(self, pairs: PairFeatures) -> FloatArray:
         """``(P,)`` costs, above 0."""
@@ -204,6 +208,8 @@ class HandSetCost:
         q += surprise((pairs.dh / self.size) ** 2, 1, self.tails)
         known = ~np.isnan(pairs.appearance)
         q[known] += self.appearance * (pairs.appearance[known] - self.neutral)
+        if pairs.action is not None:
+            q += self.action * np.nan_to_num(pairs.action - self.action_neutral)
         return np.logaddexp(0, q)
 
 

@@ -24,6 +24,7 @@ from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
 from tsuiseki.tracking.association.interpolation import GapSettings, SmoothingSettings
 from tsuiseki.tracking.association.rows import DetectionRows, join_rows, no_rows, rows_of
 from tsuiseki.tracking.association.stabilised import CameraPath
+from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.trackers.flow import finished_tracks
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 
@@ -56,22 +57,6 @@ class DroneSettings:
                 f"expected an overlap above the gate's window of {self.refinement.gate.window} frames, got "
                 f"{self.overlap}"
             )
-
-
-@dataclass(frozen=True)
-class ActingTrack:
-    """A person and what they do.
-
-    Attributes:
-        track: who is where.
-        single: ``(T, A)`` probabilities of single frames; in filled frames those of the nearest detections, in
-            proportion. None without action features.
-        multi: ``(T, A)`` means over the window.
-    """
-
-    track: Track
-    single: FloatArray | None = None
-    multi: FloatArray | None = None
 
 
 class DroneTracker:
@@ -122,7 +107,7 @@ class DroneTracker:
     def people(self) -> list[ActingTrack]:
         """The same with what each person does."""
         *_, last = self.iterations()
-        return self.people_at(last)
+        return self.people_with(last.labels)
 
     def iterations(self) -> Iterator[Iteration]:
         """The flows over what is not final yet, one after the other."""
@@ -133,10 +118,15 @@ class DroneTracker:
         rows, actions = self._open.rows, self._open.actions
         return refine(rows, actions, self.prices, self.settings.refinement, self._past(), goes_on)
 
-    def people_at(self, iteration: Iteration) -> list[ActingTrack]:
-        """The result if the alternation ended with ``iteration``, one of `iterations`."""
+    def people_with(self, labels: IntArray) -> list[ActingTrack]:
+        """The result if the detections that are not final belong to other tracks.
+
+        Args:
+            labels: ``(N,)`` as those of an `Iteration`, in the order in which the detections came.
+        """
+        self._absorb()
         every = _joined([*self._done, self._open])
-        labels = np.concatenate([*self._done_labels, iteration.labels])
+        labels = np.concatenate([*self._done_labels, labels])
         settings = self.settings
         found = finished_tracks(every.rows, labels, settings.min_detections, settings.gaps, settings.smoothing)
         return [self._acting(track, every, piece) for track, piece in found]

@@ -1,0 +1,93 @@
+"""All that networks and images say about the frames of a video from a drone, before any tracking.
+
+All that a tracker needs of a frame is in one `Observation`, so that it can be kept on disk and trackers with other
+settings run on it without the video (see `observation_cache`).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from tsuiseki.tracking.features.action import ActionRecogniser
+from tsuiseki.tracking.features.networks import Describe, Detect, stream
+from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
+
+
+class EstimateMotion(Protocol):
+    """Says how the camera moved between two frames."""
+
+    def __call__(self, before: ImageArray, image: ImageArray, people: FloatArray) -> FloatArray:
+        """``(3, 3)`` where pixels of ``before`` lie in ``image``; ``people`` ``(N, 4)`` in it move by themselves."""
+        ...
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What was seen in one frame.
+
+    Attributes:
+        frame: 0-based number.
+        detections: people, with appearance features where something describes them.
+        actions: ``(S, N, A)`` float32 probabilities by stream; None where nothing recognises actions.
+        motion: ``(3, 3)`` of the camera since the frame before; None at the start, or where it is not estimated.
+    """
+
+    frame: int
+    detections: Detections
+    actions: FloatArray | None = None
+    motion: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Observers:
+    """What looks at the frames.
+
+    Attributes:
+        detect: finds people, or their given detections, one entry a frame number.
+        describe: describes their looks.
+        recognise: recognises their actions.
+        motion: estimates the camera's motion.
+        batch_size: frames of one call of the detector.
+    """
+
+    detect: Detect | Sequence[Detections]
+    describe: Describe | None = None
+    recognise: ActionRecogniser | None = None
+    motion: EstimateMotion | None = None
+    batch_size: int = 4
+
+    @property
+    def history(self) -> int:
+        """Frames before the current one that are looked at."""
+        return max(0 if self.recognise is None else self.recognise.history, 0 if self.motion is None else 1)
+
+
+def observe(
+    frames: Iterable[Frame], observers: Observers, times: StageTimes | None = None, first: int = 0
+) -> Iterator[Observation]:
+    """Look at every frame in turn; held are a batch of frames and as many as the flow needs.
+
+    Args:
+        frames: consecutive; those before ``first`` only serve as history.
+        observers: what looks at them.
+        times: gets the seconds of the stages ``decode``, ``detect``, ``describe``, ``motion`` and ``actions``.
+        first: number of the first frame to say something about.
+    """
+    times = times or StageTimes()
+    before: deque[ImageArray] = deque(maxlen=observers.history + 1)
+    for frame, found in stream(frames, observers.detect, observers.describe, observers.batch_size, times):
+        before.append(frame.image)
+        if frame.index < first:
+            continue
+        motion = actions = None
+        if observers.motion is not None and len(before) > 1:
+            with times.measure("motion"):
+                motion = observers.motion(before[-2], before[-1], found.boxes)
+        if observers.recognise is not None:
+            with times.measure("actions"):
+                actions = observers.recognise.recognise(list(before), found.boxes)
+        yield Observation(frame.index, found, actions, motion)
