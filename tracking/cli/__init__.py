@@ -55,6 +55,7 @@ COMMANDS: Tree = {
         {
             "street": Command("people on a street before a fixed camera", "simulate", "street"),
             "blobs": Command("coloured objects over natural clutter", "blobs", "simulate"),
+            "drone": Command("people who act, before a drone's camera", "simulate", "drone"),
         },
     ),
     "train": Group(
