@@ -79,6 +79,7 @@ COMMANDS: Tree = {
         "follow something through a video with exported models",
         {
             "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
+            "drone": Command("people seen from a drone, and what they do", "drone", "track", ("source",)),
             "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
         },
     ),
