@@ -55,11 +55,8 @@ def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: 
 
 def action_page(report: ActionReport, video: Path | None, seconds: Mapping[str, float]) -> str:
     """The page as HTML, self-contained."""
-    parts = [
-        _video(video),
-        _timelines(report),
-        f"<section><h2>Time</h2>{seconds_table(seconds, len(report.frames))}</section>",
-    ]
+    time = f"<section><h2>Time</h2>{seconds_table(seconds, len(report.frames))}</section>"
+    parts = [_video(video), _timelines(report), time]
     people = f"{len(report.people)} {'person' if len(report.people) == 1 else 'people'}"
     return PAGE.format(
         title=escape(f"People in {report.name}"),

@@ -91,7 +91,7 @@ def track(
         opened, method, detections, detector, appearance, actions, tracks, score_threshold, score_range, threads,
         batch_size, camera_motion=camera_motion,
     )  # fmt: skip
-    prices = prices_of(method, affinity, affinity_multi, threads, given_scores=detections is not None)
+    prices = prices_of(method, affinity, affinity_multi, threads, scores_known=detections is None and tracks is None)
     times = StageTimes()
     with output_folder(out, overwrite) as work:
         run = run_drone(source, opened, models, method, drone, prices, cache, times)

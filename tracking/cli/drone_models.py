@@ -11,7 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.association.affinity import Affinity
-from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
+from tsuiseki.tracking.association.costs import HandSetCost
 from tsuiseki.tracking.cli.models import chosen, shipped
 from tsuiseki.tracking.cli.people_run import given_detections
 from tsuiseki.tracking.errors import RequestError
@@ -21,6 +21,7 @@ from tsuiseki.tracking.features.networks import Appearance, Detector
 from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import EstimateMotion, Observers
 from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
 from tsuiseki.tracking.types import Detections, IntArray, Track
 from tsuiseki.tracking.video import Source
 
@@ -90,12 +91,12 @@ class DroneModels:
         return cls(observers, recognise.names if recognise else (), key, given)
 
 
-def prices_of(method: Method, affinity: Path | None, multi: Path | None, threads: int, *, given_scores: bool) -> Prices:
+def prices_of(method: Method, affinity: Path | None, multi: Path | None, threads: int, *, scores_known: bool) -> Prices:
     """The costs of a method; hand-set ones where the shipped ones know nothing of the scores."""
     if multi is not None and method != "flow-maf":
         raise RequestError(f"--affinity-multi: expected --method flow-maf, which alone uses it, got {method}")
-    if str(affinity) == "none" or (affinity is None and given_scores):
-        return Prices(ObservationCost(), HandSetCost())
+    if str(affinity) == "none" or (affinity is None and not scores_known):
+        return Prices(HAND_SET_OBSERVATION, HandSetCost())
     kind = "affinity_drone" if method == "flow" else "affinity_drone_saf"
     single = Affinity(affinity or shipped(kind), threads)
     if affinity is None and multi is None and method == "flow-maf":

@@ -28,6 +28,9 @@ from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.trackers.flow import finished_tracks
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 
+# Of scores that nothing was learnt about: 0.5 is as good as even, and some ten good detections are worth a track's ends.
+HAND_SET_OBSERVATION = ObservationCost(alpha=4.4, beta=-8.8, b=-0.5)
+
 
 @dataclass(frozen=True)
 class DroneSettings:
@@ -73,7 +76,7 @@ class DroneTracker:
 
     def __init__(self, settings: DroneSettings | None = None, prices: Prices | None = None) -> None:
         self.settings = settings or DroneSettings()
-        self.prices = prices or Prices(ObservationCost(), HandSetCost())
+        self.prices = prices or Prices(HAND_SET_OBSERVATION, HandSetCost())
         self._camera = CameraPath()
         self._waiting: list[tuple[Detections, FloatArray | None]] = []
         self._open = _Described(no_rows(), None)
