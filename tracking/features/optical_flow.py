@@ -13,13 +13,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.features.tv_l1 import tv_l1
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 FlowField: TypeAlias = NDArray[np.float32]
 Grey: TypeAlias = NDArray[np.uint8]
 FlowMethod: TypeAlias = Callable[[Grey, Grey], FlowField]
-FlowName = Literal["dis", "farneback"]
+FlowName = Literal["tv-l1", "dis", "farneback"]
 DisPreset = Literal["ultrafast", "fast", "medium"]
 
 # Smallest side that DIS and Farneback take at their coarsest level.
@@ -51,7 +52,7 @@ def farneback_flow(first: Grey, second: Grey) -> FlowField:
     return np.asarray(cv2.calcOpticalFlowFarneback(first, second, start, 0.5, 5, 13, 3, 5, 1.1, 0), dtype=np.float32)
 
 
-FLOW_METHODS: Mapping[FlowName, FlowMethod] = {"dis": dis_flow, "farneback": farneback_flow}
+FLOW_METHODS: Mapping[FlowName, FlowMethod] = {"tv-l1": tv_l1, "dis": dis_flow, "farneback": farneback_flow}
 
 
 def optical_flow(
