@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -29,6 +30,7 @@ class Source:
         fixed_camera: the camera stands still in each sequence, so that people can be cut out and pasted.
         least_visible: people of whom a smaller share is visible are ignored, in [0, 1].
         generate: fill a folder that does not exist with this many random generated pictures.
+        scene: what those show: a street, or people under a drone.
         seed: of those.
     """
 
@@ -38,6 +40,7 @@ class Source:
     fixed_camera: bool = False
     least_visible: float = 0.25
     generate: int = 0
+    scene: Literal["street", "drone"] = "street"
     seed: int = 0
 
 

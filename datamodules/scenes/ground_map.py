@@ -15,8 +15,8 @@ from tsuiseki.datamodules.scenes.solids import Float32
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
-# Largest side of the map, pixels, and pixels of a frame between two points of the grid that tells the distances.
-LARGEST = 3072
+# Largest side of the map in widths of a frame, and pixels of a frame between two points of the grid of distances.
+LARGEST = 2.4
 GRID = 40
 
 
@@ -39,7 +39,7 @@ def map_ground(ground: Ground, cameras: list[PinholeCamera], light: Light) -> Gr
     """The map of all that ``cameras`` see under ``light``."""
     low, high, finest = _seen(cameras)
     side = float((high - low).max())
-    cell = max(finest, side / LARGEST)
+    cell = max(finest, side / (LARGEST * cameras[0].width))
     columns, rows = np.ceil((high - low) / cell).astype(int)
     x = (low[0] + (np.arange(columns) + 0.5) * cell).astype(np.float32)
     y = (low[1] + (np.arange(rows) + 0.5) * cell).astype(np.float32)

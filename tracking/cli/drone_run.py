@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,19 +9,17 @@ from tsuiseki.tracking.action_report import ActionReport, action_page, captions_
 from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.cli.drone_models import DroneModels, Method, as_detections
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.features.action import averaged
-from tsuiseki.tracking.features.observation_cache import cached_observations, files_key
-from tsuiseki.tracking.features.observations import Observation, observe
+from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack, write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
-from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.output import RunRecord
 from tsuiseki.tracking.render import write_overlay
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.trackers.run import FrameLog, shifted
-from tsuiseki.tracking.video import ImageFolder, Source, open_source
+from tsuiseki.tracking.video import Source
 
 TRACKS_FILE, ACTING_FILE, REPORT_FILE, OVERLAY_FILE = "tracks.txt", "tracks.json", "report.html", "overlay.webm"
 
@@ -57,7 +54,8 @@ def run_drone(
     tracker = DroneTracker(_suited(settings, method, given=given is not None), prices)
     uses_actions = method != "flow" or given is not None
     log = FrameLog()
-    for one in progress(observations(source, opened, models, cache, times), "tracking", _expected(opened)):
+    seen = video_observations(source, models.observers, models.key, cache, opened.frames_wanted, times)
+    for one in progress(seen, "tracking", _expected(opened)):
         log.add(one.frame, one.detections)
         actions = None if one.actions is None else averaged(one.actions)
         with times.measure("link"):
@@ -72,35 +70,6 @@ def run_drone(
             people = tracker.people()
     numbered = [replace(one, track=shifted(one.track, log.frames[0])) for one in people]
     return DroneRun(numbered, models.names, log)
-
-
-def observations(
-    source: str, opened: Source, models: DroneModels, cache: Path | None, times: StageTimes
-) -> Iterator[Observation]:
-    """What networks and images say of every frame, from the cache as far as it is there.
-
-    Raises:
-        RequestError: the cache is asked for a video whose length nobody knows.
-    """
-    wanted = opened.frames_wanted
-    if cache is None:
-        yield from observe(opened.frames(), models.observers, times)
-        return
-    length = opened.length
-    if length is None:
-        raise RequestError("--cache: expected a video of known length, such as a folder of images; leave --cache out")
-    stretch = wanted.within(length)
-    assert stretch.last is not None
-    files = opened.images if isinstance(opened, ImageFolder) else (Path(source),)
-    key = {**models.key, "video": files_key(files)}
-
-    def compute(first: int, last: int) -> Iterator[Observation]:
-        # The frames before the first one are history for the optical flow.
-        start = max(first - models.observers.history, stretch.first)
-        part = open_source(source, FrameRange(start, last))
-        yield from observe(part.frames(), models.observers, times, first)
-
-    yield from cached_observations(cache, {**key, "start": stretch.first}, stretch.first, stretch.last, compute)
 
 
 def write_drone_run(

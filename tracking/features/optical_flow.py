@@ -14,13 +14,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.features.tv_l1 import tv_l1
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 FlowField: TypeAlias = NDArray[np.float32]
 Grey: TypeAlias = NDArray[np.uint8]
 FlowMethod: TypeAlias = Callable[[Grey, Grey], FlowField]
-FlowName = Literal["dis", "dis_fast", "farneback"]
+FlowName = Literal["tv-l1", "dis", "dis_fast", "farneback"]
 DisPreset = Literal["ultrafast", "fast", "medium"]
 
 # Smallest side that DIS and Farneback take at their coarsest level.
@@ -53,6 +54,7 @@ def farneback_flow(first: Grey, second: Grey) -> FlowField:
 
 
 FLOW_METHODS: Mapping[FlowName, FlowMethod] = {
+    "tv-l1": tv_l1,
     "dis": dis_flow,
     "dis_fast": partial(dis_flow, preset="fast"),
     "farneback": farneback_flow,

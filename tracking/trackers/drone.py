@@ -28,7 +28,7 @@ from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.trackers.flow import finished_tracks
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 
-# Of scores that nothing was learnt about: 0.5 is as good as even, and some ten good detections are worth a track's ends.
+# Of scores that nothing was learnt about: 0.5 is as good as even, and ten good detections are worth a track's ends.
 HAND_SET_OBSERVATION = ObservationCost(alpha=4.4, beta=-8.8, b=-0.5)
 
 
