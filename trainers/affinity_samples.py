@@ -137,7 +137,7 @@ def pair_samples(
     i, j, gap = i[kept], j[kept], gap[kept]
     pairs = pair_features(found.boxes, found.features, i, j, gap)
     if actions is not None:
-        pairs = replace(pairs, action=action_distances(actions, i, j))
+        pairs = replace(pairs, action=action_distances(actions, actions, i, j))
     start, stop = (int(found.frames.min()), int(found.frames.max()) + 1) if len(found) else (0, 1)
     return PairSamples(
         feature_rows(pairs, features).astype(np.float64),

@@ -5,6 +5,11 @@ over a window (eq. 5.3), and these multi-frame features price the next one. The 
 frames and divides by 15; here it runs from t-7 to t+7 and divides by the number of frames in which the person was
 detected.
 
+A window centred on a link's detections reaches beyond the link on both sides: where the flow has handed a track from
+one person to another, both ends of that link see the same mixture of the two, and the link looks all the better. So
+windows can also be one-sided (not in the thesis): the earlier detection of a pair is compared by what its track did
+until then, the later one by what its track does from there on.
+
 What does not change from one iteration to the next is computed once: which pairs of detections are plausible, and how
 they differ in place, size and looks. Only pairs whose action distance has changed are priced again.
 """
@@ -13,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from tsuiseki.tracking.association.costs import (
     ObservationCost,
     TransitionCost,
-    cosine_distances,
     pair_features,
 )
 from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
@@ -41,6 +46,8 @@ class RefinementSettings:
         exit: cost of a track's end, c_exit.
         miss: cost of every frame between two linked detections.
         window: λ, frames that an action feature is averaged over; odd.
+        windows: ``centred`` compares eq. 5.3 at both detections of a pair; ``one-sided`` the half of the window up to the
+            earlier one with the half from the later one on.
         iterations: most flows that are solved; 1 is the flow with single-frame features.
     """
 
@@ -49,6 +56,7 @@ class RefinementSettings:
     exit: float = 10.0
     miss: float = 0.1
     window: int = 15
+    windows: Literal["centred", "one-sided"] = "centred"
     iterations: int = 6
 
     def __post_init__(self) -> None:
@@ -131,7 +139,7 @@ def refine(
     pairs = pair_features(rows.boxes, rows.features, i, j, gap)
     waiting = settings.miss * (gap - 1)
     observation = prices.observation(rows.scores)
-    distance = None if actions is None else action_distances(actions, i, j)
+    distance = None if actions is None else action_distances(actions, actions, i, j)
     costs = prices.single(replace(pairs, action=distance))
     seen: set[bytes] = set()
     for number in range(1 if actions is None else settings.iterations):
@@ -140,13 +148,18 @@ def refine(
             graph = replace(graph, exit=np.where(goes_on, 0.0, graph.exit))
         solution = solve(graph, None if past is None else past.continued >= 0)
         labels = _labels(solution, past)
-        multi = None if actions is None else _averaged(rows, labels, actions, settings.window, past)
+        half = settings.window // 2
+        multi = None if actions is None else _averaged(rows, labels, actions, (half, half), past)
         yield Iteration(solution, labels, multi)
         key = labels.tobytes()
-        if multi is None or key in seen:
+        if actions is None or multi is None or key in seen or number + 1 == settings.iterations:
             return
         seen.add(key)
-        fresh = action_distances(multi, i, j)
+        until = since = multi
+        if settings.windows == "one-sided":
+            until = _averaged(rows, labels, actions, (half, 0), past)
+            since = _averaged(rows, labels, actions, (0, half), past)
+        fresh = action_distances(until, since, i, j)
         price = prices.multi or prices.single
         # The first multi-frame prices may come from other trees, so that all of them are new.
         all_new = number == 0 and prices.multi is not None
@@ -158,10 +171,17 @@ def refine(
         distance[changed] = fresh[changed]
 
 
-def action_distances(actions: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
-    """``(P,)`` cosine distances of ``(N, A)`` action probabilities, in [0, 1]: c_saf of eq. 5.2."""
-    length = np.linalg.norm(actions, axis=1, keepdims=True)
-    return cosine_distances(actions / np.maximum(length, 1e-9), i, j)
+def action_distances(earlier: FloatArray, later: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
+    """``(P,)`` cosine distances of the rows ``i`` of ``earlier`` and ``j`` of ``later``, in [0, 1]: c_saf of eq. 5.2.
+
+    Args:
+        earlier: ``(N, A)`` action probabilities.
+        later: ``(N, A)`` likewise, or the same.
+        i: ``(P,)`` indices.
+        j: ``(P,)`` indices.
+    """
+    unit = [actions / np.maximum(np.linalg.norm(actions, axis=1, keepdims=True), 1e-9) for actions in (earlier, later)]
+    return np.asarray(np.clip(1 - np.einsum("pa,pa->p", unit[0][i], unit[1][j]), 0, 1))
 
 
 def multi_frame_features(frames: IntArray, labels: IntArray, actions: FloatArray, window: int) -> FloatArray:
@@ -176,13 +196,18 @@ def multi_frame_features(frames: IntArray, labels: IntArray, actions: FloatArray
     >>> multi_frame_features(np.arange(3), np.zeros(3, int), np.array([[0.0], [3.0], [6.0]]), 3).ravel().tolist()
     [1.5, 3.0, 4.5]
     """
-    return window_means(frames, labels, actions, frames, labels, window)
+    return window_means(frames, labels, actions, frames, labels, (window // 2, window // 2))
 
 
 def window_means(
-    frames: IntArray, labels: IntArray, actions: FloatArray, at_frames: IntArray, at_labels: IntArray, window: int
+    frames: IntArray,
+    labels: IntArray,
+    actions: FloatArray,
+    at_frames: IntArray,
+    at_labels: IntArray,
+    reach: tuple[int, int],
 ) -> FloatArray:
-    """``(M, A)`` means of a track's features over the window around frames in which it need not be detected.
+    """``(M, A)`` means of a track's features over windows at frames in which it need not be detected.
 
     Args:
         frames: ``(N,)`` of the detections.
@@ -191,21 +216,21 @@ def window_means(
         at_frames: ``(M,)`` where the means are wanted.
         at_labels: ``(M,)`` of which tracks. Where the window holds no detection, or the label is -1, the m-th mean is
             that of the detection with the same index, if M is N, and NaN otherwise.
-        window: λ, odd.
+        reach: of the windows, frames back and frames ahead.
     """
-    half = window // 2
+    back, ahead = reach
     fallback = actions if len(at_frames) == len(frames) else np.full((len(at_frames), actions.shape[1]), np.nan)
     used = np.flatnonzero(labels >= 0)
     if len(used) == 0:
         return fallback.copy()
-    first, span = frames[used].min() - window, int(frames[used].max() - frames[used].min()) + 3 * window + 1
+    first, span = frames[used].min() - back, int(frames[used].max() - frames[used].min()) + 2 * (back + ahead) + 1
     key = labels[used] * span + (frames[used] - first)
     order = np.argsort(key, kind="stable")
     key = key[order]
     sums = np.zeros((len(key) + 1, actions.shape[1]))
     np.cumsum(actions[used[order]], axis=0, out=sums[1:])
     wanted = at_labels * span + (at_frames - first)
-    low, high = np.searchsorted(key, wanted - half), np.searchsorted(key, wanted + half, side="right")
+    low, high = np.searchsorted(key, wanted - back), np.searchsorted(key, wanted + ahead, side="right")
     count = np.where(at_labels >= 0, high - low, 0)
     means = (sums[high] - sums[low]) / np.maximum(count, 1)[:, None]
     return np.where(count[:, None] > 0, means, fallback)
@@ -222,9 +247,11 @@ def _labels(solution: FlowSolution, past: Past | None) -> IntArray:
     return np.append(names, -1)[labels]
 
 
-def _averaged(rows: DetectionRows, labels: IntArray, actions: FloatArray, window: int, past: Past | None) -> FloatArray:
+def _averaged(
+    rows: DetectionRows, labels: IntArray, actions: FloatArray, reach: tuple[int, int], past: Past | None
+) -> FloatArray:
     if past is None or past.actions is None:
-        return multi_frame_features(rows.frames, labels, actions, window)
+        return window_means(rows.frames, labels, actions, rows.frames, labels, reach)
     frames, tracks = np.append(past.frames, rows.frames), np.append(past.tracks, labels)
     every = np.concatenate([past.actions, actions])
-    return multi_frame_features(frames, tracks, every, window)[len(past.frames) :]
+    return window_means(frames, tracks, every, frames, tracks, reach)[len(past.frames) :]

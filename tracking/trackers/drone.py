@@ -142,7 +142,8 @@ class DroneTracker:
         actions, frames = every.actions[piece], every.rows.frames[piece]
         single = np.stack([np.interp(track.frames, frames, column) for column in actions.T], axis=1)
         zeros, at = np.zeros(len(piece), np.int64), np.zeros(len(track), np.int64)
-        multi = window_means(frames, zeros, actions, track.frames, at, self.settings.refinement.window)
+        half = self.settings.refinement.window // 2
+        multi = window_means(frames, zeros, actions, track.frames, at, (half, half))
         return ActingTrack(seen, single, np.where(np.isnan(multi), single, multi))
 
     def _absorb(self) -> None:
@@ -178,7 +179,7 @@ class DroneTracker:
     def _remember(self, decided: _Described, labels: IntArray, before: int) -> None:
         """Keep the final detections that the windows of later ones reach back to."""
         frames = np.append(self._recent.frames, decided.rows.frames)
-        near = frames >= before - self.settings.refinement.window // 2
+        near = frames >= before - self.settings.refinement.window
         actions = decided.actions
         if actions is not None and self._recent.actions is not None:
             actions = np.concatenate([self._recent.actions, actions])
