@@ -19,6 +19,7 @@ from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, cut_cli
 from tsuiseki.datamodules.readers.action_clips import ActionClip, find_action_clips
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import NO_MOTION, STREAMS, StreamName
+from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.types import ImageArray, IntArray
 
 Changes: TypeAlias = dict[str, NDArray[Any]]
@@ -200,7 +201,8 @@ class ActionData(lightning.LightningDataModule):
         enlargement: of the global crop, μ.
         flow_limit: flow is clipped to this many pixels a frame.
         stack: pairs of frames whose flow is stacked.
-        cutting: how crops are cut; the four values above win over those in it.
+        flow: how flow is estimated.
+        cutting: how crops are cut; the values above win over those in it.
         batch_size: samples of a batch; the thesis has 16.
         batches: of an epoch.
         segments: pictures of a sample, spread over ``span`` frames; 1 is the thesis's training.
@@ -221,6 +223,7 @@ class ActionData(lightning.LightningDataModule):
         enlargement: float = 3.0,
         flow_limit: float = 20.0,
         stack: int = 1,
+        flow: FlowName = "dis",
         cutting: CropSettings | None = None,
         batch_size: int = 16,
         batches: int = 100,
@@ -239,7 +242,7 @@ class ActionData(lightning.LightningDataModule):
         self.folders = {"train": train_folders, "validation": validation_folders}
         self.cache, self.streams, self.size = cache, tuple(streams), size
         self.cutting = dataclasses.replace(
-            cutting or CropSettings(), size=size, enlargement=enlargement, flow_limit=flow_limit, stack=stack
+            cutting or CropSettings(), size=size, enlargement=enlargement, flow_limit=flow_limit, stack=stack, flow=flow
         )
         self.batch_size, self.batches, self.workers, self.seed = batch_size, batches, workers, seed
         self.segments, self.span, self.rarity = segments, span, rarity

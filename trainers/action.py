@@ -17,6 +17,7 @@ from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.action import average_precisions
 from tsuiseki.tracking.features.action_inputs import STREAMS, ActionInput, StreamName
+from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.schedule import decay_groups, scheduled
@@ -37,6 +38,7 @@ class ActionTraining(lightning.LightningModule):
         enlargement: of the global crop, μ.
         flow_limit: flow is clipped to this many pixels a frame.
         stack: pairs of frames whose flow is stacked.
+        flow: how flow is estimated.
         learning_rate: at the end of the warm-up; the thesis has 0.0001.
         weight_decay: of matrices and kernels; normalisations and biases have none.
         warmup_steps: of linear rise.
@@ -56,6 +58,7 @@ class ActionTraining(lightning.LightningModule):
         enlargement: float = 3.0,
         flow_limit: float = 20.0,
         stack: int = 1,
+        flow: FlowName = "dis",
         learning_rate: float = 1e-4,
         weight_decay: float = 0.02,
         warmup_steps: int = 100,
@@ -66,7 +69,7 @@ class ActionTraining(lightning.LightningModule):
         super().__init__()
         self.save_hyperparameters()
         try:
-            self.inputs = {name: ActionInput(name, size, enlargement, flow_limit, stack) for name in streams}
+            self.inputs = {name: ActionInput(name, size, enlargement, flow_limit, stack, flow) for name in streams}
             self.network = ActionNetwork(
                 {n: ActionStream(actions, i.channels, trunk, weights, dropout) for n, i in self.inputs.items()}
             )

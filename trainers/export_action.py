@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -79,7 +78,7 @@ def export_action(
     paths = {name: out.with_name(f"{out.stem}_{name}.onnx") for name in module.inputs}
     for path in paths.values():
         check_output_file(path, overwrite)
-    crops = _crops(int8, module) if int8 else None
+    crops = labelled_crops(int8, module) if int8 else None
     module.network.to(memory_format=torch.contiguous_format)
     written = []
     for name, path in paths.items():
@@ -94,11 +93,11 @@ def export_action(
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / "float32.onnx"
             worst = export_onnx(probability, card, whole, example, ("probability",))
-            written.append(_quantised(whole, path, worst, card, crops, name, overwrite))
+            written.append(ExportedStream(path, worst, *quantise(whole, path, crops, name, overwrite)))
     return written
 
 
-def _crops(folders: Sequence[Path], module: ActionTraining) -> ActionCrops:
+def labelled_crops(folders: Sequence[Path], module: ActionTraining) -> ActionCrops:
     """The crops of labelled clips, cut as the network wants them; kept for this call only."""
     one: ActionInput = next(iter(module.inputs.values()))
     settings = CropSettings(one.size, 0.0, one.enlargement, one.flow_limit, one.stack, one.flow)
@@ -131,10 +130,22 @@ class _Calibration(CalibrationDataReader):  # type: ignore[misc]
         return next(self._rest, None)
 
 
-def _quantised(
-    whole: Path, path: Path, worst: float, card: ModelCard, crops: ActionCrops, stream: StreamName, overwrite: bool
-) -> ExportedStream:
-    """Write ``whole`` with 8-bit weights and activations, and measure what that costs."""
+def quantise(
+    whole: Path, path: Path, crops: ActionCrops, stream: StreamName, overwrite: bool = False
+) -> tuple[float, float]:
+    """Write an exported stream with 8-bit weights and activations.
+
+    Args:
+        whole: the stream in float32.
+        path: of the file to write.
+        crops: to calibrate the ranges on, and to measure on.
+        stream: which it is.
+        overwrite: replace an existing file.
+
+    Returns:
+        mAP on the crops before and after; both go into the card.
+    """
+    card = OnnxModel(whole, "action", threads=1).card
     rows = np.random.default_rng(0).permutation(len(crops))[:CALIBRATION_CROPS]
     inputs = [
         normalise(centre_crops(crops.crops(stream, some), card.input_height), card)
@@ -142,9 +153,7 @@ def _quantised(
     ]
     before = mean_average_precision(_probabilities(whole, crops, stream), crops.actions)
     with output_file(path, overwrite) as work:
-        work.parent.mkdir(parents=True, exist_ok=True)
-        prepared = whole.with_name("prepared.onnx")
-        logging.getLogger().setLevel(logging.ERROR)
+        prepared = work.with_name("prepared.onnx")
         quant_pre_process(str(whole), str(prepared), skip_symbolic_shape=True)
         quantize_static(
             str(prepared),
@@ -155,18 +164,17 @@ def _quantised(
             activation_type=QuantType.QUInt8,
             weight_type=QuantType.QInt8,
         )
-        _write_card(work, dataclasses.replace(card, settings={**card.settings, "int8": True}), whole)
+        _write_card(work, card)
         after = mean_average_precision(_probabilities(work, crops, stream), crops.actions)
-        settings = {**card.settings, "int8": True, "map_float32": round(before, 4), "map_int8": round(after, 4)}
-        _write_card(work, dataclasses.replace(card, settings=settings), whole)
-    return ExportedStream(path, worst, before, after)
+        measured = {"int8": True, "map_float32": round(before, 4), "map_int8": round(after, 4)}
+        _write_card(work, dataclasses.replace(card, settings={**card.settings, **measured}))
+    return before, after
 
 
-def _write_card(path: Path, card: ModelCard, whole: Path) -> None:
+def _write_card(path: Path, card: ModelCard) -> None:
     model = onnx.load(path)
-    version = OnnxModel(whole, "action", threads=1).card.project_version
     del model.metadata_props[:]
-    model.metadata_props.add(key=METADATA_KEY, value=dataclasses.replace(card, project_version=version).to_json())
+    model.metadata_props.add(key=METADATA_KEY, value=card.to_json())
     onnx.save(model, path)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import find_sequences
 from tsuiseki.tracking.formats.okutama import ActionLabels, read_okutama
@@ -37,7 +38,10 @@ def find_action_clips(folder: Path) -> list[ActionClip]:
     for sequence in find_sequences(folder):
         if not sequence.images:
             raise RequestError(f"{sequence.folder}: expected images in img1/, found none; training needs them")
-        labels = read_okutama(sequence.folder / ACTIONS_FILE, (sequence.width, sequence.height))
+        size = (sequence.width, sequence.height)
+        if min(size) == 0:
+            size = read_image(sequence.images[0]).shape[1::-1]
+        labels = read_okutama(sequence.folder / ACTIONS_FILE, size)
         last = int(labels.frames[~labels.lost].max(initial=-1))
         if last >= len(sequence.images):
             raise RequestError(

@@ -46,8 +46,8 @@ class RefinementSettings:
         exit: cost of a track's end, c_exit.
         miss: cost of every frame between two linked detections.
         window: λ, frames that an action feature is averaged over; odd.
-        windows: ``centred`` compares eq. 5.3 at both detections of a pair; ``one-sided`` the half of the window up to the
-            earlier one with the half from the later one on.
+        windows: ``centred`` compares eq. 5.3 at both detections of a pair; ``one-sided`` the half of the window up to
+            the earlier one with the half from the later one on.
         iterations: most flows that are solved; 1 is the flow with single-frame features.
     """
 

@@ -127,7 +127,7 @@ def test_it_stops_when_tracks_come_again_and_prices_only_what_changed() -> None:
 
 
 def jerked(seed: int, frames: int = 60, people: int = 3) -> tuple[DetectionRows, FloatArray, IntArray]:
-    """People who do one thing all the time, with three bad frames in every twenty: places and actions are noise then."""
+    """People who do one thing all the time; three frames in every twenty are bad: places and actions are noise."""
     rng = np.random.default_rng(seed)
     at = np.array([(t, k) for t in range(frames) for k in range(people) if rng.random() < 0.85])
     frame, person = at.T
@@ -153,7 +153,7 @@ def test_averages_carry_people_over_frames_that_say_nothing() -> None:
     single = replace(SETTINGS, iterations=1)
     settings = {"single": single, "centred": SETTINGS, "one-sided": replace(SETTINGS, windows="one-sided")}
     count = dict.fromkeys(settings, 0)
-    for seed in range(8):
+    for seed in range(12):
         rows, actions, person = jerked(seed)
         for name, chosen in settings.items():
             *_, last = refine(rows, actions, prices(), chosen)
