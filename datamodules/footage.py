@@ -11,7 +11,7 @@ import numpy as np
 
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, empty_view, fit_size_by_row
-from tsuiseki.datamodules.readers.mot import labelled_images
+from tsuiseki.datamodules.readers.video import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import ImageArray
 
@@ -24,7 +24,7 @@ class Source:
     """Labelled video to learn from or to validate on.
 
     Attributes:
-        folder: a MOTChallenge sequence, or a folder of sequences.
+        folder: a MOTChallenge sequence or a folder of sequences, VisDrone-MOT or Okutama-Action.
         frames: first and last frame of each sequence, 1-based and both included; null for all.
         share: how often examples come from here, relative to the other sources.
         fixed_camera: the camera stands still in each sequence, so that people can be cut out and pasted.

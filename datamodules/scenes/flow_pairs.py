@@ -50,7 +50,7 @@ def random_flow_pair(
     ground = _ground(rng, size, motion)
     away = _camera_motion(rng, size, motion)
     moved = np.asarray(cv2.perspectiveTransform(np.stack([columns, rows], -1).reshape(-1, 1, 2), away))
-    flow = moved.reshape(height, width, 2) - np.stack([columns, rows], -1)
+    flow = np.asarray(moved, dtype=np.float32).reshape(height, width, 2) - np.stack([columns, rows], -1)
     margin = (ground.shape[1] - width) // 2, (ground.shape[0] - height) // 2
     first = ground[margin[1] : margin[1] + height, margin[0] : margin[0] + width].copy()
     shift = np.array([[1, 0, -margin[0]], [0, 1, -margin[1]], [0, 0, 1.0]])
@@ -66,7 +66,7 @@ def random_flow_pair(
             _move(flow, sprite, np.vstack([place, [0, 0, 1]]), after)
     goal = np.stack([columns, rows], -1) + flow
     inside = (goal >= 0).all(axis=2) & (goal <= np.array([width - 1, height - 1])).all(axis=2)
-    return FlowPair(_seen(rng, first, noise), _seen(rng, second, noise), flow, inside)
+    return FlowPair(_seen(rng, first, noise), _seen(rng, second, noise), flow, np.asarray(inside))
 
 
 def _ground(rng: np.random.Generator, size: tuple[int, int], motion: float) -> Float32:
@@ -90,9 +90,10 @@ def _camera_motion(rng: np.random.Generator, size: tuple[int, int], motion: floa
 
 def _own_motion(rng: np.random.Generator, size: tuple[int, ...], motion: float) -> FloatArray:
     """``(2, 3)``: a small turn about the middle, and a step."""
-    turn = cv2.getRotationMatrix2D((size[0] / 2, size[1] / 2), float(rng.normal(0, 2)), float(rng.normal(1, 0.01)))
+    middle = (size[0] / 2, size[1] / 2)
+    turn = np.asarray(cv2.getRotationMatrix2D(middle, rng.normal(0, 2), rng.normal(1, 0.01)), dtype=np.float64)
     turn[:, 2] += rng.uniform(-motion, motion, 2)
-    return np.asarray(turn)
+    return turn
 
 
 def _paste(image: Float32, sprite: ImageArray, place: FloatArray) -> None:

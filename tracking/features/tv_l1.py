@@ -1,11 +1,11 @@
 """TV-L1 optical flow: total variation of the flow against the L1 norm of the brightness differences.
 
-Zach, Pock and Bischof, *A Duality Based Approach for Realtime TV-L1 Optical Flow*, 2007: at every level of a pyramid and
-after every warp of the second image, the flow u and a coupled v are found in turn, v pixel by pixel by thresholding
+Zach, Pock and Bischof, *A Duality Based Approach for Realtime TV-L1 Optical Flow*, 2007: at every level of a pyramid
+and after every warp of the second image, the flow u and a coupled v are found in turn, v pixel by pixel by thresholding
 (eq. 15 there), u by Chambolle's dual p (eq. 14), until they stand still. Median filtering of the flow between warps
 after Wedel et al., *An Improved Algorithm for TV-L1 Optical Flow*, 2009.
 
-Both components lie under each other in one array, so that an operation takes one call of OpenCV into memory made before.
+Both components lie under each other in one array, so that an operation takes one call into memory made before.
 """
 
 from __future__ import annotations
