@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, cut_clip, has_crops, load_crops
-from tsuiseki.datamodules.readers.action_clips import ActionClip, find_action_clips
+from tsuiseki.datamodules.readers.okutama import ActionSequence, okutama_sequences
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import NO_MOTION, STREAMS, StreamName
 from tsuiseki.tracking.features.optical_flow import FlowName
@@ -193,7 +193,7 @@ class ActionData(lightning.LightningDataModule):
     """Crops of people from clips labelled with actions, cut once and kept on disk.
 
     Args:
-        train_folders: clips, or folders of clips; see `find_action_clips` for the layout.
+        train_folders: clips, or folders of clips; see `okutama_sequences` for the layout.
         validation_folders: likewise; other clips than those trained on.
         cache: folder that keeps the crops; a clip is cut anew where they are missing or were cut otherwise.
         streams: that are trained.
@@ -247,7 +247,7 @@ class ActionData(lightning.LightningDataModule):
         self.batch_size, self.batches, self.workers, self.seed = batch_size, batches, workers, seed
         self.segments, self.span, self.rarity = segments, span, rarity
         self.augmentation = augmentation or ActionAugmentation()
-        self.clips: dict[str, list[ActionClip]] = {}
+        self.clips: dict[str, list[ActionSequence]] = {}
 
     def prepare_data(self) -> None:
         """Cut the clips whose crops are missing."""
@@ -270,17 +270,17 @@ class ActionData(lightning.LightningDataModule):
         """The actions, in the order of the labels."""
         return self._find()["train"][0].labels.class_names
 
-    def _find(self) -> dict[str, list[ActionClip]]:
+    def _find(self) -> dict[str, list[ActionSequence]]:
         if not self.clips:
             found = {
-                part: [clip for folder in folders for clip in find_action_clips(folder)]
+                part: [clip for folder in folders for clip in okutama_sequences(folder)]
                 for part, folders in self.folders.items()
             }
             _check_apart(found)
             self.clips = found
         return self.clips
 
-    def _folder(self, clip: ActionClip) -> Path:
+    def _folder(self, clip: ActionSequence) -> Path:
         return self.cache / clip.name
 
     def _epoch_seed(self) -> tuple[int, ...]:
@@ -308,7 +308,7 @@ class ActionData(lightning.LightningDataModule):
         return DataLoader(ValidationBatches(self.validation_crops, self.streams, self.size), batch_size=None)
 
 
-def _check_apart(found: dict[str, list[ActionClip]]) -> None:
+def _check_apart(found: dict[str, list[ActionSequence]]) -> None:
     """Refuse clips of one name, which would share their crops, and clips with different actions."""
     clips = [clip for part in found.values() for clip in part]
     names = [clip.name for clip in clips]

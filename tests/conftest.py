@@ -26,10 +26,21 @@ def data_folder() -> Path:
 
 @pytest.fixture(scope="session")
 def acting_clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with ``train/train-{0,1}`` and ``validation/validation-0``: coloured boxes that walk, run or sit."""
+    """``train/train-{0,1}`` and ``validation/validation-0``: coloured boxes that walk, run or sit.
+
+    The clip of ``okutama`` is that of ``validation`` in Okutama-Action's own layout.
+    """
     folder = tmp_path_factory.mktemp("acting")
     for seed, name in enumerate(("train-0", "train-1", "validation-0")):
         _write_acting_clip(folder / name.split("-")[0] / name, seed)
+    clip, layout = folder / "validation/validation-0", folder / "okutama"
+    labels = layout / "Labels/SingleActionTrackingLabels/3840x2160/1.1.1.txt"
+    frames = layout / "Drone1/Morning/Extracted-Frames-1280x720/1.1.1"
+    for place in (labels.parent, frames):
+        place.mkdir(parents=True)
+    labels.symlink_to(clip / "gt/actions.txt")
+    for number, image in enumerate(sorted((clip / "img1").iterdir())):
+        (frames / f"{number}.jpg").symlink_to(image)
     return folder
 
 
@@ -37,7 +48,7 @@ def _write_acting_clip(folder: Path, seed: int, frames: int = 22, people: int = 
     """Red boxes walk 3 pixels a frame, blue ones run 7, green ones sit; one is hidden in one frame."""
     names, colours, speeds = ("Walking", "Sitting", "Running"), ((0, 0, 220), (0, 200, 0), (220, 0, 0)), (3, 0, 7)
     rng = np.random.default_rng(seed)
-    height, width = 160, 240
+    height, width = 180, 320
     ground = cv2.GaussianBlur(rng.integers(0, 255, (height, width, 3)).astype(np.uint8), (0, 0), 2)
     does = np.array([0, 0, 1, 1, 2])
     x = 20 + 10 * rng.random(people)

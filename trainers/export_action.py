@@ -17,7 +17,7 @@ from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from tsuiseki.datamodules.action import centre_crops
 from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, cut_clip, has_crops, load_crops
-from tsuiseki.datamodules.readers.action_clips import find_action_clips
+from tsuiseki.datamodules.readers.okutama import okutama_sequences
 from tsuiseki.models.action import StreamProbability
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import ActionInput, StreamName
@@ -101,7 +101,7 @@ def labelled_crops(folders: Sequence[Path], module: ActionTraining) -> ActionCro
     """The crops of labelled clips, cut as the network wants them; kept for this call only."""
     one: ActionInput = next(iter(module.inputs.values()))
     settings = CropSettings(one.size, 0.0, one.enlargement, one.flow_limit, one.stack, one.flow)
-    clips = [clip for folder in folders for clip in find_action_clips(folder)]
+    clips = [clip for folder in folders for clip in okutama_sequences(folder)]
     for clip in clips:
         if clip.labels.class_names != module.names:
             raise RequestError(

@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.datamodules.action import ActionAugmentation, ActionBatches, ActionData, changed, draw_changes
 from tsuiseki.datamodules.action_crops import CropSettings, cut_clip, has_crops, load_crops
-from tsuiseki.datamodules.readers.action_clips import find_action_clips
+from tsuiseki.datamodules.readers.okutama import okutama_sequences
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import NO_MOTION, STREAMS
 
@@ -19,7 +19,7 @@ QUIET = ActionAugmentation(0, 0, 0)
 
 
 def test_crops_show_the_labelled_people(acting_clips: Path, tmp_path: Path) -> None:
-    clip = find_action_clips(acting_clips / "train")[0]
+    clip = okutama_sequences(acting_clips / "train")[0]
     cut_clip(clip.images, clip.labels, SETTINGS, tmp_path / "c")
     crops = load_crops([tmp_path / "c"], STREAMS)
     labels = clip.labels
@@ -50,7 +50,7 @@ def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path
 
 
 def test_a_clip_that_breaks_off_leaves_nothing(acting_clips: Path, tmp_path: Path) -> None:
-    clip = find_action_clips(acting_clips / "train")[0]
+    clip = okutama_sequences(acting_clips / "train")[0]
     images = (*clip.images[:3], tmp_path / "missing.jpg", *clip.images[4:])
     with pytest.raises(RequestError, match="missing"):
         cut_clip(images, clip.labels, SETTINGS, tmp_path / "c")
@@ -132,6 +132,6 @@ def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
     broken.mkdir()
     (broken / "gt").symlink_to(train / "train-0" / "gt")
     (broken / "img1").mkdir()
-    cv2.imwrite(str(broken / "img1" / "000001.jpg"), np.zeros((20, 20, 3), np.uint8))
-    with pytest.raises(RequestError, match="another video"):
-        find_action_clips(broken)
+    cv2.imwrite(str(broken / "img1" / "000001.jpg"), np.zeros((18, 32, 3), np.uint8))
+    with pytest.raises(RequestError, match="labels reach frame 21"):
+        okutama_sequences(broken)

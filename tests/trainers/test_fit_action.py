@@ -29,7 +29,7 @@ def options(clips: Path, folder: Path, *more: str) -> list[str]:
     groups = {
         "data": {
             "train_folders": f"[{clips / 'train'}]",
-            "validation_folders": f"[{clips / 'validation'}]",
+            "validation_folders": f"[{clips / 'okutama'}]",
             "cache": folder / "cache",
             "batch_size": 16,
             "batches": 15,
