@@ -11,11 +11,15 @@ import numpy as np
 from tsuiseki.tracking.association.action_refinement import Prices, RefinementSettings, refine
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity, FeatureSet
 from tsuiseki.tracking.association.rows import DetectionRows
-from tsuiseki.tracking.association.stabilised import CameraPath
+from tsuiseki.tracking.association.stabilised import SummedMotion
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action import averaged
-from tsuiseki.tracking.features.observations import Observation
-from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.features.action import ActionRecogniser, averaged
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.features.observation_cache import file_digest
+from tsuiseki.tracking.features.observations import Observation, Observers
+from tsuiseki.tracking.features.video_observations import video_observations
+from tsuiseki.tracking.formats.mot import GroundTruth, find_sequences, read_detections, read_ground_truth
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.affinity import (
@@ -52,7 +56,7 @@ def labelled_clip(observations: Sequence[Observation], truth: GroundTruth) -> Dr
         observations: of consecutive frames.
         truth: labels of the clip.
     """
-    camera = CameraPath()
+    camera = SummedMotion()
     for one in observations:
         camera.append(one.motion)
     # Actions travel as further columns of the looks, since labelling leaves some detections out.
@@ -133,6 +137,68 @@ def fit_drone_affinity(
         f"log loss {report.log_loss:.4f}"
     )
     return Affinity(out, threads=1)
+
+
+def fit_drone_affinities(
+    folders: list[Path],
+    out: Path,
+    actions: list[Path],
+    appearance: Path | None = None,
+    detector: Path | None = None,
+    keep_camera_motion: bool = False,
+    cache: Path | None = None,
+    extended: bool = False,
+    drone: RefinementSettings | None = None,
+    boosting: BoostingSettings | None = None,
+    b: float = -0.5,
+    seed: int = 0,
+    overwrite: bool = False,
+) -> None:
+    """Fit the costs of `track drone` to labelled clips: of flow, of flow-saf, and of the repetitions of flow-maf.
+
+    OUT gets affinity_drone.onnx, affinity_drone_saf.onnx and affinity_drone_maf.onnx. The clips must be others than
+    those that the action streams learnt from, which know the actions there better than elsewhere.
+
+    Args:
+        folders: MOTChallenge sequences with gt/gt.txt, or folders of them.
+        out: folder for the files.
+        actions: exported action streams, separated by commas.
+        appearance: exported appearance network; without one the looks count as unknown.
+        detector: exported detector; without one det/det.txt of each sequence is taken.
+        keep_camera_motion: compare places as they are in the pictures, not as if the camera had stood still.
+        cache: folder that keeps what the networks say.
+        extended: also let the trees see gap, size and motion, which the thesis does not.
+        drone: settings of the flow.
+        boosting: settings of the trees.
+        b: bias of the observation cost (eq. 2.12).
+        seed: of all chance.
+        overwrite: replace existing files.
+
+    Raises:
+        RequestError: unusable folders or models, no pairs of both kinds, or a file exists.
+    """
+    streams = ActionRecogniser(actions)
+    describe = None if appearance is None else Appearance(appearance)
+    camera = None if keep_camera_motion else CameraMotionSettings()
+    key = {str(n): file_digest(path) for n, path in enumerate([*actions, appearance, detector]) if path is not None}
+    clips = []
+    for sequence in (s for folder in folders for s in find_sequences(folder)):
+        given = read_detections(sequence.detections_path, sequence.length) if detector is None else Detector(detector)
+        observers = Observers(given, describe, streams, camera)
+        whole = key | {"camera": repr(camera)}
+        if detector is None:
+            whole["detections"] = file_digest(sequence.detections_path)
+        seen = list(video_observations(sequence.folder, observers, whole, cache))
+        clips.append(labelled_clip(seen, read_ground_truth(sequence.ground_truth_path)))
+    plain: FeatureSet = "extended" if extended else "thesis"
+    acting: FeatureSet = "extended_action" if extended else "thesis_action"
+
+    def fit(name: str, features: FeatureSet, multi: Prices | None = None) -> Affinity:
+        return fit_drone_affinity(clips, out / name, features, drone, multi, folders, boosting, b, seed, overwrite)
+
+    fit("affinity_drone.onnx", plain)
+    single = fit("affinity_drone_saf.onnx", acting)
+    fit("affinity_drone_maf.onnx", acting, Prices(single.observation, single))
 
 
 def _features_of(clip: DroneClip, settings: RefinementSettings, multi: Prices | None) -> FloatArray | None:

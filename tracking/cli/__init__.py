@@ -65,6 +65,7 @@ COMMANDS: Tree = {
             "appearance": Command("what they look like", "train", "appearance", forwarded=True),
             "action": Command("what they do", "train", "action", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
+            "affinity-drone": Command("the same, seen from a drone", "train", "affinity_drone", forwarded=True),
         },
     ),
     "export": Group(

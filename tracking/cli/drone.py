@@ -25,7 +25,7 @@ def track(
     affinity_multi: Path | None = None,
     tracks: Path | None = None,
     frames: str | None = None,
-    camera_motion: bool = True,
+    keep_camera_motion: bool = False,
     threshold: float = 0.4,
     score_threshold: float = 0.3,
     score_range: tuple[float, float] = (0.0, 1.0),
@@ -58,7 +58,7 @@ def track(
         affinity_multi: exported link costs of the repetitions of flow-maf; by default those of --affinity, or shipped.
         tracks: MOTChallenge tracks (gt.txt, tracks.txt) that are right already; only actions are named.
         frames: track this stretch only, counted from 1 with both ends, such as 301-400.
-        camera_motion: compare places as if the camera had stood still; --camera-motion false leaves its motion in.
+        keep_camera_motion: compare places as they are in the pictures, not as if the camera had stood still.
         threshold: an action is named where its probability is above, from 0 to 1.
         score_threshold: the detector keeps what scores at least this, from 0 to 1.
         score_range: smallest and largest score that the rows of --detections may have.
@@ -89,7 +89,7 @@ def track(
     opened = open_source(source, parse_frames(frames))
     models = DroneModels.choose(
         opened, method, detections, detector, appearance, actions, tracks, score_threshold, score_range, threads,
-        batch_size, camera_motion=camera_motion,
+        batch_size, camera_motion=not keep_camera_motion,
     )  # fmt: skip
     prices = prices_of(method, affinity, affinity_multi, threads, scores_known=detections is None and tracks is None)
     times = StageTimes()

@@ -17,9 +17,10 @@ from tsuiseki.tracking.cli.people_run import given_detections
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.action_inputs import STREAMS
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks import Appearance, Detector
 from tsuiseki.tracking.features.observation_cache import file_digest
-from tsuiseki.tracking.features.observations import EstimateMotion, Observers
+from tsuiseki.tracking.features.observations import Observers
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
 from tsuiseki.tracking.types import Detections, IntArray, Track
@@ -82,12 +83,11 @@ class DroneModels:
         describe = None if paths["appearance"] is None else Appearance(paths["appearance"], threads)
         streams = _streams(method, actions, needed=given is not None)
         recognise = ActionRecogniser(streams, threads) if streams else None
-        motion: EstimateMotion | None = None
-        del camera_motion
+        camera = CameraMotionSettings() if camera_motion and given is None else None
         key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
         key |= {f"action {n}": file_digest(path) for n, path in enumerate(streams)}
-        key |= {"motion": repr(motion), "score_threshold": str(score_threshold), "score_range": str(score_range)}
-        observers = Observers(detect, describe, recognise, motion, batch_size)
+        key |= {"motion": repr(camera), "score_threshold": str(score_threshold), "score_range": str(score_range)}
+        observers = Observers(detect, describe, recognise, camera, batch_size)
         return cls(observers, recognise.names if recognise else (), key, given)
 
 

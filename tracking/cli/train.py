@@ -37,6 +37,14 @@ def affinity(words: Sequence[str]) -> int:
     return _fit(lambda given: fit_affinity(**parse("tsuiseki train affinity", fit_affinity, (), given)), words)
 
 
+def affinity_drone(words: Sequence[str]) -> int:
+    """Fit the costs of the flow, with actions, to labelled video from a drone."""
+    with needs_train_extra():
+        from tsuiseki.trainers.affinity_drone import fit_drone_affinities
+    name = "tsuiseki train affinity-drone"
+    return _fit(lambda given: fit_drone_affinities(**parse(name, fit_drone_affinities, (), given)), words)
+
+
 def _fit(function: Callable[[Sequence[str]], Any], words: Sequence[str]) -> int:
     try:
         function(words)

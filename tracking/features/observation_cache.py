@@ -81,7 +81,7 @@ def _write(path: Path, observations: list[Observation]) -> None:
         "boxes": np.concatenate([np.empty((0, 4)), *(o.detections.boxes for o in observations)]),
         "scores": np.concatenate([np.empty(0), *(o.detections.scores for o in observations)]),
         "has_motion": np.array([o.motion is not None for o in observations]),
-        "motion": np.array([np.eye(3) if o.motion is None else o.motion for o in observations]),
+        "motion": np.array([np.eye(3)[:2] if o.motion is None else o.motion for o in observations]),
     }
     looks = [o.detections.features for o in observations]
     if all(part is not None for part in looks):

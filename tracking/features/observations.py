@@ -9,20 +9,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+
+import numpy as np
 
 from tsuiseki.tracking.features.action import ActionRecogniser
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings, CameraPath
 from tsuiseki.tracking.features.networks import Describe, Detect, stream
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
-
-
-class EstimateMotion(Protocol):
-    """Says how the camera moved between two frames."""
-
-    def __call__(self, before: ImageArray, image: ImageArray, people: FloatArray) -> FloatArray:
-        """``(3, 3)`` where pixels of ``before`` lie in ``image``; ``people`` ``(N, 4)`` in it move by themselves."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -33,7 +27,8 @@ class Observation:
         frame: 0-based number.
         detections: people, with appearance features where something describes them.
         actions: ``(S, N, A)`` float32 probabilities by stream; None where nothing recognises actions.
-        motion: ``(3, 3)`` of the camera since the frame before; None at the start, or where it is not estimated.
+        motion: ``(2, 3)`` similarity of the camera: where pixels of the frame before lie in this one. None at the
+            start, or where it is not estimated.
     """
 
     frame: int
@@ -50,20 +45,20 @@ class Observers:
         detect: finds people, or their given detections, one entry a frame number.
         describe: describes their looks.
         recognise: recognises their actions.
-        motion: estimates the camera's motion.
+        camera: how the camera's motion is estimated; None does without.
         batch_size: frames of one call of the detector.
     """
 
     detect: Detect | Sequence[Detections]
     describe: Describe | None = None
     recognise: ActionRecogniser | None = None
-    motion: EstimateMotion | None = None
+    camera: CameraMotionSettings | None = None
     batch_size: int = 4
 
     @property
     def history(self) -> int:
         """Frames before the current one that are looked at."""
-        return max(0 if self.recognise is None else self.recognise.history, 0 if self.motion is None else 1)
+        return max(0 if self.recognise is None else self.recognise.history, 0 if self.camera is None else 1)
 
 
 def observe(
@@ -74,20 +69,33 @@ def observe(
     Args:
         frames: consecutive; those before ``first`` only serve as history.
         observers: what looks at them.
-        times: gets the seconds of the stages ``decode``, ``detect``, ``describe``, ``motion`` and ``actions``.
+        times: gets the seconds of the stages ``decode``, ``detect``, ``describe``, ``camera`` and ``actions``.
         first: number of the first frame to say something about.
     """
     times = times or StageTimes()
+    path = None if observers.camera is None else CameraPath(observers.camera)
     before: deque[ImageArray] = deque(maxlen=observers.history + 1)
     for frame, found in stream(frames, observers.detect, observers.describe, observers.batch_size, times):
         before.append(frame.image)
+        motion = None
+        if path is not None:
+            with times.measure("camera"):
+                motion = _step(path, frame.image, found.boxes)
         if frame.index < first:
             continue
-        motion = actions = None
-        if observers.motion is not None and len(before) > 1:
-            with times.measure("motion"):
-                motion = observers.motion(before[-2], before[-1], found.boxes)
+        actions = None
         if observers.recognise is not None:
             with times.measure("actions"):
                 actions = observers.recognise.recognise(list(before), found.boxes)
         yield Observation(frame.index, found, actions, motion)
+
+
+def _step(path: CameraPath, image: ImageArray, people: FloatArray) -> FloatArray | None:
+    """``(2, 3)`` from the frame before to ``image``, the next of ``path``; None for the first."""
+    path.add(image, people)
+    if len(path.transforms) < 2:
+        return None
+    earlier, now = (np.vstack([transform, [0, 0, 1]]) for transform in path.transforms[-2:])
+    step = np.linalg.solve(now, earlier)[:2]
+    # A camera that stood still is told from one that moved by less than rounding.
+    return np.eye(3)[:2] if np.array_equal(earlier, now) else np.asarray(step)

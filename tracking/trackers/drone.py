@@ -23,7 +23,7 @@ from tsuiseki.tracking.association.action_refinement import (
 from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
 from tsuiseki.tracking.association.interpolation import GapSettings, SmoothingSettings
 from tsuiseki.tracking.association.rows import DetectionRows, join_rows, no_rows, rows_of
-from tsuiseki.tracking.association.stabilised import CameraPath
+from tsuiseki.tracking.association.stabilised import SummedMotion
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.trackers.flow import finished_tracks
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
@@ -77,7 +77,7 @@ class DroneTracker:
     def __init__(self, settings: DroneSettings | None = None, prices: Prices | None = None) -> None:
         self.settings = settings or DroneSettings()
         self.prices = prices or Prices(HAND_SET_OBSERVATION, HandSetCost())
-        self._camera = CameraPath()
+        self._camera = SummedMotion()
         self._waiting: list[tuple[Detections, FloatArray | None]] = []
         self._open = _Described(no_rows(), None)
         self._continued = np.empty(0, dtype=np.int64)
@@ -95,7 +95,7 @@ class DroneTracker:
         Args:
             detections: with appearance features where they are known.
             actions: ``(N, A)`` probabilities of each detection; given for all frames or for none.
-            motion: ``(3, 3)`` of the camera since the frame before; None for none.
+            motion: ``(2, 3)`` similarity of the camera since the frame before; None for none.
         """
         self._waiting.append((detections, actions))
         self._camera.append(motion)
