@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.costs import HandSetCost
@@ -23,7 +21,8 @@ from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observers
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
-from tsuiseki.tracking.types import Detections, IntArray, Track
+from tsuiseki.tracking.trackers.given import as_detections
+from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.video import Source
 
 Method = Literal["flow", "flow-saf", "flow-maf"]
@@ -109,19 +108,6 @@ def prices_of(method: Method, affinity: Path | None, multi: Path | None, threads
                 f"{', '.join(learnt.card.class_names)}; fit it with --features thesis_action"
             )
     return Prices(single.observation, single, again)
-
-
-def as_detections(tracks: Sequence[Track]) -> tuple[list[Detections], IntArray]:
-    """The boxes of ``tracks`` as detections, one entry a frame, and ``(N,)`` which of the tracks each belongs to."""
-    if not tracks:
-        raise RequestError("expected at least one given track, got none")
-    frames = np.concatenate([track.frames for track in tracks])
-    labels = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])
-    order = np.lexsort((labels, frames))
-    cuts = np.searchsorted(frames[order], np.arange(1, int(frames.max()) + 1))
-    boxes = np.split(np.concatenate([track.boxes for track in tracks])[order], cuts)
-    scores = np.split(np.concatenate([track.scores for track in tracks])[order], cuts)
-    return [Detections(*both) for both in zip(boxes, scores, strict=True)], labels[order]
 
 
 def _streams(method: Method, actions: list[Path] | None, *, needed: bool) -> list[Path]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.action_report import ActionReport, action_page, captions_of
 from tsuiseki.tracking.association.action_refinement import Prices
-from tsuiseki.tracking.cli.drone_models import DroneModels, Method, as_detections
+from tsuiseki.tracking.cli.drone_models import DroneModels, Method
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.features.action import averaged
@@ -18,6 +18,7 @@ from tsuiseki.tracking.output import RunRecord
 from tsuiseki.tracking.render import write_overlay
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
+from tsuiseki.tracking.trackers.given import as_detections
 from tsuiseki.tracking.trackers.run import FrameLog, shifted
 from tsuiseki.tracking.video import Source
 
