@@ -97,6 +97,9 @@ COMMANDS: Tree = {
         "a paper's table or figure: paper and here, plus the plot",
         {
             "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
+            "drone-action-features": Command(
+                "tracks and actions from a drone improve each other", "reproduce_drone", "action_features"
+            ),
             "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
         },
     ),
