@@ -56,7 +56,7 @@ def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: 
 def action_page(report: ActionReport, video: Path | None, seconds: Mapping[str, float]) -> str:
     """The page as HTML, self-contained."""
     time = f"<section><h2>Time</h2>{seconds_table(seconds, len(report.frames))}</section>"
-    parts = [_video(video), _timelines(report), time]
+    parts = [_video(video), action_timelines(report), time]
     people = f"{len(report.people)} {'person' if len(report.people) == 1 else 'people'}"
     return PAGE.format(
         title=escape(f"People in {report.name}"),
@@ -78,7 +78,7 @@ def _video(path: Path | None) -> str:
     )
 
 
-def _timelines(report: ActionReport) -> str:
+def action_timelines(report: ActionReport) -> str:
     note = (
         "<p class=note>A block is a person. Its first row is the time they were followed, pale where no detection "
         "supports it; each other row is an action, drawn where its probability over the window exceeds "

@@ -52,6 +52,7 @@ class Report:
         overlay: WebM video of the last method's tracks; None leaves it out.
         seconds: per stage of the run.
         facts: names and values for the foot of the page: models, versions, seed.
+        more: HTML of further sections, before those about time and origin.
     """
 
     title: str
@@ -63,6 +64,7 @@ class Report:
     overlay: Path | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
+    more: Sequence[str] = ()
 
 
 def write_report(path: Path, report: Report) -> None:
@@ -83,6 +85,7 @@ def report_page(report: Report) -> str:
             "People in view",
             inline_svg(lambda ink: count_figure(report.truth, counts, report.length, ink), "counts"),
         ),
+        *report.more,
         _section("Time", seconds_table(report.seconds, report.length)) if report.seconds else "",
         _section("How it was made", _facts(report.facts)) if report.facts else "",
     ]

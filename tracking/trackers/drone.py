@@ -87,6 +87,11 @@ class DroneTracker:
         self._next = 0
         self._recent = _Recent(np.empty(0, np.int64), np.empty(0, np.int64), None)
 
+    @property
+    def held_rows(self) -> int:
+        """Number of detections that are not final."""
+        return len(self._open)
+
     def update(
         self, detections: Detections, actions: FloatArray | None = None, motion: FloatArray | None = None
     ) -> None:

@@ -61,7 +61,7 @@ def test_what_is_held_does_not_grow_with_the_video() -> None:
     for frames in (150, 600):
         tracker = tracked(walk(2, frames), DroneSettings(chunk=30))
         assert tracker._recent.actions is not None
-        held.append(len(tracker._open) + len(tracker._recent.frames))
+        held.append(tracker.held_rows + len(tracker._recent.frames))
         assert all(part.rows.features is None for part in tracker._done)
     assert held[1] < 1.3 * held[0]
 
