@@ -63,7 +63,9 @@ COMMANDS: Tree = {
         {
             "detector": Command("where people are", "train", "detector", forwarded=True),
             "appearance": Command("what they look like", "train", "appearance", forwarded=True),
+            "action": Command("what they do", "train", "action", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
+            "affinity-drone": Command("the same, seen from a drone", "train", "affinity_drone", forwarded=True),
         },
     ),
     "export": Group(
@@ -71,12 +73,14 @@ COMMANDS: Tree = {
         {
             "detector": Command("from a checkpoint, or from torchvision's COCO weights", "export", "detector"),
             "appearance": Command("from a checkpoint", "export", "appearance"),
+            "action": Command("from a checkpoint, one file a stream", "export", "action"),
         },
     ),
     "track": Group(
         "follow something through a video with exported models",
         {
             "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
+            "drone": Command("people seen from a drone, and what they do", "drone", "track", ("source",)),
             "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
         },
     ),
@@ -85,6 +89,7 @@ COMMANDS: Tree = {
         {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
+            "action": Command("what people do: F1 and average precision", "evaluate", "action", ("truth", "results")),
             "points": Command("tracked points: OSPA, GOSPA and more", "blobs", "evaluate", ("truth", "results")),
         },
     ),
@@ -92,6 +97,9 @@ COMMANDS: Tree = {
         "a paper's table or figure: paper and here, plus the plot",
         {
             "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
+            "drone-action-features": Command(
+                "tracks and actions from a drone improve each other", "reproduce_drone", "action_features"
+            ),
             "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
         },
     ),

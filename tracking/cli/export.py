@@ -80,5 +80,32 @@ def appearance(
     _say(out, export_appearance(checkpoint, out, training_data, float16=float16, overwrite=overwrite))
 
 
+def action(
+    out: Path,
+    checkpoint: Path,
+    training_data: str = "",
+    float16: bool = False,
+    int8: list[Path] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write the streams of an action network as ONNX, a file each, and check that they give what torch gives.
+
+    Args:
+        out: ONNX file to write; action.onnx becomes action_rgb_local.onnx, action_rgb_global.onnx and so on.
+        checkpoint: best.ckpt of tsuiseki train action.
+        training_data: what the model was trained on, in words; kept in the files.
+        float16: store weights as 16-bit numbers, half the size.
+        int8: folders of labelled clips; the network computes with 8-bit numbers calibrated there, and says what mean
+            average precision that costs there.
+        overwrite: replace existing files.
+    """
+    with needs_train_extra():
+        from tsuiseki.trainers.export_action import export_action
+    for done in export_action(checkpoint, out, training_data, float16=float16, int8=int8 or (), overwrite=overwrite):
+        _say(done.path, done.difference)
+        if done.map_float32 is not None and done.map_int8 is not None:
+            print(f"  mAP {done.map_float32:.4f} in float32, {done.map_int8:.4f} in int8")
+
+
 def _say(out: Path, worst: float) -> None:
     print(f"{out}: {out.stat().st_size / 2**20:.1f} MiB; differs from torch by {worst:.1g} of the range at most")

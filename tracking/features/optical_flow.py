@@ -7,6 +7,7 @@ at ``(x + u, y + v)`` in the second.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import cv2
@@ -20,7 +21,7 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 FlowField: TypeAlias = NDArray[np.float32]
 Grey: TypeAlias = NDArray[np.uint8]
 FlowMethod: TypeAlias = Callable[[Grey, Grey], FlowField]
-FlowName = Literal["tv-l1", "dis", "farneback"]
+FlowName = Literal["tv-l1", "dis", "dis_fast", "farneback"]
 DisPreset = Literal["ultrafast", "fast", "medium"]
 
 # Smallest side that DIS and Farneback take at their coarsest level.
@@ -52,7 +53,12 @@ def farneback_flow(first: Grey, second: Grey) -> FlowField:
     return np.asarray(cv2.calcOpticalFlowFarneback(first, second, start, 0.5, 5, 13, 3, 5, 1.1, 0), dtype=np.float32)
 
 
-FLOW_METHODS: Mapping[FlowName, FlowMethod] = {"tv-l1": tv_l1, "dis": dis_flow, "farneback": farneback_flow}
+FLOW_METHODS: Mapping[FlowName, FlowMethod] = {
+    "tv-l1": tv_l1,
+    "dis": dis_flow,
+    "dis_fast": partial(dis_flow, preset="fast"),
+    "farneback": farneback_flow,
+}
 
 
 def optical_flow(

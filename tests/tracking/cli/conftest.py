@@ -13,6 +13,8 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from tsuiseki.tracking.association.affinity import FEATURE_SETS
+from tsuiseki.tracking.features.action_inputs import ActionInput, StreamName
+from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.webm import VideoWriter
 
@@ -120,3 +122,30 @@ def save_affinity(path: Path) -> None:
         helper.make_node("ConstantOfShape", ["rows"], ["probability"], value=value),
     ]
     save(path, "features", ["n", len(names)], nodes, {"probability": ["n"]}, {"card": card.to_json()})
+
+
+@pytest.fixture(scope="session")
+def action_streams(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two streams that know the coloured people of ``acting_clips``: by their colours, and not at all by their flow."""
+    folder = tmp_path_factory.mktemp("streams")
+    paths = [folder / "rgb.onnx", folder / "flow.onnx"]
+    save_action(paths[0], "rgb_local")
+    save_action(paths[1], "flow_local")
+    return paths
+
+
+def save_action(path: Path, stream: StreamName, names: tuple[str, ...] = OKUTAMA_ACTIONS) -> None:
+    """Red is walking, green sitting, blue running, by the sigmoid of a linear map of the mean colour."""
+    takes = ActionInput(stream, 16)
+    weight = np.zeros((takes.channels, len(names)), dtype=np.float32)
+    if stream == "rgb_local" and len(names) == len(OKUTAMA_ACTIONS):
+        for channel, action in enumerate(("Walking", "Sitting", "Running")):
+            weight[:, names.index(action)] = -2
+            weight[channel, names.index(action)] = 4
+    constants = {"axes": np.array([2, 3]), "w": weight, "card": takes.card("small", names).to_json()}
+    nodes = [
+        helper.make_node("ReduceMean", ["images", "axes"], ["mean"], keepdims=0),
+        helper.make_node("MatMul", ["mean", "w"], ["logit"]),
+        helper.make_node("Sigmoid", ["logit"], ["probability"]),
+    ]
+    save(path, "images", ["n", takes.channels, 16, 16], nodes, {"probability": ["n", len(names)]}, constants)
