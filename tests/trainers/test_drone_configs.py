@@ -15,6 +15,7 @@ from tsuiseki.datamodules.scenes.drone_clip import write_drone
 from tsuiseki.datamodules.scenes.sprites import render_person_sprite
 from tsuiseki.models.backbones import build_trunk
 from tsuiseki.models.detector import people_detector
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.detector import take_over
 from tsuiseki.trainers.fit import fit_appearance, fit_detector
@@ -68,3 +69,28 @@ def test_a_detector_starts_from_what_fits_of_another(tmp_path):
     assert all(torch.equal(own[k], other[k]) for k in same)
     with pytest.raises(RequestError, match="expected a checkpoint to start from"):
         take_over(second, tmp_path / "none.ckpt")
+
+
+def test_broken_labels_are_one_line_on_the_command_line(tmp_path, capsys):
+    settings = DroneSettings(width=160, height=90, frames=2, people=2, clutter=0)
+    folder = write_drone(tmp_path / "okutama", settings, seed=0, layout="okutama")
+    labels = folder / "Labels" / "SingleActionTrackingLabels" / "3840x2160" / "1.1.1.txt"
+    text = labels.read_text()
+    words = ["train", "detector", "--config", str(CONFIGS / "detector_okutama.yaml"), "--out", str(tmp_path / "out")]
+    words += [*TINY, "--model.weights=null", "--trainer.precision=32"]
+    words += ["--data.train", f"[{{folder: {folder}}}]", "--data.val", f"[{{folder: {folder}}}]"]
+    for broken, complaint in (
+        (text.replace('"Person"', "Person"), "1.1.1.txt:1: expected names in double quotes"),
+        (text.replace(' "Person"', ' "Person" "Flying"'), "1.1.1.txt:1: unknown action 'Flying'"),
+        (text + text.splitlines()[0].replace(" 0 0 0 0 ", " 700 0 0 0 ") + "\n", "labels reach frame 700"),
+    ):
+        labels.write_text(broken)
+        assert main([*words, "--overwrite=true"]) == 2
+        (line,) = [x for x in capsys.readouterr().err.splitlines() if x.startswith("tsuiseki:")]
+        assert complaint in line
+
+
+def test_an_input_size_comes_whole(tmp_path, capsys):
+    words = ["export", "detector", "--out", str(tmp_path / "a.onnx"), "--checkpoint", "a.ckpt", "--height", "64"]
+    assert main(words) == 2
+    assert "expected --height and --width together" in capsys.readouterr().err
