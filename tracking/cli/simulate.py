@@ -51,13 +51,14 @@ def drone(
     altitude: tuple[float, float] = (10.0, 45.0),
     tilt: tuple[float, float] = (45.0, 90.0),
     look_alikes: float = 0.3,
+    layout: Literal["mot", "okutama"] = "mot",
     seed: int = 0,
     overwrite: bool = False,
 ) -> None:
-    """Make a clip of people who act under a drone, as a MOTChallenge sequence with Okutama-Action's labels.
+    """Make a clip of people who act under a drone, with a box, an id and one or two actions each in every frame.
 
     Args:
-        out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt, gt/actions.txt and seqinfo.ini.
+        out: folder for the clip; gets img1/000001.jpg and so on, gt/gt.txt, gt/actions.txt and seqinfo.ini.
         frames: length of the clip.
         width: of the images, pixels.
         height: of the images, pixels.
@@ -67,6 +68,7 @@ def drone(
         altitude: lowest and highest, metres.
         tilt: flattest and steepest view under the horizon, degrees.
         look_alikes: share of people dressed much like somebody else.
+        layout: mot is a MOTChallenge sequence with gt/actions.txt as Okutama-Action's; okutama is that data set's own.
         seed: of all random numbers; the same seed makes the same clip.
         overwrite: replace what is in the folder.
     """
@@ -85,5 +87,5 @@ def drone(
         tilt=tilt,
         look_alikes=look_alikes,
     )
-    write_drone(out, settings, seed, overwrite, watch=lambda drawn: progress(drawn, "drawing", frames))
+    write_drone(out, settings, seed, overwrite, watch=lambda drawn: progress(drawn, "drawing", frames), layout=layout)
     print(f"{frames} frames of {width}x{height}: {out}")

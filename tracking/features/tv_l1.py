@@ -25,6 +25,7 @@ class TvL1Settings:
     """Settings of TV-L1.
 
     Attributes:
+        smoothing: standard deviation of the blur that takes the sensor's finest noise away, pixels.
         attachment: weight of the brightness differences (in grey levels of 255) against the total variation, lambda.
         tightness: coupling of u and v, theta; the smaller, the tighter.
         step: of the dual, tau; at most 0.25.
@@ -36,13 +37,14 @@ class TvL1Settings:
         median: side of the median filter after each warp, 3 or 5; 0 for none.
     """
 
+    smoothing: float = 0.6
     attachment: float = 0.15
-    tightness: float = 0.3
+    tightness: float = 0.2
     step: float = 0.25
     scale: float = 0.5
     levels: int = 6
-    warps: int = 4
-    iterations: int = 30
+    warps: int = 6
+    iterations: int = 40
     tolerance: float = 1e-4
     median: int = 5
 
@@ -57,6 +59,8 @@ class TvL1Settings:
                 "expected a scale in (0, 1), at least one level, warp and iteration, and no negative tolerance, "
                 f"got {self.scale}, {self.levels}, {self.warps}, {self.iterations} and {self.tolerance}"
             )
+        if not self.smoothing >= 0:
+            raise ValueError(f"expected a smoothing of 0 or more, got {self.smoothing}")
         if self.median not in (0, 3, 5):
             raise ValueError(f"expected a median filter of side 3, 5 or 0 for none, got {self.median}")
 
@@ -75,7 +79,7 @@ def tv_l1(first: Grey, second: Grey, settings: TvL1Settings | None = None, start
         start: ``(H, W, 2)`` a flow to refine: only the finest level is then solved.
     """
     settings = settings or TvL1Settings()
-    pyramid = [(_smoothed(first), _smoothed(second))]
+    pyramid = [(_smoothed(first, settings.smoothing), _smoothed(second, settings.smoothing))]
     while start is None and len(pyramid) < settings.levels:
         size = tuple(round(side * settings.scale) for side in pyramid[-1][0].shape[::-1])
         if min(size) < SMALLEST_SIDE:
@@ -92,9 +96,9 @@ def tv_l1(first: Grey, second: Grey, settings: TvL1Settings | None = None, start
     return np.ascontiguousarray(flow.transpose(1, 2, 0))
 
 
-def _smoothed(image: Grey) -> Float32:
-    """What the gradient is taken of: without the sensor's finest noise."""
-    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 0.8), dtype=np.float32)
+def _smoothed(image: Grey, deviation: float) -> Float32:
+    values = image.astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), deviation) if deviation else values, dtype=np.float32)
 
 
 def _resized(flow: Float32, size: tuple[int, ...]) -> Float32:

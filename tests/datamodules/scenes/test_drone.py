@@ -46,6 +46,16 @@ def test_a_clip_is_a_sequence_with_actions(clip):
     assert (labels.actions.sum(axis=1) <= 2).all()
 
 
+def test_okutama_layout_holds_the_same_labels(clip, tmp_path):
+    (tmp_path / "set").mkdir()
+    folder = write_drone(tmp_path / "set", SMALL, seed=3, layout="okutama")
+    (published,), (generated,) = okutama_sequences(folder), okutama_sequences(clip)
+    assert published.name == "1.1.1"
+    assert published.images[5].name == "5.jpg"
+    np.testing.assert_array_equal(published.labels.boxes, generated.labels.boxes)
+    np.testing.assert_array_equal(published.labels.actions, generated.labels.actions)
+
+
 def test_the_same_seed_makes_the_same_clip(clip):
     flight = plan_flight(SMALL, 3)
     image, truth = draw_flight(flight, 4)
