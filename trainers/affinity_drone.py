@@ -179,7 +179,7 @@ def fit_drone_affinities(
     """
     streams = ActionRecogniser(actions)
     describe = None if appearance is None else Appearance(appearance)
-    camera = None if keep_camera_motion else CameraMotionSettings()
+    camera = CameraMotionSettings()
     key = {str(n): file_digest(path) for n, path in enumerate([*actions, appearance, detector]) if path is not None}
     clips = []
     for sequence in (s for folder in folders for s in find_sequences(folder)):
@@ -189,6 +189,8 @@ def fit_drone_affinities(
         if detector is None:
             whole["detections"] = file_digest(sequence.detections_path)
         seen = list(video_observations(sequence.folder, observers, whole, cache))
+        if keep_camera_motion:
+            seen = [replace(one, motion=None) for one in seen]
         clips.append(labelled_clip(seen, read_ground_truth(sequence.ground_truth_path)))
     plain: FeatureSet = "extended" if extended else "thesis"
     acting: FeatureSet = "extended_action" if extended else "thesis_action"
