@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.association.action_refinement import Prices, RefinementSettings, refine
+from tsuiseki.tracking.association.action_refinement import Prices, RefinementSettings, compared_features, refine
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity, FeatureSet
 from tsuiseki.tracking.association.rows import DetectionRows
 from tsuiseki.tracking.association.stabilised import SummedMotion
@@ -156,7 +156,8 @@ def fit_drone_affinities(
 ) -> None:
     """Fit the costs of `track drone` to labelled clips: of flow, of flow-saf, and of the repetitions of flow-maf.
 
-    OUT gets affinity_drone.onnx, affinity_drone_saf.onnx and affinity_drone_maf.onnx. The clips must be others than
+    OUT gets affinity_drone.onnx, affinity_drone_saf.onnx, affinity_drone_maf.onnx and, for one-sided windows,
+    affinity_drone_sided.onnx. The clips must be others than
     those that the action streams learnt from, which know the actions there better than elsewhere.
 
     Args:
@@ -201,12 +202,19 @@ def fit_drone_affinities(
     fit("affinity_drone.onnx", plain)
     single = fit("affinity_drone_saf.onnx", acting)
     fit("affinity_drone_maf.onnx", acting, Prices(single.observation, single))
+    drone = replace(drone or RefinementSettings(), windows="one-sided")
+    fit("affinity_drone_sided.onnx", acting, Prices(single.observation, single))
 
 
-def _features_of(clip: DroneClip, settings: RefinementSettings, multi: Prices | None) -> FloatArray | None:
-    if multi is None or clip.actions is None:
-        return clip.actions
+def _features_of(
+    clip: DroneClip, settings: RefinementSettings, multi: Prices | None
+) -> tuple[FloatArray, FloatArray] | None:
+    """Action features of detections as the earlier and as the later one of a pair."""
+    if clip.actions is None:
+        return None
+    if multi is None:
+        return clip.actions, clip.actions
     found = clip.found
     rows = DetectionRows(np.arange(len(found)), found.frames, found.boxes, found.scores, found.features)
     flow = next(refine(rows, clip.actions, multi, replace(settings, iterations=1)))
-    return flow.actions
+    return compared_features(rows, flow.labels, clip.actions, settings)
