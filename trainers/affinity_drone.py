@@ -34,6 +34,8 @@ from tsuiseki.trainers.affinity_samples import LabelledDetections, join_samples,
 from tsuiseki.trainers.export_affinity import export_affinity
 
 GROUPS = 5
+# Half the trees of a street's costs: every iteration of the alternation prices pairs with them.
+FEW_TREES = BoostingSettings(trees=60, learning_rate=0.15)
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,7 @@ def fit_drone_affinity(
     )
     check_kinds(samples)
     samples = with_unknown(samples, names.index("appearance"), np.random.default_rng(seed))
-    trees, report = fit_transition(samples, names, boosting or BoostingSettings(), seed)
+    trees, report = fit_transition(samples, names, boosting or FEW_TREES, seed)
     observation = fit_observation([clip.found for clip in clips], b)
     card = affinity_card(features, settings.gate, observation, report, training_data, None)
     export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, overwrite)
