@@ -84,7 +84,8 @@ def frames_with_people(people: int) -> tuple[ImageArray, ImageArray, FloatArray]
 
 def alternation(people: int, frames: int, repeat: int) -> None:
     """Print what linking costs with 1 and with 6 iterations."""
-    video = walking_people(frames, people, size=(1280, 720), feature_length=128)
+    # People of the walkers are twice as tall as in a drone's 1280x720 pictures.
+    video = walking_people(frames, people, size=(2560, 1440), feature_length=128)
     rows, said = rows_of(video, 0, 0), np.concatenate(acting(video))
     once = replace(DroneSettings().refinement, iterations=1)
     settings = {
@@ -123,7 +124,7 @@ def acting(video: Sequence[Detections]) -> list[FloatArray]:
 
 def memory(people: int, frames: int, longer: int) -> None:
     """Print what the sliding-window mode holds."""
-    video = walking_people(longer, people, size=(1280, 720), feature_length=128)
+    video = walking_people(longer, people, size=(2560, 1440), feature_length=128)
     actions = acting(video)
     tracker = DroneTracker(DroneSettings(chunk=60))
     tracemalloc.start()

@@ -16,6 +16,7 @@ from tsuiseki.tracking.render import track_colour
 from tsuiseki.tracking.report import PAGE, STYLE, frame_ticks, seconds_table
 
 ROW, LEFT, WIDTH = 15, 150, 750
+MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -40,14 +41,14 @@ class ActionReport:
 
 
 def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: float) -> dict[int, list[str]]:
-    """By track id, the named actions of each of its boxes, the likeliest first."""
+    """By track id, the named actions of each of its boxes, the likeliest first, `MOST_NAMED` at the most."""
     captions = {}
     for person in people:
         if person.multi is None:
             continue
         order = np.argsort(-person.multi, axis=1, kind="stable")
         captions[person.track.id] = [
-            ", ".join(names[a] for a in ranked.tolist() if said[a] > threshold)
+            ", ".join(names[a] for a in ranked[:MOST_NAMED].tolist() if said[a] > threshold)
             for ranked, said in zip(order, person.multi, strict=True)
         ]
     return captions

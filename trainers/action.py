@@ -11,7 +11,8 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 from torch.optim import AdamW
 
-from tsuiseki.datamodules.action import ActionBatch, ActionData
+from tsuiseki.datamodules.action import ActionData
+from tsuiseki.datamodules.action_batches import ActionBatch
 from tsuiseki.models.action import ActionNetwork, ActionStream, action_loss, positive_weights
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError

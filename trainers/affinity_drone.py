@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.association.action_refinement import Prices, RefinementSettings, refine
+from tsuiseki.tracking.association.action_refinement import Prices, RefinementSettings, compared_features, refine
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity, FeatureSet
 from tsuiseki.tracking.association.rows import DetectionRows
 from tsuiseki.tracking.association.stabilised import SummedMotion
@@ -34,6 +34,8 @@ from tsuiseki.trainers.affinity_samples import LabelledDetections, join_samples,
 from tsuiseki.trainers.export_affinity import export_affinity
 
 GROUPS = 5
+# Half the trees of a street's costs: every iteration of the alternation prices pairs with them.
+FEW_TREES = BoostingSettings(trees=60, learning_rate=0.15)
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,7 @@ def fit_drone_affinity(
     )
     check_kinds(samples)
     samples = with_unknown(samples, names.index("appearance"), np.random.default_rng(seed))
-    trees, report = fit_transition(samples, names, boosting or BoostingSettings(), seed)
+    trees, report = fit_transition(samples, names, boosting or FEW_TREES, seed)
     observation = fit_observation([clip.found for clip in clips], b)
     card = affinity_card(features, settings.gate, observation, report, training_data, None)
     export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, overwrite)
@@ -156,7 +158,8 @@ def fit_drone_affinities(
 ) -> None:
     """Fit the costs of `track drone` to labelled clips: of flow, of flow-saf, and of the repetitions of flow-maf.
 
-    OUT gets affinity_drone.onnx, affinity_drone_saf.onnx and affinity_drone_maf.onnx. The clips must be others than
+    OUT gets affinity_drone.onnx, affinity_drone_saf.onnx, affinity_drone_maf.onnx and, for one-sided windows,
+    affinity_drone_sided.onnx. The clips must be others than
     those that the action streams learnt from, which know the actions there better than elsewhere.
 
     Args:
@@ -179,7 +182,7 @@ def fit_drone_affinities(
     """
     streams = ActionRecogniser(actions)
     describe = None if appearance is None else Appearance(appearance)
-    camera = None if keep_camera_motion else CameraMotionSettings()
+    camera = CameraMotionSettings()
     key = {str(n): file_digest(path) for n, path in enumerate([*actions, appearance, detector]) if path is not None}
     clips = []
     for sequence in (s for folder in folders for s in find_sequences(folder)):
@@ -189,6 +192,8 @@ def fit_drone_affinities(
         if detector is None:
             whole["detections"] = file_digest(sequence.detections_path)
         seen = list(video_observations(sequence.folder, observers, whole, cache))
+        if keep_camera_motion:
+            seen = [replace(one, motion=None) for one in seen]
         clips.append(labelled_clip(seen, read_ground_truth(sequence.ground_truth_path)))
     plain: FeatureSet = "extended" if extended else "thesis"
     acting: FeatureSet = "extended_action" if extended else "thesis_action"
@@ -199,12 +204,19 @@ def fit_drone_affinities(
     fit("affinity_drone.onnx", plain)
     single = fit("affinity_drone_saf.onnx", acting)
     fit("affinity_drone_maf.onnx", acting, Prices(single.observation, single))
+    drone = replace(drone or RefinementSettings(), windows="one-sided")
+    fit("affinity_drone_sided.onnx", acting, Prices(single.observation, single))
 
 
-def _features_of(clip: DroneClip, settings: RefinementSettings, multi: Prices | None) -> FloatArray | None:
-    if multi is None or clip.actions is None:
-        return clip.actions
+def _features_of(
+    clip: DroneClip, settings: RefinementSettings, multi: Prices | None
+) -> tuple[FloatArray, FloatArray] | None:
+    """Action features of detections as the earlier and as the later one of a pair."""
+    if clip.actions is None:
+        return None
+    if multi is None:
+        return clip.actions, clip.actions
     found = clip.found
     rows = DetectionRows(np.arange(len(found)), found.frames, found.boxes, found.scores, found.features)
     flow = next(refine(rows, clip.actions, multi, replace(settings, iterations=1)))
-    return flow.actions
+    return compared_features(rows, flow.labels, clip.actions, settings)

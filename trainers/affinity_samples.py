@@ -125,19 +125,20 @@ def pair_samples(
     features: FeatureSet,
     gate: GateSettings,
     groups: int,
-    actions: FloatArray | None = None,
+    actions: tuple[FloatArray, FloatArray] | None = None,
 ) -> PairSamples:
     """The pairs that the tracker would ask about, in ``groups`` stretches of equal length by the earlier detection.
 
     Pairs of two false detections are left out: that they are false is what their observation costs say, and a thing
-    that is taken for a person again and again is one thing. ``actions`` ``(N, A)`` are the action features, if any.
+    that is taken for a person again and again is one thing. ``actions`` are the action features ``(N, A)``
+    of detections as the earlier and as the later one of a pair, if there are any.
     """
     i, j, gap = candidate_pairs(found.frames, found.boxes, gate)
     kept = (found.ids[i] != NOBODY) | (found.ids[j] != NOBODY)
     i, j, gap = i[kept], j[kept], gap[kept]
     pairs = pair_features(found.boxes, found.features, i, j, gap)
     if actions is not None:
-        pairs = replace(pairs, action=action_distances(actions, actions, i, j))
+        pairs = replace(pairs, action=action_distances(*actions, i, j))
     start, stop = (int(found.frames.min()), int(found.frames.max()) + 1) if len(found) else (0, 1)
     return PairSamples(
         feature_rows(pairs, features).astype(np.float64),

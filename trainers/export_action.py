@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 from onnxruntime.quantization.shape_inference import quant_pre_process
 
-from tsuiseki.datamodules.action import centre_crops
+from tsuiseki.datamodules.action_batches import centre_crops
 from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, cut_clip, has_crops, load_crops
 from tsuiseki.datamodules.readers.okutama import okutama_sequences
 from tsuiseki.models.action import StreamProbability

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.action import ActionAugmentation, ActionBatches, ActionData, changed, draw_changes
+from tsuiseki.datamodules.action import ActionData
+from tsuiseki.datamodules.action_batches import ActionAugmentation, ActionBatches, changed, draw_changes
 from tsuiseki.datamodules.action_crops import CropSettings, cut_clip, has_crops, load_crops
 from tsuiseki.datamodules.readers.okutama import okutama_sequences
 from tsuiseki.tracking.errors import RequestError

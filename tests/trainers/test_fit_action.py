@@ -159,3 +159,30 @@ def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
         fit_action(options(acting_clips, tmp_path, f"--out={tmp_path / 'o'}", "--model.actions=5"))
     with pytest.raises(RequestError, match="expected a checkpoint at"):
         export_action(tmp_path / "none.ckpt", tmp_path / "a.onnx")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
+def test_the_thesis_configuration_trains_on_okutama_s_layout(acting_clips: Path, tmp_path: Path) -> None:
+    """A step of one stream at full size, TV-L1 flow included; what a GPU would do five thousand times."""
+    config = Path(str(resources.files("tsuiseki.configs"))) / "action_resnet101.yaml"
+    small = {
+        "out": tmp_path / "out",
+        "trainer.accelerator": "cpu",
+        "trainer.precision": 32,
+        "trainer.max_epochs": 1,
+        "trainer.limit_val_batches": 1,
+        "model.weights": "null",
+        "model.streams": "[flow_global]",
+        "data.train_folders": f"[{acting_clips / 'okutama'}]",
+        "data.validation_folders": f"[{acting_clips / 'validation'}]",
+        "data.cache": tmp_path / "cache",
+        "data.cutting.step": 10,
+        "data.batch_size": 2,
+        "data.batches": 1,
+        "data.workers": 0,
+    }
+    best = fit_action(["--config", str(config), *(f"--{name}={value}" for name, value in small.items())])
+    module = load_module(ActionTraining, best)
+    assert module.inputs["flow_global"].flow == "tv-l1"
+    assert module.names == OKUTAMA_ACTIONS

@@ -152,14 +152,10 @@ def refine(
         multi = None if actions is None else _averaged(rows, labels, actions, (half, half), past)
         yield Iteration(solution, labels, multi)
         key = labels.tobytes()
-        if actions is None or multi is None or key in seen or number + 1 == settings.iterations:
+        if actions is None or key in seen or number + 1 == settings.iterations:
             return
         seen.add(key)
-        until = since = multi
-        if settings.windows == "one-sided":
-            until = _averaged(rows, labels, actions, (half, 0), past)
-            since = _averaged(rows, labels, actions, (0, half), past)
-        fresh = action_distances(until, since, i, j)
+        fresh = action_distances(*compared_features(rows, labels, actions, settings, past), i, j)
         price = prices.multi or prices.single
         # The first multi-frame prices may come from other trees, so that all of them are new.
         all_new = number == 0 and prices.multi is not None
@@ -169,6 +165,21 @@ def refine(
         costs[changed] = price(replace(pairs, action=fresh).select(changed))
         distance = distance.copy()
         distance[changed] = fresh[changed]
+
+
+def compared_features(
+    rows: DetectionRows,
+    labels: IntArray,
+    actions: FloatArray,
+    settings: RefinementSettings,
+    past: Past | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Multi-frame features ``(N, A)`` of detections as the earlier and as the later one of a pair."""
+    half = settings.window // 2
+    if settings.windows == "centred":
+        multi = _averaged(rows, labels, actions, (half, half), past)
+        return multi, multi
+    return _averaged(rows, labels, actions, (half, 0), past), _averaged(rows, labels, actions, (0, half), past)
 
 
 def action_distances(earlier: FloatArray, later: FloatArray, i: IntArray, j: IntArray) -> FloatArray:

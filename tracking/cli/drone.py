@@ -91,7 +91,14 @@ def track(
         opened, method, detections, detector, appearance, actions, tracks, score_threshold, score_range, threads,
         batch_size, camera_motion=not keep_camera_motion,
     )  # fmt: skip
-    prices = prices_of(method, affinity, affinity_multi, threads, scores_known=detections is None and tracks is None)
+    prices = prices_of(
+        method,
+        affinity,
+        affinity_multi,
+        threads,
+        scores_known=detections is None and tracks is None,
+        windows=drone.refinement.windows,
+    )
     times = StageTimes()
     with output_folder(out, overwrite) as work:
         run = run_drone(source, opened, models, method, drone, prices, cache, times)

@@ -26,6 +26,7 @@ from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.video import Source
 
 Method = Literal["flow", "flow-saf", "flow-maf"]
+Windows = Literal["centred", "one-sided"]
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,15 @@ class DroneModels:
         return cls(observers, recognise.names if recognise else (), key, given)
 
 
-def prices_of(method: Method, affinity: Path | None, multi: Path | None, threads: int, *, scores_known: bool) -> Prices:
+def prices_of(
+    method: Method,
+    affinity: Path | None,
+    multi: Path | None,
+    threads: int,
+    *,
+    scores_known: bool,
+    windows: Windows = "centred",
+) -> Prices:
     """The costs of a method; hand-set ones where the shipped ones know nothing of the scores."""
     if multi is not None and method != "flow-maf":
         raise RequestError(f"--affinity-multi: expected --method flow-maf, which alone uses it, got {method}")
@@ -99,7 +108,7 @@ def prices_of(method: Method, affinity: Path | None, multi: Path | None, threads
     kind = "affinity_drone" if method == "flow" else "affinity_drone_saf"
     single = Affinity(affinity or shipped(kind), threads)
     if affinity is None and multi is None and method == "flow-maf":
-        multi = shipped("affinity_drone_maf")
+        multi = shipped("affinity_drone_maf" if windows == "centred" else "affinity_drone_sided")
     again = None if multi is None else Affinity(multi, threads)
     for learnt in (single, again):
         if learnt is not None and method != "flow" and "action" not in learnt.card.class_names:

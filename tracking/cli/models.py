@@ -21,6 +21,7 @@ DRONE = {
     "affinity_drone": "affinity_drone.onnx",
     "affinity_drone_saf": "affinity_drone_saf.onnx",
     "affinity_drone_maf": "affinity_drone_maf.onnx",
+    "affinity_drone_sided": "affinity_drone_sided.onnx",
 }
 
 # Where a model is given with an option of another name than its kind.
@@ -29,6 +30,7 @@ OPTIONS = {
     "affinity_drone": "affinity",
     "affinity_drone_saf": "affinity",
     "affinity_drone_maf": "affinity-multi",
+    "affinity_drone_sided": "affinity-multi",
     **{kind: "actions" for kind in DRONE if kind.startswith("action_")},
 }
 

@@ -29,29 +29,32 @@ MOST_ITERATIONS = 10
 
 @dataclass(frozen=True)
 class Costs:
-    """Learnt costs of the three kinds, for places with or without the camera's motion.
+    """Learnt costs of all kinds, for places with or without the camera's motion.
 
     Attributes:
         flow: without actions.
         single: with single-frame action features.
         multi: with multi-frame ones.
+        sided: with those of one-sided windows.
     """
 
     flow: Affinity
     single: Affinity
     multi: Affinity
+    sided: Affinity
 
     @classmethod
     def read(cls, folder: Path) -> Costs:
         """The files that `tsuiseki train affinity-drone` writes."""
-        names = ("affinity_drone", "affinity_drone_saf", "affinity_drone_maf")
+        names = ("affinity_drone", "affinity_drone_saf", "affinity_drone_maf", "affinity_drone_sided")
         return cls(*(Affinity(folder / f"{name}.onnx", threads=1) for name in names))
 
-    def prices(self, method: Method, *, same_trees: bool = False) -> Prices:
-        """What a method pays; ``same_trees`` prices multi-frame features by the trees of single-frame ones."""
+    def prices(self, method: Method) -> Prices:
+        """What a method pays."""
         if method == "flow":
             return Prices(self.flow.observation, self.flow)
-        return Prices(self.single.observation, self.single, None if same_trees else self.multi)
+        multi = self.sided if method.endswith("one-sided") else self.multi
+        return Prices(self.single.observation, self.single, multi)
 
 
 def tracker_for(

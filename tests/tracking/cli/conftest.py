@@ -12,8 +12,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from tsuiseki.tracking.association.affinity import FEATURE_SETS
-from tsuiseki.tracking.features.action_inputs import ActionInput, StreamName
+from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet
+from tsuiseki.tracking.features.action_inputs import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.webm import VideoWriter
@@ -111,10 +111,10 @@ def save_appearance(path: Path) -> None:
     save(path, "images", ["n", 3, HEIGHT, WIDTH], nodes, {"features": ["n", 3]}, constants)
 
 
-def save_affinity(path: Path) -> None:
+def save_affinity(path: Path, features: FeatureSet = "extended") -> None:
     """Every pair is the same person, almost surely."""
-    names = FEATURE_SETS["extended"]
-    settings = {"features": "extended", "window": 3, "alpha": 1.0, "beta": -3.0, "b": 0.0}
+    names = FEATURE_SETS[features]
+    settings = {"features": features, "window": 3, "alpha": 1.0, "beta": -3.0, "b": 0.0}
     card = ModelCard("affinity", "small", names, layout="NF", settings=settings)
     value = numpy_helper.from_array(np.array([0.95], dtype=np.float32))
     nodes = [
@@ -132,6 +132,18 @@ def action_streams(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     save_action(paths[0], "rgb_local")
     save_action(paths[1], "flow_local")
     return paths
+
+
+@pytest.fixture(scope="session")
+def drone_models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with four small streams, ``STREAM.onnx``, and the costs of ``train affinity-drone``."""
+    folder = tmp_path_factory.mktemp("drone")
+    for stream in STREAMS:
+        save_action(folder / f"{stream}.onnx", stream)
+    save_affinity(folder / "affinity_drone.onnx", "thesis")
+    for kind in ("saf", "maf", "sided"):
+        save_affinity(folder / f"affinity_drone_{kind}.onnx", "thesis_action")
+    return folder
 
 
 def save_action(path: Path, stream: StreamName, names: tuple[str, ...] = OKUTAMA_ACTIONS) -> None:

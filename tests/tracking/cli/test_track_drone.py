@@ -175,3 +175,13 @@ def test_labels_with_other_actions_are_refused(
     (out / "tracks.json").unlink()
     assert main(["evaluate", "action", str(clip), str(out)]) == 2
     assert "found none" in capsys.readouterr().err
+
+
+def test_a_camera_that_stands_still_changes_nothing(data_folder: Path, tmp_path: Path) -> None:
+    pets = data_folder / "mot/PETS09-S2L1-first"
+    given = ["--detections", str(pets / "det/det.txt"), "--appearance", "none", "--method", "flow"]
+    for name, more in (("taken", []), ("kept", ["--keep-camera-motion"])):
+        words = ["track", "drone", str(pets), "--out", str(tmp_path / name), "--frames", "1-60", "--threads", "1"]
+        assert main([*words, *given, *more]) == 0
+    assert (tmp_path / "taken/tracks.txt").read_text() == (tmp_path / "kept/tracks.txt").read_text()
+    assert len(read_tracks(tmp_path / "taken/tracks.txt")) >= 3
