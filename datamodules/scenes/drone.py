@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.activities import AHEAD
+from tsuiseki.datamodules.scenes.actors import Moment, Performer
 from tsuiseki.datamodules.scenes.body import place
 from tsuiseki.datamodules.scenes.clutter import bush, crate
 from tsuiseki.datamodules.scenes.degrade import random_degradation, sensor_noise, tone
 from tsuiseki.datamodules.scenes.flight import MOTIONS, STEEPEST, Strength, Viewpoint, fly, ground_homography
-from tsuiseki.datamodules.scenes.gathering import Gathering, Moment, Performer, gather
+from tsuiseki.datamodules.scenes.gathering import Gathering, gather
 from tsuiseki.datamodules.scenes.ground import random_ground
 from tsuiseki.datamodules.scenes.ground_map import GroundMap, look_down, map_ground
 from tsuiseki.datamodules.scenes.insertion import draw_things

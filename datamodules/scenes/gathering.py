@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,54 +16,19 @@ from tsuiseki.datamodules.scenes.activities import (
     STAND,
     WALK,
     Activity,
-    pose_of,
     resting_pose,
-    stride_frequency,
 )
-from tsuiseki.datamodules.scenes.body import Pose, blend
+from tsuiseki.datamodules.scenes.actors import Actor, Errand, Performer, Standing, remember, walk_on
+from tsuiseki.datamodules.scenes.body import Pose
 from tsuiseki.datamodules.scenes.gait import random_manner
 from tsuiseki.datamodules.scenes.look import look_alike, random_build
 from tsuiseki.datamodules.scenes.person import Person, random_person
-from tsuiseki.datamodules.scenes.props import Prop, random_prop
+from tsuiseki.datamodules.scenes.props import random_prop
 from tsuiseki.tracking.formats.actions import CARRYING, PUSHING, RUNNING, SITTING
 from tsuiseki.tracking.types import FloatArray
 
-# Seconds from one pose to the next, and most seconds on the way to somewhere.
-CHANGE, PATIENCE = 0.45, 9.0
-# Metres within which a place is reached, and that people keep between their middles.
-ARRIVED, SPACE = 0.12, 0.8
-TURN_RATE = 3.5
-
-
-@dataclass(frozen=True)
-class Moment:
-    """One person in one frame: where, how, and what it is doing, with what in which hand."""
-
-    position: FloatArray
-    heading: float
-    pose: Pose
-    activity: Activity
-    prop: Prop | None
-    hand: int
-
-
-@dataclass(frozen=True)
-class Performer:
-    """A person with its `Moment` in every frame."""
-
-    person: Person
-    moments: tuple[Moment, ...]
-
-
-@dataclass
-class Standing:
-    """A thing on the ground: a bench, or what can be fetched; ``last`` is the frame it was taken in."""
-
-    prop: Prop
-    position: FloatArray
-    yaw: float
-    first: int = 0
-    last: int = 1 << 30
+# Most seconds on the way to somewhere, and metres within which a place is reached.
+PATIENCE, ARRIVED = 9.0, 0.12
 
 
 @dataclass(frozen=True)
@@ -72,43 +37,6 @@ class Gathering:
 
     performers: list[Performer]
     things: list[Standing]
-
-
-@dataclass
-class _Errand:
-    """What somebody is on the way to: an activity at a place, with a partner or a thing there."""
-
-    activity: Activity
-    spot: FloatArray
-    heading: float
-    deadline: int
-    partner: int | None = None
-    thing: Standing | None = None
-
-
-@dataclass
-class _Actor:
-    person: Person
-    position: FloatArray
-    heading: float
-    activity: Activity = STAND
-    rest: Pose = field(default_factory=Pose)
-    began: int = 0
-    until: int = 0
-    phase: float = 0.0
-    pace: float = 1.0
-    target: FloatArray = field(default_factory=lambda: np.zeros(2))
-    errand: _Errand | None = None
-    prop: Prop | None = None
-    hand: int = 1
-    seat: Standing | None = None
-    before: Pose = field(default_factory=Pose)
-    moments: list[Moment] = field(default_factory=list)
-
-    def facing(self, angle: float | None = None) -> FloatArray:
-        """Unit vector of the heading."""
-        angle = self.heading if angle is None else angle
-        return np.array([math.cos(angle), math.sin(angle)])
 
 
 class _Stage:
@@ -129,10 +57,10 @@ class _Stage:
             for _ in range(int(rng.integers(1, 3)))
         ]
         self.spent = dict.fromkeys(ACTIVITIES, 0.0)
-        self.actors: list[_Actor] = []
+        self.actors: list[Actor] = []
         for _ in range(people):
             person = self._somebody(look_alikes)
-            self.actors.append(_Actor(person, self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
+            self.actors.append(Actor(person, self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
         for kind in ("cart", "crate", "suitcase"):
             if rng.random() < 0.5:
                 self.things.append(Standing(random_prop(rng, kind), self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
@@ -164,7 +92,7 @@ class _Stage:
         for index, actor in enumerate(self.actors):
             if actor.activity.moving:
                 self._move(index)
-            self._remember(actor, frame)
+            remember(actor, frame, self.rate)
 
     def choose(self, index: int, frame: int, at_once: bool = False) -> None:
         """The next activity of somebody: what has been rare so far is likelier."""
@@ -185,7 +113,7 @@ class _Stage:
                 return
         self.begin(index, WALK, frame)
 
-    def begin(self, index: int, activity: Activity, frame: int, errand: _Errand | None = None) -> None:
+    def begin(self, index: int, activity: Activity, frame: int, errand: Errand | None = None) -> None:
         """Somebody starts an activity; what it does not need is put down."""
         rng, actor = self.rng, self.actors[index]
         actor.before = actor.moments[-1].pose if actor.moments else Pose()
@@ -240,7 +168,7 @@ class _Stage:
                 self.actors[i].position, self.actors[i].heading = spot.copy(), heading
             else:
                 self.begin(i, WALK, frame)
-            self.actors[i].errand = _Errand(activity, spot, heading, deadline, with_whom)
+            self.actors[i].errand = Errand(activity, spot, heading, deadline, with_whom)
         if at_once:
             until = frame + int(self.rng.uniform(*activity.seconds) * self.rate)
             for i in (index, other):
@@ -259,7 +187,7 @@ class _Stage:
         thing = min(there, key=lambda t: float(np.linalg.norm(t.position - actor.position)))
         spot = thing.position - AHEAD[thing.prop.kind] * actor.facing(thing.yaw)
         self.begin(index, WALK, frame)
-        actor.errand = _Errand(activity, spot, thing.yaw, frame + int(PATIENCE * self.rate), thing=thing)
+        actor.errand = Errand(activity, spot, thing.yaw, frame + int(PATIENCE * self.rate), thing=thing)
         return True
 
     def _take_seat(self, index: int, activity: Activity, frame: int, at_once: bool) -> bool:
@@ -278,7 +206,7 @@ class _Stage:
                     return True
                 self.begin(index, WALK, frame)
                 deadline = frame + int(PATIENCE * self.rate)
-                actor.errand = _Errand(activity, spot, bench.yaw, deadline, thing=bench)
+                actor.errand = Errand(activity, spot, bench.yaw, deadline, thing=bench)
                 return True
         return False
 
@@ -315,37 +243,10 @@ class _Stage:
         """One frame of walking or running towards the target, around others."""
         actor = self.actors[index]
         away = actor.target - actor.position
-        distance = float(np.linalg.norm(away))
-        if distance < 0.5 and actor.errand is None:
+        if np.linalg.norm(away) < 0.5 and actor.errand is None:
             actor.target = self.somewhere(1.15)
-        desired = away / max(distance, 1e-6)
-        if actor.errand is None or distance > 1.5:
-            others = np.array([[*a.position, 0.0] for a in self.actors if a is not actor]).reshape(-1, 3)
-            others = np.concatenate([others, self.obstacles])
-            gap = actor.position - others[:, :2]
-            far = np.maximum(np.linalg.norm(gap, axis=1) - others[:, 2], 1e-3)
-            push = np.clip((SPACE + 0.5 - far) / 0.5, 0, 1)[:, None] * gap / far[:, None]
-            desired = desired + 1.6 * push.sum(axis=0)
-        wanted = math.atan2(desired[1], desired[0])
-        turn = (wanted - actor.heading + math.pi) % (2 * math.pi) - math.pi
-        # Near its aim somebody turns on the spot instead of circling it.
-        nimble = 4.0 if actor.errand is not None and distance < 1.0 else 1.0
-        limit = nimble * TURN_RATE / self.rate
-        actor.heading += float(np.clip(turn, -limit, limit))
-        speed = actor.pace * (0.35 + 0.65 * max(math.cos(turn), 0.0))
-        if actor.errand is not None:
-            speed = min(speed, 0.25 + 1.5 * distance)
-        actor.position = actor.position + actor.facing() * min(speed / self.rate, distance if actor.errand else 1e6)
-        actor.phase += stride_frequency(actor.activity, actor.person, speed) / self.rate
-
-    def _remember(self, actor: _Actor, frame: int) -> None:
-        seconds = (frame - actor.began) / self.rate
-        pose = pose_of(
-            actor.activity, actor.person, actor.rest, seconds, actor.phase, actor.pace, actor.hand, actor.prop
-        )
-        if actor.moments and seconds < CHANGE:
-            pose = blend(actor.before, pose, 0.5 - 0.5 * math.cos(math.pi * seconds / CHANGE))
-        actor.moments.append(Moment(actor.position.copy(), actor.heading, pose, actor.activity, actor.prop, actor.hand))
+        others = np.array([[*a.position, 0.0] for a in self.actors if a is not actor]).reshape(-1, 3)
+        walk_on(actor, away, np.concatenate([others, self.obstacles]), self.rate)
 
 
 def gather(

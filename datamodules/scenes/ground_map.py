@@ -83,10 +83,10 @@ def look_down(ground: GroundMap, camera: PinholeCamera) -> ImageArray:
     for level in range(first + 1, last + 1):
         share = np.clip(wanted - (level - 1), 0, 1).astype(np.float32)
         weight = cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)
-        columns = np.flatnonzero(weight.max(axis=1) > 0)
-        if not len(columns):
+        used = np.flatnonzero(weight.max(axis=1) > 0)
+        if not len(used):
             continue
-        rows = slice(int(columns[0]), int(columns[-1]) + 1)
+        rows = slice(int(used[0]), int(used[-1]) + 1)
         coarse = _cut(ground, level, camera, rows)
         part = weight[rows]
         # cv2.blendLinear takes weights that it normalises itself.
