@@ -50,6 +50,7 @@ def export_onnx(
     outputs: Sequence[str],
     float16: bool = False,
     overwrite: bool = False,
+    spread: float = 1.0,
 ) -> float:
     """Write ``module`` as ONNX with ``card`` in its metadata, once it gives what torch gives.
 
@@ -63,6 +64,7 @@ def export_onnx(
         outputs: their names in order.
         float16: store weights as float16; computation stays float32.
         overwrite: replace an existing file.
+        spread: standard deviation of the random inputs that both are compared on.
 
     Returns:
         The largest difference to torch over all outputs, relative to the largest value of the output.
@@ -80,7 +82,7 @@ def export_onnx(
         entry = model.metadata_props.add()
         entry.key, entry.value = METADATA_KEY, card.to_json()
         onnx.save(model, work)
-        return check_parity(module, work, example, FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE)
+        return check_parity(module, work, example, FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE, spread)
 
 
 class RawHeads(nn.Module):
@@ -228,7 +230,7 @@ def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[OneClass,
     return network.eval(), card
 
 
-def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float) -> float:
+def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float, spread: float = 1.0) -> float:
     """The largest relative difference between ``module`` and the file on random inputs, batch 1 and 3.
 
     Raises:
@@ -240,7 +242,7 @@ def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: floa
     worst = 0.0
     for batch in _PARITY_BATCHES:
         # Normal numbers are what normalised images look like: no unit of the network saturates on all of them.
-        inputs = torch.randn((batch, *example.shape[1:]), generator=generator)
+        inputs = spread * torch.randn((batch, *example.shape[1:]), generator=generator)
         with torch.no_grad():
             expected = [x.numpy() for x in _as_tuple(module(inputs))]
         got = session.run(None, {name: inputs.numpy()})

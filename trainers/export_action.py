@@ -85,14 +85,16 @@ def export_action(
         stream = module.network.streams[name]
         card = dataclasses.replace(module.card(name), training_data=training_data)
         example = torch.zeros(2, module.inputs[name].channels, card.input_height, card.input_width)
+        # Flow is nearly nothing nearly everywhere; noise as strong as in colours would saturate every sigmoid.
+        spread = 0.1 if module.inputs[name].is_flow else 1.0
         probability = StreamProbability(stream)  # type: ignore[arg-type]
         if crops is None:
-            worst = export_onnx(probability, card, path, example, ("probability",), float16, overwrite)
+            worst = export_onnx(probability, card, path, example, ("probability",), float16, overwrite, spread)
             written.append(ExportedStream(path, worst))
             continue
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / "float32.onnx"
-            worst = export_onnx(probability, card, whole, example, ("probability",))
+            worst = export_onnx(probability, card, whole, example, ("probability",), spread=spread)
             written.append(ExportedStream(path, worst, *quantise(whole, path, crops, name, overwrite)))
     return written
 
