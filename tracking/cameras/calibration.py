@@ -42,6 +42,12 @@ class Intrinsics:
     principal_point: FloatArray
     distortion: FloatArray
 
+    def camera(self) -> PinholeCamera:
+        """At the origin of the world, looking along its third axis."""
+        return PinholeCamera(
+            self.width, self.height, self.focal, self.principal_point, np.eye(3), np.zeros(3), self.distortion
+        )
+
 
 @dataclass(frozen=True)
 class Calibration:
@@ -139,15 +145,7 @@ def locate_camera(points: FloatArray, pixels: FloatArray, intrinsics: Intrinsics
     """
     points, pixels = _checked(points, pixels)
     _refuse_flat(points, smallest=1, shape="line")
-    ideal = PinholeCamera(
-        intrinsics.width,
-        intrinsics.height,
-        intrinsics.focal,
-        intrinsics.principal_point,
-        np.eye(3),
-        np.zeros(3),
-        intrinsics.distortion,
-    )
+    ideal = intrinsics.camera()
     normalised = ideal.normalised(pixels)
     if not np.isfinite(normalised).all():
         row = int(np.flatnonzero(~np.isfinite(normalised).all(axis=1))[0])

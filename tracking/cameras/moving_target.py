@@ -76,15 +76,7 @@ def calibrate_by_path(
     Raises:
         RunError: no candidate explains a third of the pixels.
     """
-    ideal = PinholeCamera(
-        intrinsics.width,
-        intrinsics.height,
-        intrinsics.focal,
-        intrinsics.principal_point,
-        np.eye(3),
-        np.zeros(3),
-        intrinsics.distortion,
-    )
+    ideal = intrinsics.camera()
     scale = intrinsics.width / 1920
     normalised = ideal.normalised(pixels)
     explained, start, offset = 0.0, ideal, 0.0
