@@ -1,7 +1,7 @@
 """Soft balls that bounce in a room and squash where they hit a wall, with exact states; the paper's outlook.
 
 A ball that touches a wall is flattened by just what keeps it on its side of the wall, and the wall pushes back as a
-spring; once free it wobbles about its round shape. So force and shape are one, as they are for the fish.
+spring; once free it is round again in no time. So force and shape are one, as they are for the fish.
 """
 
 from __future__ import annotations
@@ -42,8 +42,7 @@ class BallSettings:
         gravity: pixels a second squared.
         stiffness: natural frequency of a ball against a wall, radians a second.
         loss: share of critical damping while it touches.
-        wobble: natural frequency of a free ball's shape, radians a second.
-        wobble_damping: share of critical damping of it.
+        recovery: how fast a free ball becomes round, 1/second.
         noise: of the camera, grey levels.
     """
 
@@ -56,8 +55,7 @@ class BallSettings:
     gravity: float = 500.0
     stiffness: float = 38.0
     loss: float = 0.02
-    wobble: float = 40.0
-    wobble_damping: float = 0.2
+    recovery: float = 60.0
     noise: float = 4.0
 
     def __post_init__(self) -> None:
@@ -119,7 +117,7 @@ def _bounce(settings: BallSettings, rng: np.random.Generator) -> FloatArray:
     radius = settings.diameter / 2
     place = np.array([rng.uniform(0.2, 0.8) * size[0], rng.uniform(0.25, 0.5) * size[1]])
     velocity = np.array([rng.choice([-1.0, 1.0]) * rng.uniform(250, 400), rng.uniform(-80, 80)])
-    theta, squash, squashing = float(INTO_WALL[3]), 0.0, 0.0
+    theta, squash = float(INTO_WALL[3]), 0.0
     substeps = max(1, round(STEPS_PER_SECOND / settings.frame_rate))
     dt = 1.0 / (settings.frame_rate * substeps)
     states = np.empty((settings.frames, 4))
@@ -130,17 +128,13 @@ def _bounce(settings: BallSettings, rng: np.random.Generator) -> FloatArray:
             wall = int(np.argmax(depth))
             acceleration = np.array([0.0, settings.gravity])
             if depth[wall] > 0:
-                theta, before = float(INTO_WALL[wall]), squash
-                squash = min(depth[wall] / radius, LARGEST_SQUASH)
-                squashing = (squash - before) / dt
+                theta, squash = float(INTO_WALL[wall]), min(float(depth[wall]) / radius, LARGEST_SQUASH)
                 axis, inward = wall // 2, 1.0 if wall % 2 == 0 else -1.0
                 speed = inward * velocity[axis]
                 push = settings.stiffness**2 * depth[wall] - 2 * settings.loss * settings.stiffness * speed
                 acceleration[axis] += inward * push
             else:
-                pull = -(settings.wobble**2) * squash - 2 * settings.wobble_damping * settings.wobble * squashing
-                squashing += dt * pull
-                squash = float(np.clip(squash + dt * squashing, -LARGEST_SQUASH, LARGEST_SQUASH))
+                squash -= dt * settings.recovery * squash
             velocity = velocity + dt * acceleration
             place = place + dt * velocity
     return states

@@ -19,8 +19,8 @@ LARGEST_SQUASH = 0.6
 class Ball:
     """A disc about ``(a, b)`` squashed along ``theta`` by the share ``squash``, its area kept.
 
-    The axis along ``theta`` is ``1 - squash`` diameters long, the other ``1 / (1 - squash)``; below 0 it is stretched.
-    ``theta`` and ``theta + pi`` look the same, and any ``theta`` does at ``squash = 0``.
+    The axis along ``theta`` is ``1 - squash`` diameters long, the other ``1 / (1 - squash)``. ``theta`` and
+    ``theta + pi`` look the same, and any ``theta`` does at ``squash = 0``.
 
     Attributes:
         diameter: of the ball at rest, pixels.
@@ -51,7 +51,7 @@ class Ball:
     @cached_property
     def limits(self) -> FloatArray:
         limits = unlimited(4)
-        limits[3] = -LARGEST_SQUASH, LARGEST_SQUASH
+        limits[3] = 0.0, LARGEST_SQUASH
         return limits
 
     @property

@@ -47,7 +47,7 @@ def test_ellipse_points_are_evenly_spaced_along_the_outline():
     assert steps.min() > 0.9 * steps.max()
 
 
-@pytest.mark.parametrize("squash", [-0.4, 0.0, 0.3])
+@pytest.mark.parametrize("squash", [0.0, 0.3, 0.5])
 def test_squashed_ball_keeps_its_area(squash):
     x, y = Ball(diameter=50, points=400).contour(np.array([[5, 6, 1.2, squash]]))[0].astype(float).T
     area = 0.5 * abs(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
