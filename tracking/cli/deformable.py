@@ -42,7 +42,8 @@ def track(
     Args:
         source: a video file, a folder of images, a MOTChallenge sequence folder, the number of a webcam or an address.
         out: folder for the results.
-        body: goldfish or ball, with its sizes in pixels where they differ, such as goldfish,length=40,width=14,tail=20.
+        body: goldfish or ball, with its sizes in pixels where they differ, such as goldfish,length=40,width=14,tail=20;
+            or a file of tsuiseki train body.
         motion: what tsuiseki train motion learnt of this body.
         preset: how the body is expected to move. With --motion: learnt draws from what was learnt of shape and motion
             together (the default), conditional also expects a bent body to turn, paper keeps equation (14) as printed,
