@@ -17,7 +17,7 @@ SHOWN_BENDS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 def plot_body(path: Path, fit: BodyFit) -> None:
     """Draws one panel for each mode: the outline at bends of -2 to 2 standard deviations, the heading to the right."""
     count = len(fit.body.modes)
-    figure = Figure(figsize=(4.6 * count + 0.8, 3.4), layout="constrained")
+    figure = Figure(figsize=(4.6 * count + 0.8, 2.7), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, count, squeeze=False, sharex=True, sharey=True)[0]
     for mode, axes in enumerate(panels):

@@ -18,7 +18,7 @@ COLOUR = ["--colour", "10-42,0.42-1,0.6-1"]
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clips") / "fish"
-    assert main(["simulate", "goldfish", "--out", str(folder), "--frames", "30", "--fish", "1", "--seed", "4"]) == 0
+    assert main(["simulate", "goldfish", "--out", str(folder), "--frames", "30", "--count", "1", "--seed", "4"]) == 0
     return folder
 
 

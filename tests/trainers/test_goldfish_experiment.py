@@ -113,7 +113,7 @@ def test_annealing_draws_nearer_to_what_is_likely():
         Annealed(motion, near_two, power=0.0)
 
 
-@pytest.mark.parametrize("words", [["--seeds", "0"], ["--minutes", "0"], ["--clips", "1000"]])
+@pytest.mark.parametrize("words", [["--seeds", "0"], ["--minutes", "0"], ["--clips", "-1"]])
 def test_wrong_requests_get_one_line(tmp_path, capsys, words):
     base = ["reproduce", "pca-particle-filter", "--out", str(tmp_path / "out"), "--work", str(tmp_path / "work")]
     assert main([*base, *words]) == 2

@@ -42,7 +42,8 @@ def track(
     Args:
         source: a video file, a folder of images, a MOTChallenge sequence folder, the number of a webcam or an address.
         out: folder for the results.
-        body: goldfish or ball, with its sizes in pixels where they differ, such as goldfish,length=40,width=14,tail=20.
+        body: goldfish or ball, with its sizes in pixels where they differ, such as goldfish,length=40,width=14,tail=20,
+            or a file of tsuiseki train body.
         motion: what tsuiseki train motion learnt of this body.
         preset: how the body is expected to move. With --motion: learnt draws from what was learnt of shape and motion
             together (the default), conditional also expects a bent body to turn, paper keeps equation (14) as printed,
@@ -104,7 +105,7 @@ def train_motion(
     Args:
         tracks: states.csv files, or folders that hold one.
         out: file to write, JSON; tsuiseki track deformable --motion takes it.
-        body: the one that was tracked, goldfish or ball.
+        body: the one that was tracked: goldfish, ball, or a file of tsuiseki train body.
         frame_rate: frames per second of the tracks; by default what run.json or seqinfo.ini beside them says.
         overwrite: replace an existing file.
     """

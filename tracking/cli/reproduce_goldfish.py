@@ -31,7 +31,7 @@ def pca_particle_filter(
         out: folder for the results.
         work: folder that keeps clips and finished pieces.
         seeds: of the particles; more give narrower intervals, and only the new ones are run.
-        clips: seed of the clips, from 0 to 999.
+        clips: seed of the clips, from 0 to 9999.
         minutes: begin no new piece after so many; run it again to go on.
         overwrite: replace an earlier result.
     """

@@ -45,7 +45,7 @@ class Experiment:
     """What to run.
 
     Attributes:
-        clips: seed of the clips, 0 to 999; all development was done on others than the default.
+        clips: seed of the clips, 0 to 9,999; all development was done on others than the default.
         seeds: of the particles; more give narrower intervals.
         particles: numbers to compare.
         beyond: numbers for the additions to the third arm.
