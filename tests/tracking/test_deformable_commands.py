@@ -84,6 +84,14 @@ def test_an_empty_picture_is_lost_and_goes_on(motion, tmp_path):
     assert (tmp_path / "none" / "states.csv").read_text().splitlines() == ["frame,id,a,b,theta,phi,score,status"]
 
 
+def test_init_is_given_once_for_each_body(clip, motion, tmp_path):
+    words = ["track", "deformable", str(clip), "--out", str(tmp_path / "out"), "--motion", str(motion), *COLOUR]
+    assert main([*words, "--frames", "1-3", "--init", start(clip), "--init=-0,9.5,-3.1,0.2"]) == 0
+    one, two = read_states(tmp_path / "out" / "states.csv", FIELDS)
+    assert (one.id, two.id) == (1, 2)
+    np.testing.assert_allclose(two.states[0], [0.0, 9.5, -3.1, 0.2], atol=1e-3)
+
+
 def refused(words, capsys, expected):
     assert main(words) == 2
     lines = capsys.readouterr().err.strip().splitlines()

@@ -25,7 +25,7 @@ def pca_particle_filter(
     Generates 10 clips to learn from and 10 to test on, learns from a wide run with 3000 particles, and follows the 24
     fish of the test clips in four ways with 100 to 3000 particles. DIR gets results.json, motion.json, success.png and
     turns.png (Figs. 6 and 7), beyond.png, particles.png (Figs. 8 and 9) and run.json. With the defaults it takes about
-    40 minutes on one core; stopped, it goes on where it was.
+    20 minutes on one core; stopped, it goes on where it was.
 
     Args:
         out: folder for the results.
