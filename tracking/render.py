@@ -62,7 +62,7 @@ class Overlay:
         for number, row in present:
             track = self.tracks[number]
             _draw_box(image, track, row, self.captions[track.id][row] if track.id in self.captions else "")
-        _label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))
+        draw_label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))
         return image
 
     def _draw_trail(self, image: ImageArray, track: Track, row: int) -> None:
@@ -117,7 +117,7 @@ def _draw_box(image: ImageArray, track: Track, row: int, caption: str) -> None:
         corners = ((x1, y1), (x2, y1), (x2, y2), (x1, y2))
         for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
             _dashed_line(image, start, end, colour)
-    _label(image, f"{track.id} {caption}".rstrip(), (x1, y1 - 2), colour)
+    draw_label(image, f"{track.id} {caption}".rstrip(), (x1, y1 - 2), colour)
 
 
 def _dashed_line(image: ImageArray, start: tuple[int, int], end: tuple[int, int], colour: Colour) -> None:
@@ -133,7 +133,7 @@ def _dashed_line(image: ImageArray, start: tuple[int, int], end: tuple[int, int]
     cv2.polylines(image, dashes, isClosed=False, color=colour, thickness=2)
 
 
-def _label(image: ImageArray, text: str, place: tuple[int, int], colour: Colour) -> None:
+def draw_label(image: ImageArray, text: str, place: tuple[int, int], colour: Colour) -> None:
     """``text`` on a patch of ``colour`` whose lower left corner is ``place``, moved into the image."""
     scale = 0.4
     (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)
