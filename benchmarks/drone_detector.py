@@ -5,7 +5,7 @@
 
 Clips are MOTChallenge sequences; people of whom less than 40 % shows are left out. In a sequence of UAV123 everybody
 but the labelled person is unknown, so detections beside it need not be wrong. A person is found where a detection has
-an IoU of 0.5 or more with the label. ``--write-mot`` makes a MOTChallenge sequence of the UAV123 one, with links to its
+an IoU of 0.5 or more with the label. ``--write-mot`` makes a MOTChallenge sequence of those frames, with links to the
 images, to fine-tune on.
 """
 
@@ -40,7 +40,7 @@ def main() -> None:
     cv2.setNumThreads(1)
     first, last = map(int, arguments.frames.split("-"))
     if arguments.write_mot is not None:
-        write_mot(arguments.uav, arguments.write_mot)
+        write_mot(uav_images(arguments.uav)[first - 1 : last], arguments.write_mot)
     if arguments.detector is None:
         return
     detector = Detector(arguments.detector, min(THRESHOLDS), threads=1)
@@ -65,21 +65,21 @@ def uav_images(folder: Path) -> list[LabelledImage]:
     return found
 
 
-def write_mot(source: Path, folder: Path) -> None:
-    """A MOTChallenge sequence of a UAV123 one."""
+def write_mot(images: list[LabelledImage], folder: Path) -> None:
+    """A MOTChallenge sequence of ``images``, the first of which is its first frame."""
     (folder / "img1").mkdir(parents=True, exist_ok=True)
-    images = uav_images(source)
+    start = images[0].frame
     for sample in images:
-        link = folder / "img1" / f"{sample.frame + 1:06d}.jpg"
+        link = folder / "img1" / f"{sample.frame - start + 1:06d}.jpg"
         if not link.exists():
             link.symlink_to(sample.path.resolve())
     count = len(images)
-    frames, everyone = np.array([s.frame for s in images]), np.ones(count, dtype=np.bool_)
+    frames, everyone = np.array([s.frame - start for s in images]), np.ones(count, dtype=np.bool_)
     boxes = np.concatenate([s.boxes for s in images])
     truth = GroundTruth(frames, np.ones(count, dtype=np.int64), boxes, everyone, ~everyone, np.ones(count))
     write_ground_truth(folder / "gt" / "gt.txt", truth)
     height, width = read_image(images[0].path).shape[:2]
-    write_sequence_info(folder, source.name, 30.0, count, width, height)
+    write_sequence_info(folder, images[0].sequence, 30.0, count, width, height)
 
 
 def report(name: str, detector: Detector, images: list[LabelledImage]) -> None:

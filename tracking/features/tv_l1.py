@@ -37,7 +37,7 @@ class TvL1Settings:
         median: side of the median filter after each warp, 3 or 5; 0 for none.
     """
 
-    smoothing: float = 0.6
+    smoothing: float = 0.5
     attachment: float = 0.15
     tightness: float = 0.2
     step: float = 0.25

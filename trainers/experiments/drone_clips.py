@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -85,22 +86,39 @@ def prepare_clips(
         networks: that look at them.
         say: gets a line for each clip.
     """
-    streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
-    found = None if networks.detector is None else Detector(networks.detector, threads=1)
-    clips = []
+    folders = []
     for name, scene, seed in names:
         folder = work / "clips" / name
         if not (folder / "seqinfo.ini").is_file():
             say(f"drawing {name}")
             write_drone(folder, scene, seed, overwrite=True)
-        say(f"looking at {name}")
-        clips.append(_look(folder, seed, work / "observations", networks, streams, appearance, found))
+        folders.append(folder)
+    return look_at(folders, work / "observations", networks, say)
+
+
+def look_at(
+    folders: Sequence[Path], cache: Path, networks: Networks, say: Callable[[str], None] | None = None
+) -> list[Clip]:
+    """Labelled clips with what detector and networks say of them.
+
+    Args:
+        folders: of the clips.
+        cache: folder that keeps observations.
+        networks: that look at them.
+        say: gets a line for each clip.
+    """
+    streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
+    found = None if networks.detector is None else Detector(networks.detector, threads=1)
+    clips = []
+    for folder in folders:
+        if say is not None:
+            say(f"looking at {folder.name}")
+        clips.append(_look(folder, cache, networks, streams, appearance, found))
     return clips
 
 
 def _look(
     folder: Path,
-    seed: int,
     cache: Path,
     networks: Networks,
     streams: ActionRecogniser,
@@ -112,7 +130,8 @@ def _look(
     key = {f"model {n}": file_digest(path) for n, path in enumerate((*networks.actions, networks.appearance))}
     if detector is None:
         if not sequence.detections_path.is_file():
-            rng = np.random.default_rng(seed)
+            # The number in the name is the clip's own seed.
+            rng = np.random.default_rng([int(number) for number in re.findall(r"\d+", folder.name)[:1]] or 0)
             drawn = simulate_detections(rng, truth, sequence.length, sequence.width, sequence.height, FAULTS)
             sequence.detections_path.parent.mkdir(exist_ok=True)
             write_detections(sequence.detections_path, drawn)

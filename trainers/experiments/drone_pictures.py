@@ -14,7 +14,7 @@ from tsuiseki.tracking.action_report import captions_of
 from tsuiseki.tracking.evaluation.coverage import coverage
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.formats.mot import list_images
-from tsuiseki.tracking.render import Overlay
+from tsuiseki.tracking.render import Overlay, draw_label
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 from tsuiseki.trainers.experiments.drone_clips import Clip
 from tsuiseki.trainers.experiments.drone_rows import Costs, track_all
@@ -95,8 +95,7 @@ def _strip(clip: Clip, switch: Switch, rows: dict[str, Sequence[ActingTrack]]) -
             drawn = overlay.draw(Frame(frame, frame / 30, read_image(images[frame])))
             cells.append(_cell(drawn, truth.boxes[nearest]))
         line = np.concatenate(cells, axis=1)
-        cv2.putText(line, name, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 3, cv2.LINE_AA)
-        cv2.putText(line, name, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+        draw_label(line, name, (0, 17), (40, 40, 40))
         lines.append(line)
     return np.concatenate(lines, axis=0)
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 def plot_iterations(curves: Mapping[str, Sequence[Mapping[str, float]]], path: Path) -> None:
     """Fig. 5.8: recall and precision, and switches and MOTA, over the iterations of the alternation."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    figure = Figure(figsize=(9, 4.2), layout="constrained")
     left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
     other = right.twinx()
     for number, (method, rows) in enumerate(curves.items()):
@@ -27,9 +27,9 @@ def plot_iterations(curves: Mapping[str, Sequence[Mapping[str, float]]], path: P
     left.set(xlabel="iteration", ylabel="percent", title="(a) recall and precision")
     right.set(xlabel="iteration", ylabel="ID switches", title="(b) switches and MOTA")
     other.set_ylabel("MOTA, percent")
-    left.legend(fontsize="x-small")
-    lines = [*right.get_lines(), *other.get_lines()]
-    right.legend(lines, [str(line.get_label()) for line in lines], fontsize="x-small")
+    for axes, lines in ((left, left.get_lines()), (right, [*right.get_lines(), *other.get_lines()])):
+        names = [str(line.get_label()) for line in lines]
+        axes.legend(lines, names, fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
     _save(figure, path)
 
 
