@@ -41,33 +41,31 @@ class BallClip:
 
 @pytest.fixture(scope="module")
 def clips():
-    return [BallClip(seed) for seed in (100, 200, 201)]
+    return [BallClip(seed) for seed in (100, 200)]
 
 
 @pytest.fixture(scope="module")
 def wide(clips):
-    """Tracks of a slow run with wide noise, as for learning."""
+    """The track of a slow run with wide noise over the first clip, as for learning."""
     noise = Noise.independent(np.zeros(4), np.array([12.0, 12.0, np.pi / 4, 0.15]))
-    return [clip.track(RandomWalk(noise), 3000) for clip in clips[:2]]
+    return clips[0].track(RandomWalk(noise), 3000)
 
 
 def test_the_ball_is_followed_and_its_squash_is_seen(clips, wide):
-    for clip, states in zip(clips, wide, strict=False):
-        assert centre_inside(clip.silhouettes, 1, states[:, :2]).all()
-        squashed = clip.states[:, 3] > 0.15
-        assert squashed.sum() >= 5
-        error = np.abs(states[squashed, 3] - clip.states[squashed, 3])
-        assert error.mean() < 0.4 * clip.states[squashed, 3].mean()
-        # Axis theta and theta + pi are the same.
-        apart = np.abs(np.sin(states[squashed, 2] - clip.states[squashed, 2]))
-        assert np.median(apart) < 0.3
+    exact = clips[0].states
+    assert centre_inside(clips[0].silhouettes, 1, wide[:, :2]).all()
+    squashed = exact[:, 3] > 0.15
+    assert squashed.sum() >= 5
+    assert np.abs(wide[squashed, 3] - exact[squashed, 3]).mean() < 0.4 * exact[squashed, 3].mean()
+    # Axis theta and theta + pi are the same.
+    assert np.median(np.abs(np.sin(wide[squashed, 2] - exact[squashed, 2]))) < 0.3
 
 
 def test_the_learnt_motion_keeps_nearer_than_the_walk(clips, wide):
     """Over seeds, at equal numbers of particles, on a clip that was not learnt from."""
-    learnt = learn_motion(wide, BODY.name, BODY.fields, BODY.angles, 30.0)
+    learnt = learn_motion([wide], BODY.name, BODY.fields, BODY.angles, 30.0)
     walk, own = (
-        np.mean([clips[2].misses(clips[2].track(motion, 50, seed)).mean() for seed in range(3)])
+        np.mean([clips[1].misses(clips[1].track(motion, 50, seed)).mean() for seed in range(3)])
         for motion in (learnt.random_walk(), learnt.proposal())
     )
     assert own < 0.7 * walk

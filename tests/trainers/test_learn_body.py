@@ -10,9 +10,13 @@ from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.bodies.learnt import read_body, write_body
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.filters.body_motion import RandomWalk
+from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.tracking.formats.states import read_states
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction, contour_distance
+from tsuiseki.tracking.trackers.body_starts import wide_noise
+from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.trainers.body import area_centroids, evenly_sampled, learn_body, line_up
 from tsuiseki.trainers.outlines import Outline, outlines_of
 
@@ -87,6 +91,21 @@ def test_it_fits_fish_it_has_not_seen(fit):
         states += np.column_stack([rng.normal(0, 12, (20000, 2)), rng.normal(0, 0.4, 20000), np.zeros(20000)])
         states[:, 3] = rng.uniform(low, high, 20000)
         assert contour_distance(edges, fit.body.contour(states)).min() < 5.0
+
+
+def test_the_tracker_follows_a_body_that_nobody_drew(fit):
+    """On the fish of another clip, and of the size that was learnt."""
+    frames = list(goldfish_frames(GoldfishSettings(frames=40, fish=1, size_spread=0.0), seed=78))
+    extraction = Extraction(parse_colour("orange"))
+    tracker = DeformableTracker(fit.body, RandomWalk(wide_noise(fit.body)), extraction, DeformableSettings(2000))
+    for index, frame in enumerate(frames):
+        tracker.update_edges(index, EdgeImage.of(frame.image, extraction))
+    (track,) = tracker.tracks()
+    silhouettes = np.stack([frame.silhouettes for frame in frames])
+    assert centre_inside(silhouettes, 1, track.states[:, :2]).all()
+    exact = np.array([frame.states[0] for frame in frames])
+    assert np.cos(track.states[:, 2] - exact[:, 2]).min() > 0.5
+    assert np.corrcoef(track.states[:, 3], exact[:, 3])[0, 1] > 0.8
 
 
 def test_without_silhouettes_a_colour_does(clip):

@@ -153,13 +153,11 @@ def test_the_sets_are_the_papers():
 
 
 def test_at_least_nine_fish_of_a_test_set_turn_suddenly():
-    for seed in range(2):
-        turning = 0
-        for clip in planned_clips(seed):
-            if clip.name.startswith("test"):
-                states = plan_goldfish(clip.settings, np.random.default_rng(clip.seed).spawn(2)[0])
-                turning += sum(count_sudden_turns(states[:, k]) > 0 for k in range(states.shape[1]))
-        assert turning >= 9
+    turning = 0
+    for clip in planned_clips(seed=0)[10:]:
+        states = plan_goldfish(clip.settings, np.random.default_rng(clip.seed).spawn(2)[0])
+        turning += sum(count_sudden_turns(states[:, k]) > 0 for k in range(states.shape[1]))
+    assert turning >= 9
 
 
 def test_sets_are_written_once(tmp_path):
