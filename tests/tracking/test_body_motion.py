@@ -103,6 +103,7 @@ def test_noise_without_correlation_keeps_the_variances():
     apart = noise.without_correlation()
     np.testing.assert_allclose(apart.factor @ apart.factor.T, np.diag(np.diag(factor @ factor.T)))
     np.testing.assert_allclose(apart.mean, noise.mean)
+    np.testing.assert_allclose(noise.widened(1.5).deviation, 1.5 * noise.deviation)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1.0, -3.0, np.pi])

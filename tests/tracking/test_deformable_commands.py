@@ -52,7 +52,7 @@ def test_a_clip_is_tracked_by_what_was_learnt(clip, motion, tmp_path):
 @pytest.mark.parametrize("preset", ["paper", "conditional", "independent", "velocity", "walk"])
 def test_every_preset_tracks(clip, motion, tmp_path, preset):
     words = ["track", "deformable", str(clip), "--out", str(tmp_path / "out"), "--motion", str(motion), *COLOUR]
-    assert main([*words, "--preset", preset, "--frames", "1-8", "--init", start(clip)]) == 0
+    assert main([*words, "--preset", preset, "--widen", "1.3", "--frames", "1-8", "--init", start(clip)]) == 0
     assert len(read_states(tmp_path / "out" / "states.csv", FIELDS)[0]) == 8
 
 
@@ -113,6 +113,7 @@ def refused(words, capsys, expected):
         (["--colour", "fishy"], "expected a colour"),
         (["--deformable.particles", "0"], "expected particles from 1"),
         (["--deformable.smooth", "2"], "odd number of pixels"),
+        (["--widen", "0"], "--widen: expected a number above 0"),
         (["--deformable.spread", "0"], "spread above 0"),
     ],
 )

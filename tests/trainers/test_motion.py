@@ -90,6 +90,8 @@ def test_mean_and_components_of_known_increments_are_recovered():
     assert error.max() < 5 * np.sqrt(2 / found.steps)
     assert np.all(np.diff(found.increments.variances) <= 0)
     np.testing.assert_allclose(found.increments.components.T @ found.increments.components, np.eye(4), atol=1e-12)
+    wider = found.widened(1.5).proposal().noise
+    np.testing.assert_allclose(wider.deviation, 1.5 * found.proposal().noise.deviation)
     printed = found.printed_proposal()
     np.testing.assert_array_equal(printed.noise.mean, 0.0)
     assert not np.allclose(covariance(found.printed), covariance(found.increments), rtol=0.05)

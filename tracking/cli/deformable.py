@@ -26,6 +26,7 @@ def track(
     body: str = "goldfish",
     motion: Path | None = None,
     preset: Preset | None = None,
+    widen: float = 1.0,
     init: list[list[float]] | None = None,
     colour: str = "orange",
     frames: str | None = None,
@@ -49,6 +50,7 @@ def track(
             together (the default), conditional also expects a bent body to turn, paper keeps equation (14) as printed,
             independent leaves out the correlation, velocity keeps the velocity in the image, walk keeps the place.
             Without --motion: wide, a random walk of 30 pixels and 45 degrees a frame, which needs some 3000 particles.
+        widen: times the learnt deviations; with few particles wider noise, such as 1.6, loses fewer bodies.
         init: state of a body in the first frame, a,b,theta,phi in pixels and radians (for the ball a,b,theta,squash);
             once for each body. By default the bodies are found.
         colour: red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with hues in
@@ -78,7 +80,7 @@ def track(
         raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
     if overlay and opened.live:
         raise RequestError(f"expected a video that can be played again for --overlay, got {opened.name}")
-    moves = chosen_motion(shape, motion, preset, opened.frame_rate)
+    moves = chosen_motion(shape, motion, preset, opened.frame_rate, widen)
     extraction = Extraction(parse_colour(colour), deformable.smooth)
     tracker = DeformableTracker(shape, moves, extraction, deformable, _starts(init, shape, opened), seed)
     times = StageTimes()
@@ -133,17 +135,19 @@ def train_motion(
     print(f"learnt from {learnt.steps} steps at {rate:g} frames/s: {out}")
 
 
-def chosen_motion(body: Body, path: Path | None, preset: Preset | None, frame_rate: float) -> BodyMotion:
-    """The motion that a preset names, at the frame rate of the video."""
+def chosen_motion(body: Body, path: Path | None, preset: Preset | None, frame_rate: float, widen: float) -> BodyMotion:
+    """The motion that a preset names, at the frame rate of the video, its deviations ``widen`` times as large."""
     from tsuiseki.tracking.filters.body_motion import RandomWalk
     from tsuiseki.tracking.filters.learnt_motion import read_motion
     from tsuiseki.tracking.trackers.body_starts import wide_noise
 
+    if not 0 < widen < float("inf"):
+        raise RequestError(f"--widen: expected a number above 0, got {widen:g}")
     if path is None:
         if preset not in (None, "wide"):
             raise RequestError(f"--preset {preset} needs --motion, a file of tsuiseki train motion")
-        return RandomWalk(wide_noise(body))
-    learnt = read_motion(path, body.name, len(body.fields)).at(frame_rate)
+        return RandomWalk(wide_noise(body).widened(widen))
+    learnt = read_motion(path, body.name, len(body.fields)).at(frame_rate).widened(widen)
     presets: dict[Preset | None, Callable[[], BodyMotion]] = {
         None: learnt.proposal,
         "learnt": learnt.proposal,

@@ -46,6 +46,10 @@ class Noise:
         """``(D,)`` standard deviations of the columns."""
         return np.asarray(np.linalg.norm(self.factor, axis=1))
 
+    def widened(self, times: float) -> Noise:
+        """The same about the mean, with all deviations so many times as large."""
+        return Noise(self.mean, times * self.factor)
+
     def without_correlation(self) -> Noise:
         """Independent noise of the same means and variances."""
         return Noise.independent(self.mean, self.deviation)

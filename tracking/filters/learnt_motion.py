@@ -116,6 +116,21 @@ class LearntMotion:
         gain[HEADING:, -kept:] += np.eye(kept)
         return BodyFixedVelocity(self.residual.noise(), self.velocity.noise(), gain)
 
+    def widened(self, times: float) -> LearntMotion:
+        """The motion with all deviations of its noise so many times as large."""
+
+        def wider(part: PrincipalComponents) -> PrincipalComponents:
+            return replace(part, variances=part.variances * times**2)
+
+        return replace(
+            self,
+            walk=wider(self.walk),
+            image=wider(self.image),
+            increments=wider(self.increments),
+            printed=wider(self.printed),
+            residual=wider(self.residual),
+        )
+
     def at(self, frame_rate: float) -> LearntMotion:
         """The motion per frame at another frame rate.
 

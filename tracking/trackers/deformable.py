@@ -262,8 +262,8 @@ class DeformableTracker:
         return {target.id: contour for target, contour in zip(self.targets, contours, strict=True)}
 
     def _contour(self, target: Target) -> Points:
-        contour: Points = self.body.contour(target.estimate[None, : self._columns])[0]
-        return contour
+        """Contour ``(K, 2)`` of the estimate."""
+        return np.asarray(self.body.contour(target.estimate[None, : self._columns])[0], dtype=np.float32)
 
     def _recover(self, edges: EdgeImage) -> None:
         """Put lost targets onto regions that no other target explains, now and then."""

@@ -64,7 +64,7 @@ def plot_success(values: Mapping[str, Any], part: str, which: str, path: Path) -
 
 
 def _colour(place: int) -> str:
-    return (*COLOURS, "#000000", "#999999")[place]
+    return (*COLOURS, "#000000", "#999999", "#b8860b", "#8b0000")[place]
 
 
 def draw_particles(clip: Clip, folder: Path, learnt: Learnt, path: Path, particles: int = 500) -> None:

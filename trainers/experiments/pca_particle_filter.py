@@ -1,7 +1,8 @@
 """Section 5 of the goldfish paper: how many particles are needed, with and without what was learnt of shape and motion.
 
 Stages, each kept on disk and passed over when it is there: the clips, the learning run, and for every test clip and
-seed one piece with all arms and particle numbers. A run that is stopped goes on with the next piece.
+seed one piece with all arms and particle numbers. A run that is stopped goes on with the next piece, and an arm that is
+new is run alone.
 """
 
 from __future__ import annotations
@@ -120,12 +121,13 @@ def run_pieces(work: Path, experiment: Experiment, minutes: float) -> Iterator[P
         prepared: Clip | None = None
         for seed in range(experiment.seeds):
             path = work / "pieces" / f"{folder.name}-seed{seed}.json"
-            if not path.is_file():
+            known = _read_piece(path).runs if path.is_file() else ()
+            if {_key(run) for run in known} < _keys(experiment):
                 if time.monotonic() - started > 60 * minutes:
                     yield None
                     continue
                 prepared = prepared or prepare_clip(folder, BODY, EXTRACTION)
-                _write(path, asdict(run_piece(prepared, learnt, experiment, seed)))
+                _write(path, asdict(run_piece(prepared, learnt, experiment, seed, known)))
             yield _read_piece(path)
 
 
@@ -150,14 +152,30 @@ def learn(work: Path, sets: GoldfishSets) -> Learnt:
     return Learnt(motion, pooled_steps(stretches, BODY.angles))
 
 
-def run_piece(clip: Clip, learnt: Learnt, experiment: Experiment, seed: int) -> Piece:
+def run_piece(clip: Clip, learnt: Learnt, experiment: Experiment, seed: int, known: Sequence[Run] = ()) -> Piece:
     """Every arm with every number of particles on one clip."""
+    done = {_key(run): run for run in known}
     planned = [
         *(("arms", name, arm, n) for (name, arm), n in itertools.product(ARMS.items(), experiment.particles)),
         *(("beyond", name, arm, n) for (name, arm), n in itertools.product(BEYOND.items(), experiment.beyond)),
     ]
-    runs = tuple(_run(part, name, arm, number, clip, learnt, seed) for part, name, arm, number in planned)
+    runs = tuple(
+        done.get((part, name, number)) or _run(part, name, arm, number, clip, learnt, seed)
+        for part, name, arm, number in planned
+    )
     return Piece(clip.name, seed, len(clip.edges), clip.turns, clip.preparation, runs)
+
+
+def _keys(experiment: Experiment) -> set[tuple[str, str, int]]:
+    """Part, arm and number of every run of a piece."""
+    return {
+        *(("arms", name, n) for name, n in itertools.product(ARMS, experiment.particles)),
+        *(("beyond", name, n) for name, n in itertools.product(BEYOND, experiment.beyond)),
+    }
+
+
+def _key(run: Run) -> tuple[str, str, int]:
+    return run.part, run.arm, run.particles
 
 
 def _run(part: str, name: str, arm: Arm, number: int, clip: Clip, learnt: Learnt, seed: int) -> Run:
@@ -197,7 +215,6 @@ def _same_experiment(work: Path, experiment: Experiment) -> None:
         **asdict(replace(experiment, seeds=0)),
         "tracker": asdict(TRACKER),
         "extraction": asdict(EXTRACTION),
-        "arms": [*ARMS, *BEYOND],
     }
     text = json.loads(json.dumps(shown))
     path = work / "experiment.json"
