@@ -63,12 +63,11 @@ def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bo
             source, "flow-maf", None, None, None, None, None, 0.3, (0.0, 1.0), threads, 4, camera_motion=True
         )
         truth = read_ground_truth(clip / "gt" / "gt.txt")
+        settings = DroneSettings()
         runs, scores = {}, {}
         for method, name in METHODS.items():
-            prices = prices_of(method, None, None, threads, scores_known=True)
-            runs[name] = run_drone(
-                str(clip), source, models, method, DroneSettings(), prices, work / "observations", times
-            )
+            prices = prices_of(method, None, None, threads, scores_known=True, windows=settings.refinement.windows)
+            runs[name] = run_drone(str(clip), source, models, method, settings, prices, work / "observations", times)
             tracks = [person.track for person in runs[name].people]
             scores[name] = evaluate_people([SequencePair(CLIP_FOLDER, truth, tracks, frames)])
         _write(work, _Demo(source, truth, runs, scores, times, frames, seed))
