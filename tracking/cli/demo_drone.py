@@ -87,7 +87,7 @@ def _write(work: Path, demo: _Demo) -> None:
     with demo.times.measure("draw the overlay"):
         tracks = [person.track for person in best.people]
         captions = captions_of(best.people, best.names, THRESHOLD)
-        write_overlay(work / OVERLAY_FILE, demo.source.frames(), tracks, demo.source.frame_rate, captions)
+        write_overlay(work / OVERLAY_FILE, demo.source.frames(), tracks, demo.source.frame_rate, captions, 0.0)
     for method, name in METHODS.items():
         (work / method).mkdir()
         record = RunRecord(command, {"frames": demo.frames, "method": method}, demo.seed, demo.times.seconds)

@@ -88,7 +88,7 @@ def _strip(clip: Clip, switch: Switch, rows: dict[str, Sequence[ActingTrack]]) -
     truth = clip.truth.select(clip.truth.ids == switch.person)
     lines = []
     for name, people in rows.items():
-        overlay = Overlay([p.track for p in people], 30.0, captions_of(people, clip.labels.names, THRESHOLD))
+        overlay = Overlay([p.track for p in people], 30.0, captions_of(people, clip.labels.names, THRESHOLD), 0.0)
         cells = []
         for frame in range(first, first + SHOWN):
             nearest = int(np.argmin(np.abs(truth.frames - frame)))
