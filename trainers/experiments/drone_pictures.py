@@ -58,7 +58,7 @@ def draw_pictures(
     rows = {
         "flow": flow,
         "flow-saf, iteration 1": results[0],
-        "flow-maf, iteration 6": results[min(5, len(results) - 1)],
+        "flow-maf, one-sided, iteration 6": results[min(5, len(results) - 1)],
     }
     last = results[min(5, len(results) - 1)]
     prevented = sorted(_switches(clips, flow) - _switches(clips, last), key=lambda s: (s.clip, s.frame))
