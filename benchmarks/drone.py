@@ -90,7 +90,7 @@ def alternation(people: int, frames: int, repeat: int) -> None:
     once = replace(DroneSettings().refinement, iterations=1)
     settings = {
         "1 iteration": once,
-        "up to 6, centred windows": replace(once, iterations=6),
+        "up to 6, centred windows": replace(once, iterations=6, windows="centred"),
         "up to 6, one-sided windows": replace(once, iterations=6, windows="one-sided"),
     }
     for label, prices in costs().items():

@@ -67,12 +67,12 @@ def fitted(clips: Sequence[Clip], folder: Path, *, keep: bool) -> Costs:
     """The costs of all methods from clips."""
     seen = [[replace(one, motion=None if keep else one.motion) for one in clip.seen] for clip in clips]
     learnt = [labelled_clip(one, clip.truth) for one, clip in zip(seen, clips, strict=True)]
-    settings = RefinementSettings()
+    centred = replace(RefinementSettings(), windows="centred")
     plain = fit_drone_affinity(learnt, folder / "plain.onnx", "thesis")
     single = fit_drone_affinity(learnt, folder / "single.onnx")
     first = Prices(single.observation, single)
-    multi = fit_drone_affinity(learnt, folder / "multi.onnx", settings=settings, multi=first)
-    sided = replace(settings, windows="one-sided")
+    multi = fit_drone_affinity(learnt, folder / "multi.onnx", settings=centred, multi=first)
+    sided = replace(centred, windows="one-sided")
     return Costs(plain, single, multi, fit_drone_affinity(learnt, folder / "sided.onnx", settings=sided, multi=first))
 
 

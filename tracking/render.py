@@ -36,14 +36,19 @@ class Overlay:
         tracks: what to draw.
         frame_rate: of the video, for the length of the trails.
         captions: by track id, a text for each of its boxes, beside the id.
+        trail_seconds: length of the trails; under a camera that moves they say nothing.
     """
 
     def __init__(
-        self, tracks: Iterable[Track], frame_rate: float, captions: Mapping[int, Sequence[str]] | None = None
+        self,
+        tracks: Iterable[Track],
+        frame_rate: float,
+        captions: Mapping[int, Sequence[str]] | None = None,
+        trail_seconds: float = TRAIL_SECONDS,
     ) -> None:
         self.tracks = list(tracks)
         self.captions = captions or {}
-        self.trail = max(1, round(TRAIL_SECONDS * frame_rate))
+        self.trail = max(1, round(trail_seconds * frame_rate))
         frames = [track.frames for track in self.tracks]
         numbers = [np.full(len(track), n) for n, track in enumerate(self.tracks)]
         rows = [np.arange(len(track)) for track in self.tracks]
@@ -79,13 +84,14 @@ def write_overlay(
     tracks: Iterable[Track],
     frame_rate: float,
     captions: Mapping[int, Sequence[str]] | None = None,
+    trail_seconds: float = TRAIL_SECONDS,
 ) -> None:
     """Write the video with its tracks as WebM; see `Overlay`.
 
     Raises:
         RunError: the video breaks off, or WebM cannot be written.
     """
-    overlay = Overlay(tracks, frame_rate, captions)
+    overlay = Overlay(tracks, frame_rate, captions, trail_seconds)
     shown: ImageArray | None = None
     with VideoWriter(path, frame_rate) as writer:
         for frame in frames:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -34,6 +35,10 @@ from tsuiseki.trainers.affinity_samples import LabelledDetections, join_samples,
 from tsuiseki.trainers.export_affinity import export_affinity
 
 GROUPS = 5
+WINDOWED: dict[str, Literal["centred", "one-sided"]] = {
+    "affinity_drone_maf.onnx": "centred",
+    "affinity_drone_sided.onnx": "one-sided",
+}
 # Half the trees of a street's costs: every iteration of the alternation prices pairs with them.
 FEW_TREES = BoostingSettings(trees=60, learning_rate=0.15)
 
@@ -203,9 +208,10 @@ def fit_drone_affinities(
 
     fit("affinity_drone.onnx", plain)
     single = fit("affinity_drone_saf.onnx", acting)
-    fit("affinity_drone_maf.onnx", acting, Prices(single.observation, single))
-    drone = replace(drone or RefinementSettings(), windows="one-sided")
-    fit("affinity_drone_sided.onnx", acting, Prices(single.observation, single))
+    settings = drone or RefinementSettings()
+    for name, windows in WINDOWED.items():
+        drone = replace(settings, windows=windows)
+        fit(name, acting, Prices(single.observation, single))
 
 
 def _features_of(

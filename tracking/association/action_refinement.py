@@ -46,8 +46,8 @@ class RefinementSettings:
         exit: cost of a track's end, c_exit.
         miss: cost of every frame between two linked detections.
         window: λ, frames that an action feature is averaged over; odd.
-        windows: ``centred`` compares eq. 5.3 at both detections of a pair; ``one-sided`` the half of the window up to
-            the earlier one with the half from the later one on.
+        windows: ``centred`` compares eq. 5.3 at both detections of a pair, as the thesis does; ``one-sided`` the half
+            of the window up to the earlier one with the half from the later one on.
         iterations: most flows that are solved; 1 is the flow with single-frame features.
     """
 
@@ -56,7 +56,7 @@ class RefinementSettings:
     exit: float = 10.0
     miss: float = 0.1
     window: int = 15
-    windows: Literal["centred", "one-sided"] = "centred"
+    windows: Literal["centred", "one-sided"] = "one-sided"
     iterations: int = 6
 
     def __post_init__(self) -> None:

@@ -63,12 +63,11 @@ def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bo
             source, "flow-maf", None, None, None, None, None, 0.3, (0.0, 1.0), threads, 4, camera_motion=True
         )
         truth = read_ground_truth(clip / "gt" / "gt.txt")
+        settings = DroneSettings()
         runs, scores = {}, {}
         for method, name in METHODS.items():
-            prices = prices_of(method, None, None, threads, scores_known=True)
-            runs[name] = run_drone(
-                str(clip), source, models, method, DroneSettings(), prices, work / "observations", times
-            )
+            prices = prices_of(method, None, None, threads, scores_known=True, windows=settings.refinement.windows)
+            runs[name] = run_drone(str(clip), source, models, method, settings, prices, work / "observations", times)
             tracks = [person.track for person in runs[name].people]
             scores[name] = evaluate_people([SequencePair(CLIP_FOLDER, truth, tracks, frames)])
         _write(work, _Demo(source, truth, runs, scores, times, frames, seed))
@@ -88,7 +87,7 @@ def _write(work: Path, demo: _Demo) -> None:
     with demo.times.measure("draw the overlay"):
         tracks = [person.track for person in best.people]
         captions = captions_of(best.people, best.names, THRESHOLD)
-        write_overlay(work / OVERLAY_FILE, demo.source.frames(), tracks, demo.source.frame_rate, captions)
+        write_overlay(work / OVERLAY_FILE, demo.source.frames(), tracks, demo.source.frame_rate, captions, 0.0)
     for method, name in METHODS.items():
         (work / method).mkdir()
         record = RunRecord(command, {"frames": demo.frames, "method": method}, demo.seed, demo.times.seconds)

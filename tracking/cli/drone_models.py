@@ -98,7 +98,7 @@ def prices_of(
     threads: int,
     *,
     scores_known: bool,
-    windows: Windows = "centred",
+    windows: Windows,
 ) -> Prices:
     """The costs of a method; hand-set ones where the shipped ones know nothing of the scores."""
     if multi is not None and method != "flow-maf":

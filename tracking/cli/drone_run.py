@@ -82,7 +82,7 @@ def write_drone_run(
     write_acting_tracks(folder / ACTING_FILE, run.people, run.names)
     if overlay:
         captions = captions_of(run.people, run.names, threshold)
-        write_overlay(folder / OVERLAY_FILE, source.frames(), tracks, source.frame_rate, captions)
+        write_overlay(folder / OVERLAY_FILE, source.frames(), tracks, source.frame_rate, captions, 0.0)
     report = ActionReport(source.name, run.people, run.names, run.log.frames, threshold, source.frame_rate)
     video = folder / OVERLAY_FILE if overlay else None
     (folder / REPORT_FILE).write_text(action_page(report, video, record.seconds), encoding="utf-8")

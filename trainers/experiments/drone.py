@@ -119,7 +119,7 @@ def reproduce_drone(
     second = _second_set(work, plan, networks, costs, say, compensate=compensate)
     plot_iterations(curves, out / "iterations.png")
     plot_gains(gains, out / "action_gain.png")
-    draw_pictures(every, iterations["flow-maf"], costs, out, compensate=compensate)
+    draw_pictures(every, iterations["flow-maf, one-sided"], costs, out, compensate=compensate)
     return {
         "plan": asdict(plan),
         "conditions": _conditions(people, plan),

@@ -58,7 +58,7 @@ def draw_pictures(
     rows = {
         "flow": flow,
         "flow-saf, iteration 1": results[0],
-        "flow-maf, iteration 6": results[min(5, len(results) - 1)],
+        "flow-maf, one-sided, iteration 6": results[min(5, len(results) - 1)],
     }
     last = results[min(5, len(results) - 1)]
     prevented = sorted(_switches(clips, flow) - _switches(clips, last), key=lambda s: (s.clip, s.frame))
@@ -88,7 +88,7 @@ def _strip(clip: Clip, switch: Switch, rows: dict[str, Sequence[ActingTrack]]) -
     truth = clip.truth.select(clip.truth.ids == switch.person)
     lines = []
     for name, people in rows.items():
-        overlay = Overlay([p.track for p in people], 30.0, captions_of(people, clip.labels.names, THRESHOLD))
+        overlay = Overlay([p.track for p in people], 30.0, captions_of(people, clip.labels.names, THRESHOLD), 0.0)
         cells = []
         for frame in range(first, first + SHOWN):
             nearest = int(np.argmin(np.abs(truth.frames - frame)))

@@ -23,7 +23,7 @@ from tsuiseki.tracking.association.rows import DetectionRows
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 SIZE = np.array([8.0, 15.0])
-SETTINGS = RefinementSettings(GateSettings(3, reach=3.0, speed=0.5), entry=5, exit=5, miss=0.1)
+SETTINGS = RefinementSettings(GateSettings(3, reach=3.0, speed=0.5), entry=5, exit=5, miss=0.1, windows="centred")
 
 
 def slow_means(frames, labels, actions, window):

@@ -139,7 +139,7 @@ def test_actions_for_some_frames_only_are_refused() -> None:
         tracker.tracks()
 
 
-def test_one_sided_windows_are_a_setting() -> None:
+def test_the_windows_are_a_setting() -> None:
     settings = DroneSettings()
-    sided = replace(settings, refinement=replace(settings.refinement, windows="one-sided"))
-    assert len(tracked(walk(5, 60), sided).people()) == 5
+    centred = replace(settings, refinement=replace(settings.refinement, windows="centred"))
+    assert len(tracked(walk(5, 60), centred).people()) == len(tracked(walk(5, 60), settings).people()) == 5
