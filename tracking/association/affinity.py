@@ -86,7 +86,7 @@ class Affinity:
         self.features: FeatureSet = settings.get("features", "")
         if FEATURE_SETS.get(self.features) != self.card.class_names:
             raise RequestError(
-                f"{path}: expected the features {' or '.join(FEATURE_SETS)}, got {', '.join(self.card.class_names)}; "
+                f"{path}: expected the features of {', '.join(FEATURE_SETS)}, got {', '.join(self.card.class_names)}; "
                 "update tsuiseki or fit the affinity again"
             )
         try:
