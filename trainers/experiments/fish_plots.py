@@ -40,7 +40,7 @@ def plot_success(values: Mapping[str, Any], part: str, which: str, path: Path) -
     """
     rows = [row for row in values["table"] if row["part"] == part]
     total = values["fish"] if which == "all" else values["turning"]
-    figure = Figure(figsize=(7, 4.2), layout="constrained")
+    figure = Figure(figsize=(7, 4.8), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     arms = list(dict.fromkeys(row["arm"] for row in rows))
@@ -59,7 +59,7 @@ def plot_success(values: Mapping[str, Any], part: str, which: str, path: Path) -
     what = "fish" if which == "all" else "fish that turn suddenly"
     axes.set(xlabel="particles", ylabel=f"{what} followed to the end", ylim=(0, 1.06 * total))
     axes.grid(visible=True, alpha=0.3)
-    axes.legend(fontsize="small", loc="lower right", frameon=False)
+    figure.legend(fontsize="small", loc="outside lower center", ncols=2, frameon=False)
     figure.savefig(path, dpi=110, facecolor="white")
 
 
