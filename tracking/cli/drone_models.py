@@ -116,6 +116,8 @@ def prices_of(
                 f"{learnt.model.path}: expected costs with the feature action for --method {method}, got "
                 f"{', '.join(learnt.card.class_names)}; fit it with --features thesis_action"
             )
+    if method == "flow" and "action" in single.card.class_names:
+        raise RequestError(f"{single.model.path}: these costs ask for actions; choose --method flow-saf or flow-maf")
     return Prices(single.observation, single, again)
 
 

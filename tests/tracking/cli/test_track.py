@@ -207,7 +207,7 @@ def test_every_command_has_help(words: list[str], capsys: pytest.CaptureFixture[
     [
         (["trak"], "unknown command `tsuiseki trak`; did you mean track?"),
         (["track", "peple"], "unknown command `tsuiseki track peple`; did you mean people?"),
-        (["track", "zzz"], "unknown command `tsuiseki track zzz`; expected one of people, blobs"),
+        (["track", "zzz"], "unknown command `tsuiseki track zzz`; expected one of people, drone, blobs"),
     ],
 )
 def test_an_unknown_command_names_its_neighbour(

@@ -122,6 +122,7 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
 
     weights = Path(str(resources.files("tsuiseki.tracking"))) / "weights"
     other = tmp_path / "other.onnx"
+    acting = str(weights / "affinity_drone_saf.onnx")
     cases = {
         "expected the actions of rgb.onnx": ["--actions", f"{action_streams[0]},{other}"],
         "expected one file a stream": ["--actions", f"{action_streams[0]},{action_streams[0]}"],
@@ -130,6 +131,12 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "--threshold: expected a number from 0 to 1": ["--threshold", "1.5"],
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
         "--affinity-multi: expected --method flow-maf": ["--method", "flow", "--affinity-multi", str(other)],
+        "these costs ask for actions; choose": [
+            "--method",
+            "flow",
+            "--affinity",
+            str(weights / "affinity_drone_saf.onnx"),
+        ],
         "odd window": ["--drone.refinement.window", "4"],
         "expected an overlap above": ["--drone.overlap", "3"],
     }
