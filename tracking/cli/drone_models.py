@@ -123,8 +123,6 @@ def prices_of(
 
 def _streams(method: Method, actions: list[Path] | None, *, needed: bool) -> list[Path]:
     """The files of the action streams that a method needs."""
-    if actions is not None:
-        return actions
     if method == "flow" and not needed:
         return []
-    return [shipped(f"action_{name}") for name in STREAMS]
+    return actions if actions is not None else [shipped(f"action_{name}") for name in STREAMS]

@@ -111,7 +111,7 @@ def test_refuses_foreign_files(tmp_path: Path, card: ModelCard, expected: str) -
 def test_unknown_feature_set() -> None:
     none = np.empty(0, np.int64)
     pairs = pair_features(np.empty((0, 4)), None, none, none, none)
-    with pytest.raises(RequestError, match="expected features of thesis, extended, .*; got 'smell'"):
+    with pytest.raises(RequestError, match=r"expected features of thesis, extended, .*; got 'smell'"):
         feature_rows(pairs, "smell")  # type: ignore[arg-type]
 
 
