@@ -95,7 +95,7 @@ def fit_affinity(
     detector: Path | None = None,
     appearance: Path | None = None,
     cross_fit: list[Path] | None = None,
-    features: FeatureSet = "extended",
+    features: Literal["thesis", "extended"] = "extended",
     gate: GateSettings | None = None,
     skips: list[int] | None = None,
     boosting: BoostingSettings | None = None,

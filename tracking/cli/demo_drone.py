@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.video import Source
 
 METHODS: Mapping[Literal["flow", "flow-saf", "flow-maf"], str] = {
-    "flow": "Min-cost flow",
-    "flow-saf": "with single-frame actions",
-    "flow-maf": "with multi-frame actions",
+    "flow": "flow",
+    "flow-saf": "flow, single-frame actions",
+    "flow-maf": "flow, multi-frame actions",
 }
 CLIP_FOLDER, REPORT_FILE, THRESHOLD = "drone", "report.html", 0.4
 

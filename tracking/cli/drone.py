@@ -51,8 +51,8 @@ def track(
         detections: MOTChallenge detections (det.txt) to use instead of a detector.
         detector: exported detector; by default the shipped detector_drone.onnx.
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
-        actions: exported action streams, separated by commas; by default the four shipped ones. Method flow names
-            actions only where they are given.
+        actions: exported action streams, separated by commas; by default the four shipped ones. Not used by
+            method flow, which names no actions but along given --tracks.
         affinity: exported link costs; by default the shipped ones of the method after a detector, and hand-set ones
             after --detections, whose scores they do not know; none takes hand-set ones always.
         affinity_multi: exported link costs of the repetitions of flow-maf; by default those of --affinity, or shipped.

@@ -116,13 +116,13 @@ def prices_of(
                 f"{learnt.model.path}: expected costs with the feature action for --method {method}, got "
                 f"{', '.join(learnt.card.class_names)}; fit it with --features thesis_action"
             )
+    if method == "flow" and "action" in single.card.class_names:
+        raise RequestError(f"{single.model.path}: these costs ask for actions; choose --method flow-saf or flow-maf")
     return Prices(single.observation, single, again)
 
 
 def _streams(method: Method, actions: list[Path] | None, *, needed: bool) -> list[Path]:
     """The files of the action streams that a method needs."""
-    if actions is not None:
-        return actions
     if method == "flow" and not needed:
         return []
-    return [shipped(f"action_{name}") for name in STREAMS]
+    return actions if actions is not None else [shipped(f"action_{name}") for name in STREAMS]

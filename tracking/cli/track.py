@@ -172,4 +172,7 @@ def _affinity(method: Method, affinity: Path | None, threads: int, *, given_scor
     if affinity is None and given_scores:
         return None
     path = chosen("affinity", affinity)
-    return None if path is None else Affinity(path, threads)
+    learnt = None if path is None else Affinity(path, threads)
+    if learnt is not None and "action" in learnt.card.class_names:
+        raise RequestError(f"{path}: these costs ask for actions, which only `tsuiseki track drone` recognises")
+    return learnt

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks, write_detections
 from tsuiseki.tracking.types import Detections
@@ -48,10 +49,11 @@ def test_people_are_followed_and_their_actions_named(
     assert main(words(clip, action_streams, out, "--method", method)) == 0
     assert "5 people in 22 frames" in capsys.readouterr().out
     assert len(read_tracks(out / "tracks.txt")) == 5
-    people, names = read_acting_tracks(out / "tracks.json")
     if method == "flow":
-        assert all(person.multi is None for person in people)
+        with pytest.raises(RequestError, match="says nothing of actions"):
+            read_acting_tracks(out / "tracks.json")
         return
+    people, names = read_acting_tracks(out / "tracks.json")
     for person in people:
         assert person.multi is not None
         said = names[int(person.multi.mean(axis=0).argmax())]
@@ -122,6 +124,7 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
 
     weights = Path(str(resources.files("tsuiseki.tracking"))) / "weights"
     other = tmp_path / "other.onnx"
+    acting = str(weights / "affinity_drone_saf.onnx")
     cases = {
         "expected the actions of rgb.onnx": ["--actions", f"{action_streams[0]},{other}"],
         "expected one file a stream": ["--actions", f"{action_streams[0]},{action_streams[0]}"],
@@ -130,6 +133,7 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "--threshold: expected a number from 0 to 1": ["--threshold", "1.5"],
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
         "--affinity-multi: expected --method flow-maf": ["--method", "flow", "--affinity-multi", str(other)],
+        "these costs ask for actions; choose": ["--method", "flow", "--affinity", acting],
         "odd window": ["--drone.refinement.window", "4"],
         "expected an overlap above": ["--drone.overlap", "3"],
     }
