@@ -20,7 +20,8 @@ from tsuiseki.tracking.filters.weights import log_sum, probabilities, weighted_c
 from tsuiseki.tracking.likelihoods.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray, Position, Status
 
-OPEN = 0.5
+# A view counts as open from OPEN on, and begins with TRUST.
+OPEN, TRUST = 0.5, 0.9
 # Effective sample size, over the number of particles, after a stage of weighing, and the kernel's relative width.
 STAGE_SHARE, STAGE_WIDTH = 0.1, 0.6
 
@@ -121,7 +122,7 @@ class SphereTracker:
         """Particles at ``positions`` ``(N, 3)``; see `start_at`."""
         states = np.column_stack([positions, speed * rng.standard_normal((len(positions), 3))])
         particles = ParticleState(states, np.full(len(states), -np.log(len(states))))
-        return SphereState(particles, time, np.full(views, 0.9))
+        return SphereState(particles, time, np.full(views, TRUST))
 
     def step(self, state: SphereState, glance: Glance, rng: np.random.Generator) -> tuple[SphereState, SphereInfo]:
         """One look further: the state after it and the estimate."""
