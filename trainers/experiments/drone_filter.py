@@ -37,7 +37,7 @@ class DroneSettings:
         longest_alone: seconds for which one camera alone is believed.
     """
 
-    particles: int = 500
+    particles: int = 1000
     agitation: float = 2.0
     manoeuvres: float = 1.0
     kick: float = 3.0
