@@ -11,7 +11,10 @@ from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.drone_filter import DroneSettings, track_points
 from tsuiseki.trainers.experiments.multiview_drone import (
+    DroneScores,
+    Trial,
     calibrate_flight,
+    chosen,
     half_of,
     score_flight,
     surveyed_errors,
@@ -96,3 +99,12 @@ def test_a_calm_filter_follows_a_sharp_turn(manoeuvres):
     assert away[times < 3.0].max() < 0.5
     # Half a second after the turn; a filter that goes straight on would be 4 m away by then.
     assert away[times > 3.5].max() < 0.5
+
+
+def test_settings_are_chosen_by_both_criteria_and_then_by_the_median():
+    def trial(median, acceleration):
+        return Trial(DroneSettings(), DroneScores(2, 9, median, 0.10, 0.3, 0.3, acceleration, 20.0, 0, 0.0, 0.0), 0.0)
+
+    jumps, good, worse, off = trial(0.05, 30.0), trial(0.08, 10.0), trial(0.09, 2.0), trial(0.11, 2.0)
+    assert chosen([jumps, worse, good, off]) is good
+    assert chosen([off, jumps]) is jumps
