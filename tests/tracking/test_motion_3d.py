@@ -3,15 +3,19 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.motion_3d import Ballistic, ConstantVelocity, RandomWalk
+from tsuiseki.tracking.filters.motion_3d import Ballistic, ConstantVelocity, Manoeuvring, RandomWalk
 
 MANY = 40000
 
 
-@pytest.mark.parametrize("motion", [RandomWalk(0.3), ConstantVelocity(0.7)], ids=["walk", "velocity"])
+@pytest.mark.parametrize(
+    "motion",
+    [RandomWalk(0.3), ConstantVelocity(0.7), Manoeuvring(0.5, rate=4.0, kick=0.3)],
+    ids=["walk", "velocity", "manoeuvres"],
+)
 def test_one_long_step_has_the_law_of_several_short_ones(motion):
     start = np.zeros((MANY, 6))
-    start[:, 3:] = 0.5 if isinstance(motion, ConstantVelocity) else 0.0
+    start[:, 3:] = 0.0 if isinstance(motion, RandomWalk) else 0.5
     long = motion(start, 0.6, np.random.default_rng(0))
     short = start
     rng = np.random.default_rng(1)
@@ -31,9 +35,9 @@ def test_the_spread_is_the_stated_one():
     np.testing.assert_allclose(flight[:, :3].std(axis=0), 0.7 * np.sqrt(4.0**3 / 3), rtol=0.02)
 
 
-def test_the_written_out_law_is_that_of_the_draws():
+@pytest.mark.parametrize("motion", [ConstantVelocity(0.7), Manoeuvring(0.5, rate=4.0, kick=0.3)])
+def test_the_written_out_law_is_that_of_the_draws(motion):
     start = np.array([0.1, 0.2, 0.3, 1.0, -2.0, 0.5])
-    motion = ConstantVelocity(0.7)
     transition, noise = motion.linear(0.6)
     drawn = motion(np.tile(start, (MANY, 1)), 0.6, np.random.default_rng(4))
     np.testing.assert_allclose(drawn.mean(axis=0), transition @ start, atol=0.02)

@@ -131,11 +131,11 @@ def test_calibrating_from_points_gives_the_cameras_back(tmp_path, capsys):
     write_points(tmp_path / "points.csv", cameras, points)
     out = tmp_path / "cameras.yaml"
     words = ["calibrate", "points", str(tmp_path / "points.csv"), "--out", str(out)]
-    assert main([*words, "--image-size", "800,600"]) == 0
+    assert main([*words, "--image-size", "800,600", "--frame-rate", "15"]) == 0
     shown = capsys.readouterr().out
     assert shown.count("line ") == 16
     found = read_cameras(out)
-    assert [p.name for p in found] == ["view0", "view1"]
+    assert [(p.name, p.frame_rate) for p in found] == [("view0", 15.0), ("view1", 15.0)]
     for placed, camera in zip(found, cameras, strict=True):
         np.testing.assert_allclose(placed.camera.position, camera.position, atol=1e-5)
     assert main([*words, "--image-size", "800,600"]) == 2

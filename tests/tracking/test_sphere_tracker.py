@@ -180,3 +180,20 @@ def test_a_bouncing_ball_is_found_again_after_the_frames_of_its_bounce_are_lost(
     assert away["ballistic"] < 0.05
     assert away["level"] > 3 * away["ballistic"]
     assert away["ballistic at the end"] < 0.02
+
+
+def test_a_camera_without_frames_for_long_does_not_count_as_seeing():
+    rng = np.random.default_rng(0)
+    # So wide a limit that the deviation alone would always call the position known.
+    tracker = SphereTracker(PointLikelihood(CAMERAS[:2], np.ones(2)), ConstantVelocity(0.1), largest_deviation=50.0)
+    pixels = [camera.project(PATH[:1])[0][0] for camera in CAMERAS[:2]]
+    state = tracker.start_at(PATH[0], 0.05, 300, 2, rng, 0.0)
+    statuses = []
+    for time in np.arange(0.0, 4.0, 0.1):
+        views = pixels if time < 1.0 else [pixels[0], None]
+        state, info = tracker.step(state, Glance(float(time), views), rng)
+        statuses.append(info.position.status)
+    # Known up to a second after the last frame at 0.9 s, then searched for a second, then lost.
+    assert statuses[:19] == ["tracking"] * 19
+    assert set(statuses[20:29]) == {"searching"}
+    assert set(statuses[31:]) == {"lost"}

@@ -5,11 +5,16 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from tsuiseki.datamodules.readers.multiview_drone import DroneFlight, read_drone_flight
-from tsuiseki.tracking.cameras.moving_target import calibrate_by_path
+from tsuiseki.tracking.cameras.moving_target import TimedCamera, calibrate_by_path
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.experiments.drone_filter import DroneSettings
+from tsuiseki.trainers.experiments.drone_filter import DroneSettings, track_points
 from tsuiseki.trainers.experiments.multiview_drone import (
+    DroneScores,
+    Trial,
     calibrate_flight,
+    chosen,
     half_of,
     score_flight,
     surveyed_errors,
@@ -40,7 +45,6 @@ def test_two_cameras_calibrated_on_the_first_half_hold_in_the_second(flight):
 
 def test_a_known_clock_and_camera_are_found_again():
     from tsuiseki.tracking.cameras.calibration import Intrinsics
-    from tsuiseki.tracking.cameras.projective import PinholeCamera
 
     rng = np.random.default_rng(0)
     knots = np.arange(0, 61.0)
@@ -60,8 +64,6 @@ def test_a_known_clock_and_camera_are_found_again():
 def test_a_survey_in_another_frame_is_laid_upon_the_cameras():
     from dataclasses import dataclass
 
-    from tsuiseki.tracking.cameras.projective import PinholeCamera
-
     @dataclass
     class Placed:
         camera: PinholeCamera
@@ -76,3 +78,33 @@ def test_a_survey_in_another_frame_is_laid_upon_the_cameras():
 def test_a_missing_data_set_is_refused(tmp_path):
     with pytest.raises(RequestError, match=r"rtk\.txt: expected a table"):
         read_drone_flight(tmp_path)
+
+
+@pytest.mark.parametrize("manoeuvres", [1.0, 0.0], ids=["motion with manoeuvres", "calm motion, looked for anew"])
+def test_a_calm_filter_follows_a_sharp_turn(manoeuvres):
+    times = np.arange(0.0, 5.0, 0.04)
+    leg = np.minimum(times, 3.0)
+    path = np.column_stack([8 * leg - 20, 8 * (times - leg), np.full(len(times), 15.0)])
+    places = np.array([[60.0, -20, 2], [-50.0, -30, 2], [10.0, 70, 2], [-40.0, 50, 2]])
+    views = [PinholeCamera.look_at(p, np.array([0, 0, 15.0]), 1500.0, 1920, 1080) for p in places]
+    cameras = [TimedCamera(view, 0.0, 0.04, np.full(9, 1.0)) for view in views]
+    rng = np.random.default_rng(0)
+    pixels = np.stack([view.project(path)[0] for view in views], axis=1)
+    pixels += rng.normal(0, 0.8, pixels.shape)
+    triangulated, _ = triangulate(views, pixels)
+    settings = DroneSettings(agitation=0.5, manoeuvres=manoeuvres, kick=4.0, inflation=1.0)
+    course = track_points(cameras, times, pixels, triangulated, settings, rng)
+    away = np.linalg.norm(course.means[:, :3] - path, axis=1)
+    assert (course.stretch == 0).all()
+    assert away[times < 3.0].max() < 0.5
+    # Half a second after the turn; a filter that goes straight on would be 4 m away by then.
+    assert away[times > 3.5].max() < 0.5
+
+
+def test_settings_are_chosen_by_both_criteria_and_then_by_the_median():
+    def trial(median, acceleration):
+        return Trial(DroneSettings(), DroneScores(2, 9, median, 0.10, 0.3, 0.3, acceleration, 20.0, 0, 0.0, 0.0), 0.0)
+
+    jumps, good, worse, off = trial(0.05, 30.0), trial(0.08, 10.0), trial(0.09, 2.0), trial(0.11, 2.0)
+    assert chosen([jumps, worse, good, off]) is good
+    assert chosen([off, jumps]) is jumps

@@ -5,6 +5,7 @@ Normalised coordinates are x/z and y/z in the camera's axes, before focal length
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,12 @@ def undistort(points: NDArray[Any], coefficients: FloatArray, iterations: int = 
 
 def largest_radius(coefficients: FloatArray) -> float:
     """The ideal radius up to which the radial polynomial grows; infinite when it always does."""
-    k1, k2, _, _, k3 = coefficients
+    return _turning_point(*(float(coefficients[k]) for k in (0, 1, 4)))
+
+
+# Asked at every projection; the roots of the few lenses of a run cost more than the projection of 500 points.
+@lru_cache(maxsize=64)
+def _turning_point(k1: float, k2: float, k3: float) -> float:
     # d/dr of r (1 + k1 r^2 + k2 r^4 + k3 r^6), as a polynomial in r^2.
     roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
     real = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)].real

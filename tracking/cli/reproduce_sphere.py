@@ -14,7 +14,7 @@ from tsuiseki.tracking.errors import RequestError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tsuiseki.trainers.experiments.multiview_drone import DroneScores, Selection
+    from tsuiseki.trainers.experiments.multiview_drone import DroneScores, Trial
     from tsuiseki.trainers.experiments.stereo_sphere import Configuration, Outcome
 
 # The paper's rows stand below the two configurations that are its own.
@@ -72,6 +72,7 @@ def stereo_sphere(
 def multiview_drone(
     out: Path = Path("out/multiview-drone"),
     data: Path = Path("../shared/data/stereo/multiview-drone-3"),
+    kept: Path = Path("out/cache/multiview-drone"),
     seed: int = 0,
     overwrite: bool = False,
 ) -> None:
@@ -80,6 +81,8 @@ def multiview_drone(
     Args:
         out: folder for results.json and table.md.
         data: folder of the data set multiview-drone-3, with the folder calibration beside it.
+        kept: folder where each finished number of cameras is kept, so that a run can be stopped and taken up again;
+            delete it when the code or the data have changed.
         seed: of all random numbers.
         overwrite: replace what is in the folder.
     """
@@ -93,20 +96,19 @@ def multiview_drone(
     check_output_folder(out, overwrite)
     flight = read_drone_flight(data)
     cameras = experiment.calibrate_flight(flight, lambda views: progress(views, "calibrating", len(flight.views)))
-    times, pixels, truth = experiment.half_of(flight, cameras, first=False)
-    scores, selections = [], {}
+    scores, trials = [], {}
     for count in experiment.CAMERA_COUNTS:
-        watch = partial(progress, what=f"{count} cameras, selecting on the first half")
-        selections[count] = experiment.select_settings(flight, cameras[:count], seed, watch)
-        settings = selections[count].settings
-        scores.append(experiment.score_flight(cameras[:count], times, pixels[:, :count], truth, settings, seed))
+        watch = partial(progress, what=f"{count} cameras, choosing on the first half")
+        found, trials[count] = experiment.kept_comparison(kept, flight, cameras[:count], seed, watch)
+        scores.append(found)
+    settings = {count: experiment.chosen(tried).settings for count, tried in trials.items()}
     lines = [_drone_markdown(scores), ""]
     lines += ["| camera | fitted pixels, median error | time of frame 0, s | frames/s |", "|---|---|---|---|"]
     lines += [
         f"| {k} | {np.median(c.residuals):.2f} px | {c.offset:.3f} | {1 / c.period:.3f} |"
         for k, c in enumerate(cameras)
     ]
-    lines += ["", *_selection_markdown(selections)]
+    lines += ["", *_choice_markdown(trials)]
     survey = data / "camera-locations" / "campos.txt"
     if survey.is_file():
         # The file lists the cameras in another order than the rest of the data set.
@@ -118,10 +120,10 @@ def multiview_drone(
     table = "\n".join(lines)
     with output_folder(out, overwrite) as work:
         (work / "table.md").write_text(table + "\n", encoding="utf-8")
-        tried = {str(count): [dataclasses.asdict(t) for t in s.trials] for count, s in selections.items()}
-        content = {"scores": [dataclasses.asdict(s) for s in scores], "selection": tried}
+        tried = {str(count): [dataclasses.asdict(t) for t in s] for count, s in trials.items()}
+        content = {"scores": [dataclasses.asdict(s) for s in scores], "trials": tried}
         (work / "results.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        given = {"data": str(data), "settings": {str(c): dataclasses.asdict(s.settings) for c, s in selections.items()}}
+        given = {"data": str(data), "settings": {str(c): dataclasses.asdict(s) for c, s in settings.items()}}
         RunRecord(("tsuiseki", "reproduce", "multiview-drone"), given, seed).write(work)
     print(table)
 
@@ -193,18 +195,22 @@ def _sphere_figure(rows: Sequence[Configuration], outcomes: Mapping[int, Sequenc
     return figure
 
 
-def _selection_markdown(selections: Mapping[int, Selection]) -> list[str]:
+def _choice_markdown(trials: Mapping[int, Sequence[Trial]]) -> list[str]:
+    from tsuiseki.trainers.experiments.multiview_drone import chosen
+
     lines = [
-        "| cameras | chosen on the first half: agitation, m/s | inflation | lag, s | median there, m "
+        "| cameras | chosen on the first half: agitation, m/s | inflation | lag, s | median there, m: filter "
+        "| triangulation | rms acceleration there, m/s²: filter | triangulation "
         "| the evidence's choice: agitation | inflation |",
-        "|---" * 7 + "|",
+        "|---" * 10 + "|",
     ]
-    for count, selection in selections.items():
-        chosen = min(selection.trials, key=lambda t: t.median)
-        likely = max(selection.trials, key=lambda t: t.log_evidence).settings
-        s = chosen.settings
+    for count, tried in trials.items():
+        best = chosen(tried)
+        likely = max(tried, key=lambda t: t.log_evidence).settings
+        s, f = best.settings, best.scores
         lines.append(
-            f"| {count} | {s.agitation:g} | {s.inflation:g} | {s.lag:g} | {chosen.median:.3f} "
+            f"| {count} | {s.agitation:g} | {s.inflation:g} | {s.lag:g} | {f.filter_median:.4f} "
+            f"| {f.triangulation_median:.4f} | {f.filter_acceleration:.1f} | {f.triangulation_acceleration:.1f} "
             f"| {likely.agitation:g} | {likely.inflation:g} |"
         )
     return lines
@@ -217,7 +223,7 @@ def _drone_markdown(scores: Sequence[DroneScores]) -> str:
         "|---" * 11 + "|",
     ]
     lines += [
-        f"| {s.cameras} | {s.moments} | {s.filter_median:.3f} | {s.triangulation_median:.3f} | {s.filter_tail:.3f} "
+        f"| {s.cameras} | {s.moments} | {s.filter_median:.4f} | {s.triangulation_median:.4f} | {s.filter_tail:.3f} "
         f"| {s.triangulation_tail:.3f} | {s.filter_acceleration:.1f} | {s.triangulation_acceleration:.1f} "
         f"| {s.alone} | {s.alone_median:.2f} | {s.alone_tail:.2f} |"
         for s in scores

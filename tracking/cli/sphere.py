@@ -46,7 +46,8 @@ def sphere(
     """Follow a ball of known radius in space.
 
     Args:
-        source: two or more videos or folders of images, in the order of the cameras.
+        source: two or more videos or folders of images, in the order of the cameras; folders run at the frame_rate in
+            cameras.yaml, else at 25 frames/s.
         cameras: cameras.yaml with one entry per video; tsuiseki calibrate points writes it.
         radius: of the ball, metres.
         out: folder for track3d.csv, path.png, report.html, run.json and the overlays.
@@ -56,15 +57,17 @@ def sphere(
             see it.
         particles: how many; more are more exact and slower.
         motion: how the ball moves: with a velocity, by random steps as in the paper, or in free flight with bounces.
-        agitation: how restless the motion is: change of velocity in one second, m/s (random walk: of position, m).
+        agitation: how restless the motion is: change of velocity in one second, m/s (random walk: of position, m);
+            by default 1.5 (random walk 0.15, ballistic 1).
         floor: height of the floor off which a ballistic ball bounces, metres.
         bounce: speed after a bounce over the speed before, 0 to 1.
         likelihood: the ball's outline, or the difference from the background.
         backgrounds: one picture of the empty scene per video, separated by commas; by default the median of the video.
         offsets: time of each video's first frame, seconds, separated by commas; wins over cameras.yaml.
         timestamps: one text file per video with the time of each frame, separated by commas.
-        tolerance: frames of different videos within so many seconds count as taken together.
-        truth: CSV with time, x, y, z to compare with in the report.
+        tolerance: frames of different videos within so many seconds count as taken together; by default a quarter of
+            the shortest time between frames.
+        truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
         overlay: also write overlay1.webm and so on with the ball's outline.
         seed: of all random numbers.
         overwrite: replace what is in the folder.

@@ -20,7 +20,8 @@ from tsuiseki.tracking.filters.weights import log_sum, probabilities, weighted_c
 from tsuiseki.tracking.likelihoods.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray, Position, Status
 
-OPEN = 0.5
+# A view counts as open from OPEN on, and begins with TRUST.
+OPEN, TRUST = 0.5, 0.9
 # Effective sample size, over the number of particles, after a stage of weighing, and the kernel's relative width.
 STAGE_SHARE, STAGE_WIDTH = 0.1, 0.6
 
@@ -46,12 +47,14 @@ class SphereState:
         particles: ``(N, 6)`` positions and velocities, weighted.
         time: seconds.
         open: ``(C,)`` probability that each camera sees the ball.
+        last_frames: ``(C,)`` seconds at which each camera last gave a frame.
         unseen: seconds since the last status ``tracking``.
     """
 
     particles: ParticleState
     time: float
     open: FloatArray
+    last_frames: FloatArray
     unseen: float = 0.0
 
 
@@ -121,7 +124,7 @@ class SphereTracker:
         """Particles at ``positions`` ``(N, 3)``; see `start_at`."""
         states = np.column_stack([positions, speed * rng.standard_normal((len(positions), 3))])
         particles = ParticleState(states, np.full(len(states), -np.log(len(states))))
-        return SphereState(particles, time, np.full(views, 0.9))
+        return SphereState(particles, time, np.full(views, TRUST), np.full(views, time))
 
     def step(self, state: SphereState, glance: Glance, rng: np.random.Generator) -> tuple[SphereState, SphereInfo]:
         """One look further: the state after it and the estimate."""
@@ -136,13 +139,16 @@ class SphereTracker:
         mean = weighted_mean(after.particles, after.log_weights)
         covariance = weighted_covariance(after.particles, after.log_weights)
         deviation = float(np.sqrt(max(np.linalg.eigvalsh(covariance[:3, :3])[-1], 0.0)))
-        known = deviation <= self.largest_deviation and int((opened > OPEN).sum()) >= min(2, len(opened))
+        last_frames = np.where(fresh, glance.time, state.last_frames)
+        # Cameras out of step take turns; one that gave no frame for long sees nothing, whatever it saw before.
+        seeing = (opened > OPEN) & (glance.time - last_frames <= self.patience)
+        known = deviation <= self.largest_deviation and int(seeing.sum()) >= min(2, len(opened))
         unseen = 0.0 if known else state.unseen + seconds
         status: Status = "tracking" if known else "searching" if unseen <= self.patience else "lost"
         score = float(np.mean(opened)) * float(np.exp(-deviation / self.largest_deviation))
         position = Position(glance.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
         evidence = look.log_evidence + info.log_evidence
-        return SphereState(after, glance.time, opened, unseen), SphereInfo(position, evidence, deviation)
+        return SphereState(after, glance.time, opened, last_frames, unseen), SphereInfo(position, evidence, deviation)
 
 
 class _Look:

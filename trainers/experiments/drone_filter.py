@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tsuiseki.tracking.cameras.moving_target import TimedCamera
-from tsuiseki.tracking.filters.motion_3d import ConstantVelocity
+from tsuiseki.tracking.filters.motion_3d import Manoeuvring
 from tsuiseki.tracking.filters.smoothing import smooth
 from tsuiseki.tracking.filters.views import Covering
 from tsuiseki.tracking.filters.weights import weighted_covariance, weighted_mean
 from tsuiseki.tracking.likelihoods.views import PointLikelihood
-from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
+from tsuiseki.tracking.trackers.sphere import OPEN, TRUST, Glance, SphereState, SphereTracker
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # A detector seldom misses for long, so a view opens again soon.
 COVERING = Covering(covers=0.05, opens=5.0, floor=0.01)
 STAGES = 4
-# Spread of a start, metres and m/s.
-SPREAD, SPEED = 0.3, 4.0
+# Spread of a start, metres and m/s, and share of the particles that start anew where the filter and all views disagree.
+SPREAD, SPEED, ANEW = 0.3, 4.0, 0.2
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,18 @@ class DroneSettings:
 
     Attributes:
         particles: how many.
-        agitation: change of velocity in one second, m/s.
+        agitation: change of velocity in one second between manoeuvres, m/s.
+        manoeuvres: in one second.
+        kick: change of velocity by a manoeuvre, m/s.
         inflation: the pixels' standard deviation over that of the fit: their errors last for many frames.
         lag: seconds by which an estimate waits for more pixels.
         longest_alone: seconds for which one camera alone is believed.
     """
 
-    particles: int = 500
-    agitation: float = 4.0
+    particles: int = 1000
+    agitation: float = 2.0
+    manoeuvres: float = 1.0
+    kick: float = 3.0
     inflation: float = 2.0
     lag: float = 0.24
     longest_alone: float = 1.0
@@ -62,7 +66,7 @@ class Course:
     stretch: IntArray
     alone: BoolArray
     log_evidence: float
-    motion: ConstantVelocity
+    motion: Manoeuvring
 
     def smoothed(self, lag: float) -> FloatArray:
         """``(T, 3)`` positions given the pixels up to ``lag`` seconds later; NaN where nothing is known."""
@@ -88,14 +92,14 @@ def track_points(
         cameras: C cameras.
         times: ``(T,)`` seconds.
         pixels: ``(T, C, 2)``, NaN where a camera saw nothing.
-        start: ``(T, 3)`` triangulated positions, NaN where there is none: where the filter begins, and begins again
-            after less than two cameras saw the target for too long.
+        start: ``(T, 3)`` triangulated positions, NaN where there is none: where the filter begins, begins again after
+            less than two cameras saw the target for too long, and looks besides when no view agrees with it.
         settings: of the filter.
         rng: random numbers.
     """
     likelihood = PointLikelihood([c.camera for c in cameras], pixel_noise(cameras) * settings.inflation)
-    motion = ConstantVelocity(settings.agitation)
-    tracker = SphereTracker(likelihood, motion, COVERING, largest_deviation=1.0, stages=STAGES)
+    motion = Manoeuvring(settings.agitation, settings.manoeuvres, settings.kick)
+    tracker = SphereTracker(likelihood, motion, COVERING, stages=STAGES)
     seen, known = np.isfinite(pixels[:, :, 0]), np.isfinite(start[:, 0])
     means, covariances = np.full((len(times), 6), np.nan), np.full((len(times), 6, 6), np.nan)
     stretch = np.full(len(times), -1)
@@ -103,14 +107,15 @@ def track_points(
     number, evidence, last_pair = -1, 0.0, -np.inf
     for k, time in enumerate(times):
         last_pair, before = (float(time) if known[k] else last_pair), last_pair
-        lost = state is not None and state.unseen > tracker.patience and known[k]
-        if time - before > settings.longest_alone or lost:
+        if time - before > settings.longest_alone:
             state = None
         if time - last_pair > settings.longest_alone:
             continue
         if state is None:
             state = tracker.start_at(start[k], SPREAD, settings.particles, len(cameras), rng, float(time), SPEED)
             number += 1
+        elif known[k] and (state.open[seen[k]] < OPEN).all():
+            state = also_at(state, start[k], rng)
         views = [pixel if one else None for pixel, one in zip(pixels[k], seen[k], strict=True)]
         state, info = tracker.step(state, Glance(float(time), views), rng)
         means[k] = weighted_mean(state.particles.particles, state.particles.log_weights)
@@ -119,6 +124,19 @@ def track_points(
         evidence += info.log_evidence
     alone = ~known & (seen.sum(axis=1) == 1) & (stretch >= 0)
     return Course(times, means, covariances, stretch, alone, evidence, motion)
+
+
+def also_at(state: SphereState, point: FloatArray, rng: np.random.Generator) -> SphereState:
+    """Some particles moved to ``point`` ``(3,)``, the views trusted anew: the next weighing tells who is right.
+
+    Several cameras that disagree with the filter at once are seldom all wrong.
+    """
+    states = state.particles.particles.copy()
+    chosen = rng.choice(len(states), round(ANEW * len(states)), replace=False)
+    states[chosen, :3] = point + SPREAD * rng.standard_normal((len(chosen), 3))
+    states[chosen, 3:] += SPEED * rng.standard_normal((len(chosen), 3))
+    particles = replace(state.particles, particles=states)
+    return replace(state, particles=particles, open=np.full_like(state.open, TRUST))
 
 
 def pixel_noise(cameras: Sequence[TimedCamera]) -> FloatArray:

@@ -2,13 +2,16 @@
 
 Cameras and clocks are calibrated from the first half of the trajectory only; the second half is tracked and scored. The
 filter and plain triangulation get the same pixels, interpolated to common times. The noise of the filter and the lag of
-its smoother are selected on the first half too, for each number of cameras, by the distance to RTK there.
+its smoother are chosen on the first half too, for each number of cameras: better than triangulation in both respects
+(`DroneScores.better`), and of those the least median distance to RTK.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -18,8 +21,9 @@ from tsuiseki.datamodules.readers.multiview_drone import DroneFlight, DroneView
 from tsuiseki.tracking.cameras.moving_target import TimedCamera, calibrate_by_path
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.evaluation.space import acceleration
+from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.drone_filter import DroneSettings, track_points
+from tsuiseki.trainers.experiments.drone_filter import Course, DroneSettings, track_points
 
 CAMERA_COUNTS = (2, 3, 4, 6)
 STEP = 0.04
@@ -27,42 +31,13 @@ STEP = 0.04
 LARGEST_GAP = 3.5
 OFFSETS = np.arange(-120.0, 120.0, 0.5)
 MARGIN = 1.0
-# What is tried on the first half, in the first so many of every so many seconds.
-AGITATIONS = (1.0, 2.0, 4.0, 8.0)
-INFLATIONS = (1.0, 2.0, 4.0)
+# What is tried on the first half.
+AGITATIONS = (1.0, 2.0, 4.0)
+INFLATIONS = (1.0, 2.0)
 LAGS = (0.0, 0.12, 0.24, 0.48, 0.96)
-SELECTION_STRETCH, SELECTION_PERIOD = 20.0, 60.0
 
 Candidate: TypeAlias = tuple[float, float]
 """Agitation and inflation."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One way to set the filter, on parts of the first half.
-
-    Attributes:
-        settings: tried.
-        median: of the distance to RTK, metres.
-        log_evidence: of the pixels; the same for all lags.
-    """
-
-    settings: DroneSettings
-    median: float
-    log_evidence: float
-
-
-@dataclass(frozen=True)
-class Selection:
-    """What the first half says of the filter.
-
-    Attributes:
-        settings: of the least median.
-        trials: all.
-    """
-
-    settings: DroneSettings
-    trials: tuple[Trial, ...]
 
 
 @dataclass(frozen=True)
@@ -90,6 +65,29 @@ class DroneScores:
     alone: int
     alone_median: float
     alone_tail: float
+
+    @property
+    def better(self) -> bool:
+        """Whether the filter's median is no larger than triangulation's and its acceleration at most half."""
+        return (
+            self.filter_median <= self.triangulation_median
+            and self.filter_acceleration <= 0.5 * self.triangulation_acceleration
+        )
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One way to set the filter, on the first half.
+
+    Attributes:
+        settings: tried.
+        scores: there.
+        log_evidence: of the pixels; the same for all lags.
+    """
+
+    settings: DroneSettings
+    scores: DroneScores
+    log_evidence: float
 
 
 def calibrate_flight(
@@ -120,31 +118,33 @@ def half_of(
     return times, pixels, np.asarray(CubicSpline(flight.times, flight.points)(times))
 
 
-def select_settings(
+def try_settings(
     flight: DroneFlight,
     cameras: Sequence[TimedCamera],
     seed: int,
     watch: Callable[[Iterable[Candidate]], Iterable[Candidate]] = iter,
-) -> Selection:
-    """Noise and lag of the least median distance to RTK in parts of the first half of the flight.
+) -> list[Trial]:
+    """Every noise and lag on the whole first half of the flight.
 
     The evidence of each noise is kept beside it. It is not what decides: errors of calibration and clocks last for many
     frames, and the filter's likelihood takes them for independent.
     """
     times, pixels, truth = half_of(flight, cameras, first=True)
-    part = np.mod(times, SELECTION_PERIOD) < SELECTION_STRETCH
-    times, pixels, truth = times[part], pixels[part], truth[part]
     triangulated, _ = triangulate([c.camera for c in cameras], pixels)
-    known = np.isfinite(triangulated[:, 0])
-    tried = []
+    trials = []
     for agitation, inflation in watch([(a, i) for a in AGITATIONS for i in INFLATIONS]):
         settings = DroneSettings(agitation=agitation, inflation=inflation)
         rng = np.random.default_rng((seed, len(cameras), 6))
         course = track_points(cameras, times, pixels, triangulated, settings, rng)
         for lag in LAGS:
-            away = np.sqrt(np.square(course.smoothed(lag) - truth).sum(axis=1))[known]
-            tried.append(Trial(replace(settings, lag=lag), float(np.median(away)), course.log_evidence))
-    return Selection(min(tried, key=lambda t: t.median).settings, tuple(tried))
+            scores = _scores(len(cameras), course, lag, triangulated, truth)
+            trials.append(Trial(replace(settings, lag=lag), scores, course.log_evidence))
+    return trials
+
+
+def chosen(trials: Sequence[Trial]) -> Trial:
+    """Of those better than triangulation in both respects, or of all if there is none, that of the least median."""
+    return min(trials, key=lambda t: (not t.scores.better, t.scores.filter_median))
 
 
 def score_flight(
@@ -158,24 +158,55 @@ def score_flight(
     """Filter and triangulation with ``cameras`` against the truth."""
     triangulated, _ = triangulate([c.camera for c in cameras], pixels)
     course = track_points(cameras, times, pixels, triangulated, settings, np.random.default_rng((seed, len(cameras))))
-    estimates, alone = course.smoothed(settings.lag), course.alone
+    return _scores(len(cameras), course, settings.lag, triangulated, truth)
+
+
+def _scores(cameras: int, course: Course, lag: float, triangulated: FloatArray, truth: FloatArray) -> DroneScores:
+    estimates = course.smoothed(lag)
     both = np.isfinite(triangulated[:, 0]) & np.isfinite(estimates[:, 0])
     away, plain = (np.sqrt(np.square(p - truth).sum(axis=1)) for p in (estimates, triangulated))
-    single = away[alone & np.isfinite(away)]
+    single = away[course.alone & np.isfinite(away)]
     shown = [np.where(both[:, None], p, np.nan) for p in (estimates, triangulated)]
     return DroneScores(
-        len(cameras),
+        cameras,
         int(both.sum()),
         float(np.median(away[both])),
         float(np.median(plain[both])),
         float(np.percentile(away[both], 95)),
         float(np.percentile(plain[both], 95)),
-        acceleration(times, shown[0], STEP),
-        acceleration(times, shown[1], STEP),
+        acceleration(course.times, shown[0], STEP),
+        acceleration(course.times, shown[1], STEP),
         len(single),
         float(np.median(single)) if len(single) else float("nan"),
         float(np.percentile(single, 95)) if len(single) else float("nan"),
     )
+
+
+def kept_comparison(
+    folder: Path,
+    flight: DroneFlight,
+    cameras: Sequence[TimedCamera],
+    seed: int,
+    watch: Callable[[Iterable[Candidate]], Iterable[Candidate]] = iter,
+) -> tuple[DroneScores, list[Trial]]:
+    """Scores on the second half with the settings chosen on the first, and what was tried there.
+
+    Read from ``folder`` when these cameras were compared before, else kept there.
+    """
+    path = folder / f"{len(cameras)}-{seed}.json"
+    if path.is_file():
+        content = json.loads(path.read_text(encoding="utf-8"))
+        trials = [
+            Trial(DroneSettings(**t["settings"]), DroneScores(**t["scores"]), t["log_evidence"])
+            for t in content["trials"]
+        ]
+        return DroneScores(**content["scores"]), trials
+    trials = try_settings(flight, cameras, seed, watch)
+    scores = score_flight(cameras, *half_of(flight, cameras, first=False), chosen(trials).settings, seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    with output_file(path, overwrite=True) as work:
+        work.write_text(json.dumps({"scores": asdict(scores), "trials": [asdict(t) for t in trials]}), encoding="utf-8")
+    return scores, trials
 
 
 def surveyed_errors(cameras: Sequence[TimedCamera], surveyed: FloatArray) -> FloatArray:
