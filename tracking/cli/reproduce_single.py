@@ -32,8 +32,8 @@ def multi_correlation_filter(
         data: folders of sequences (OTB, VOT, UAV123), separated by commas; by default four generated chases.
         attributes: OTB's list of attributes; only sequences in it are used.
         published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
-        parts: sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Figs. 3.9, 3.11), additions (ours without one of them at a
-            time), intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
+        parts: sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Figs. 3.9, 3.11, and by sequence), additions (ours without
+            one of them at a time), intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
         cache: folder of finished passes.
@@ -109,6 +109,7 @@ def _results(
     if "comparison" in parts:
         results = experiment.compare(runs, clips, range(seeds[0]))
         values["comparison"] = _show_comparison(results)
+        values["gains"] = _show_sequences(results, experiment)
         values["published"] = _show_published(published)
         values["attributes"] = _show_attributes(experiment.by_attribute(clips, results))
         plots.plot_comparison(results, work / "comparison.png")
@@ -162,6 +163,31 @@ def _show_comparison(results: Any) -> dict[str, Any]:
         }
         for name, r in results.items()
     }
+
+
+def _show_sequences(results: Any, experiment: Any) -> dict[str, dict[str, list[float]]]:
+    """KCF and the combined tracker sequence by sequence, and what the second gains over the first."""
+    bases = list(dict.fromkeys(experiment.GAINS.values()))
+    sequences = list(results[bases[0]].scores[0])
+    rows = {name: [name] for name in sequences} | ({"mean of all": sequences} if len(sequences) > 1 else {})
+    width = max(map(len, rows))
+
+    def show(row: str, cells: list[str]) -> None:
+        print(f"{row:{width}}" + "".join(f"  {cell:>{11 if k < len(bases) else 20}}" for k, cell in enumerate(cells)))
+
+    print("\nAUC [%], 21 thresholds: mean ± deviation over seeds (gain over KCF with the same sizes)")
+    columns = [*bases, *experiment.GAINS]
+    show("", [c.removeprefix("combined, ").replace("fixed size", "fixed").replace(" search", "") for c in columns])
+    values = {}
+    for row, names in rows.items():
+        gained = experiment.gains(results, names)
+        cells = [f"{results[base].areas(thesis=False, names=names).mean():.1f}" for base in bases]
+        for tracker, points in gained.items():
+            areas = results[tracker].areas(thesis=False, names=names)
+            cells.append(f"{areas.mean():.1f} ± {areas.std():.1f} ({points.mean():+.1f})")
+        show(row, cells)
+        values[row] = {tracker: points.tolist() for tracker, points in gained.items()}
+    return values
 
 
 def _show_published(folder: Path | None) -> dict[str, float]:

@@ -48,8 +48,11 @@ def single(
         out: folder for the results.
         box: the target in the first frame, X,Y,W,H in pixels counted from 0; a labelled sequence folder has its own.
         select: draw the box with the mouse; needs a display.
-        method: how to follow.
-        preset: constants of kcf and kcf-particle: robust is ours, thesis that of the work, paper KCF's own.
+        method: how to follow. kcf-particle is a correlation filter that particles help when the target is hidden or
+            changes; kcf is the filter alone, and faster; the others are simpler and are
+            there to compare with.
+        preset: constants of kcf and kcf-particle. robust suits most videos; thesis and paper (kcf only) are the
+            published ones.
         scale: whether kcf and kcf-particle also look for other sizes; by default as the preset says.
         past: how kcf-particle draws filters of the past, all alike or by their score; by default as the preset says.
         redetect: once the target is lost, kcf-particle searches a wider area, which takes longer.

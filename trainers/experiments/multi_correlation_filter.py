@@ -119,6 +119,13 @@ def compared() -> dict[str, Entrant]:
     } | {method: baseline(method) for method in BASELINES}
 
 
+GAINS = {
+    "combined, thesis": "KCF, fixed size",
+    "combined, robust, fixed size": "KCF, fixed size",
+    "combined, robust": "KCF, scale search",
+}
+
+
 @dataclass(frozen=True)
 class Repeated:
     """One tracker over sequences and seeds.
@@ -147,6 +154,19 @@ def repeat(runs: Runs, clips: Sequence[Clip], entrant: Entrant, seeds: Sequence[
     """A new tracker for every seed and sequence; one seed where it makes no difference."""
     used = seeds if entrant.random else seeds[:1]
     return Repeated(tuple({c.sequence.name: runs.score(c, entrant, seed) for c in clips} for seed in used))
+
+
+def gains(results: Mapping[str, Repeated], names: Sequence[str] | None = None) -> dict[str, FloatArray]:
+    """What the combined tracker gains over the correlation filter it is built on, `GAINS`: points of area, one a seed.
+
+    Args:
+        results: from `compare`.
+        names: the sequences to take the mean over; all by default.
+    """
+    return {
+        name: results[name].areas(thesis=False, names=names) - results[base].areas(thesis=False, names=names).mean()
+        for name, base in GAINS.items()
+    }
 
 
 def run_sweep(runs: Runs, sweep: Sweep, clips: Sequence[Clip], seeds: Sequence[int]) -> dict[float, Repeated]:

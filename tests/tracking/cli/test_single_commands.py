@@ -1,12 +1,14 @@
 """`tsuiseki track single` and `tsuiseki evaluate single` as a user types them."""
 
 import json
+import re
 
 import cv2
 import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.trackers.single.methods import METHODS
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +80,41 @@ def test_wrong_requests_are_one_line_and_status_2(labelled, tmp_path, capsys, mo
     assert not (tmp_path / "o").exists()
 
 
+def constant(folder, sizes):
+    """A folder of grey pictures of these sizes (height, width)."""
+    folder.mkdir()
+    for t, size in enumerate(sizes):
+        cv2.imwrite(str(folder / f"{t + 1:04d}.png"), np.full((*size, 3), 128, np.uint8))
+    return folder
+
+
+def test_a_video_that_changes_its_size_is_one_line(labelled, tmp_path, capsys):
+    folder = constant(tmp_path / "v", [(90, 120)] * 3)
+    for k, image in enumerate(sorted((labelled / "img").iterdir())[:2]):
+        (folder / f"{k + 1:04d}.png").write_bytes(image.read_bytes())
+    out = tmp_path / "o"
+    assert main(["track", "single", str(folder), "--out", str(out), "--box", "20,30,30,35"]) != 0
+    error = capsys.readouterr().err.strip().splitlines()
+    assert error[-1].endswith("0003.png: expected 140x100 pixels as in 0001.png, got 120x90")
+    assert len([line for line in error if line.startswith("tsuiseki:")]) == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_constant_images_are_refused_at_the_start_and_followed_later(labelled, tmp_path, capsys, method):
+    folder = constant(tmp_path / "v", [(100, 140)] * 4)
+    words = ["track", "single", str(folder), "--out", str(tmp_path / "o"), "--box", "20,30,30,35", "--method", method]
+    assert main(words) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said.endswith(
+        "frame 1: expected a picture of the target, got one colour everywhere; start at a later frame with --frames"
+    )
+    first = sorted((labelled / "img").iterdir())[0]
+    (folder / "0001.png").write_bytes(first.read_bytes())
+    assert main(words) == 0
+    assert np.isfinite(np.loadtxt(tmp_path / "o" / "boxes.txt", delimiter=",")).all()
+
+
 def test_a_result_of_another_length_is_said(labelled, tmp_path, capsys):
     (tmp_path / "r.txt").write_text("21,31,30,35\n" * 3)
     assert main(["evaluate", "single", str(labelled), str(tmp_path / "r.txt")]) == 0
@@ -97,6 +134,8 @@ def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tm
     assert len(values["additions"]) == 16
     said = capsys.readouterr().out
     assert "no published scores of CSK, VTS" in said
+    assert re.search(r"\nSquare( +\d+\.\d){2}( +\d+\.\d ± \d\.\d \([+-]\d+\.\d\)){3}\n", said)
+    assert set(values["gains"]["Square"]) == {"combined, thesis", "combined, robust, fixed size", "combined, robust"}
     before = sorted(p.stat().st_mtime_ns for p in cache.iterdir())
     assert main([*words, "--out", str(tmp_path / "again")]) == 0
     assert sorted(p.stat().st_mtime_ns for p in cache.iterdir()) == before

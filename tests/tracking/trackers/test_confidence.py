@@ -31,22 +31,24 @@ def test_a_running_mean_is_plain_at_first():
 def test_the_thesis_s_switch_is_a_threshold():
     confidence = Confidence.start(THESIS, picture((200, 20, 20)), BOX)
     assert confidence.colour is None
-    assert confidence.doubts(THESIS, picture((30, 200, 30)), BOX, 0.2)
-    assert not confidence.doubts(THESIS, picture((30, 200, 30)), BOX, 0.21)
+    colour = confidence.colour_score(picture((30, 200, 30)), BOX)
+    assert confidence.doubts(THESIS, 0.2, colour)
+    assert not confidence.doubts(THESIS, 0.21, colour)
 
 
 def test_a_response_below_the_usual_is_doubted():
     confidence = Confidence()
     for _ in range(5):
-        confidence = confidence.learn(picture(0), BOX, 0.8, look=False)
+        confidence = confidence.learn(picture(0), BOX, 0.8, None)
     settings = replace(THESIS, relative_switch=0.65)
-    assert confidence.doubts(settings, picture(0), BOX, 0.51)
-    assert not confidence.doubts(settings, picture(0), BOX, 0.53)
+    assert confidence.doubts(settings, 0.51, None)
+    assert not confidence.doubts(settings, 0.53, None)
 
 
 def test_lost_colours_are_doubted_in_frames_of_a_look():
     red, gone = picture((200, 20, 20)), picture((30, 200, 30))
-    confidence = Confidence.start(ROBUST, red, BOX).learn(red, BOX, 0.5, look=True)
-    assert not confidence.doubts(ROBUST, red, BOX, 0.5)
-    assert confidence.doubts(ROBUST, gone, BOX, 0.5)
-    assert not confidence.doubts(ROBUST, gone, BOX, 0.5, look=False)
+    confidence = Confidence.start(ROBUST, red, BOX)
+    confidence = confidence.learn(red, BOX, 0.5, confidence.colour_score(red, BOX))
+    assert not confidence.doubts(ROBUST, 0.5, confidence.colour_score(red, BOX))
+    assert confidence.doubts(ROBUST, 0.5, confidence.colour_score(gone, BOX))
+    assert not confidence.doubts(ROBUST, 0.5, None)

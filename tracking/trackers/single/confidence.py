@@ -51,38 +51,27 @@ class Confidence:
         wanted = settings.colour or settings.drift_switch
         return cls(colour=ForegroundColour.learn(image, box) if wanted else None)
 
-    def doubts(
-        self,
-        settings: KcfParticleSettings,
-        image: ImageArray,
-        box: FloatArray,
-        peak: float,
-        look: bool = True,
-    ) -> bool:
+    def doubts(self, settings: KcfParticleSettings, peak: float, colour: float | None) -> bool:
         """Whether the particle filter takes over, or goes on.
 
         Args:
             settings: hold the thresholds.
-            image: ``(H, W, 3)``.
-            box: ``(4,)`` of the target.
-            peak: response of the filter there.
-            look: whether to compare colours as well.
+            peak: response of the filter at the target.
+            colour: colour score there; None where nobody looked.
         """
         if peak <= settings.switch or self.peaks.falls_below(settings.relative_switch, peak):
             return True
-        if self.colour is None or not settings.drift_switch or not look:
-            return False
-        return self.colours.falls_below(settings.drift_switch, self.colour_score(image, box))
+        return colour is not None and self.colours.falls_below(settings.drift_switch, colour)
 
-    def learn(self, image: ImageArray, box: FloatArray, peak: float, look: bool) -> Confidence:
-        """With one more frame without doubt."""
+    def learn(self, image: ImageArray, box: FloatArray, peak: float, colour: float | None) -> Confidence:
+        """With one more frame without doubt; ``peak`` and ``colour`` as `doubts` had them."""
         after = replace(self, peaks=self.peaks.add(peak))
-        if self.colour is None or not look:
+        if self.colour is None or colour is None:
             return after
         new = ForegroundColour.learn(image, box)
         return replace(
             after,
-            colours=self.colours.add(self.colour_score(image, box)),
+            colours=self.colours.add(colour),
             colour=self.colour if new is None else self.colour.blend(new, COLOUR_RATE),
         )
 

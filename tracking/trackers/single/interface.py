@@ -71,7 +71,7 @@ def follow_target(frames: Iterable[Frame], box: FloatArray, tracker: SingleTrack
     """The target in every frame; the first estimate is ``box`` itself.
 
     Raises:
-        RequestError: see `check_start`.
+        RequestError: see `check_start`; or the first image has one colour only.
         RunError: the video changes its size.
     """
     size: tuple[int, ...] | None = None
@@ -79,6 +79,11 @@ def follow_target(frames: Iterable[Frame], box: FloatArray, tracker: SingleTrack
         if size is None:
             size = frame.image.shape
             box = check_start(box, frame.image)
+            if (frame.image == frame.image[0, 0]).all():
+                raise RequestError(
+                    f"frame {frame.index + 1}: expected a picture of the target, got one colour everywhere; "
+                    "start at a later frame with --frames"
+                )
             tracker.start(frame.image, box)
             yield Estimate(frame.index, box, CERTAIN, "tracking")
             continue

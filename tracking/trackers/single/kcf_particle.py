@@ -118,10 +118,11 @@ class KcfParticle:
         if self.search is None:
             found = kcf.locate(self.model, self.target, image)
             box, look = self.model.box(found.centre, found.size), self._frame % self.settings.drift_interval == 0
-            doubtful = self._confidence.doubts(self.settings, image, box, found.peak, look)
+            colour = self._confidence.colour_score(image, box) if look else None
+            doubtful = self._confidence.doubts(self.settings, found.peak, colour)
             self._doubted = 0 if not doubtful and (look or not self.settings.drift_switch) else self._doubted
             if self._plain_left > 0 or not doubtful:
-                self._go_on(image, found, look)
+                self._go_on(image, found, colour)
                 return Sighting(self._box(), found.peak, self._status())
             self._doubted = max(self._doubted, 1)
             self._begin_search(image)
@@ -129,12 +130,12 @@ class KcfParticle:
             self._continue_search(image, self.search)
         return Sighting(self._box(), self.target.peak, self._status())
 
-    def _go_on(self, image: ImageArray, found: kcf.KcfState, look: bool) -> None:
+    def _go_on(self, image: ImageArray, found: kcf.KcfState, colour: float | None) -> None:
         """Learn from the frame, as KCF does, and keep the filter, 3.2.7."""
         self._plain_left = max(self._plain_left - 1, 0)
         bank = self.model.update(found.bank, image, found.centre[None], np.array([found.size]))
         self.target = replace(found, bank=bank)
-        self._confidence = self._confidence.learn(image, self._box(), found.peak, look)
+        self._confidence = self._confidence.learn(image, self._box(), found.peak, colour)
         if self._frame % self.settings.store_interval == 0:
             self._archive = self._archive.add(bank, found.peak)
 
@@ -234,7 +235,8 @@ class KcfParticle:
         spread = dispersion(particles, weights, self._deviation**2) / float(np.prod(self.model.target))
         if spread >= settings.convergence:
             return
-        sure = not settings.ends_when_sure or not self._confidence.doubts(settings, view.image, self._box(), response)
+        colour = self._confidence.colour_score(view.image, self._box())
+        sure = not settings.ends_when_sure or not self._confidence.doubts(settings, response, colour)
         if sure or search.frames + 1 >= settings.longest_search:
             self._doubted = 0 if sure else self._doubted
             self._end_search(bank.select(slice(int(numbers[chosen]), int(numbers[chosen]) + 1)))
