@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.datamodules.scenes.fish_drawing import Drawn, within
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_sequence_info
 from tsuiseki.tracking.formats.silhouettes import FOLDER, write_silhouettes
 from tsuiseki.tracking.formats.states import exact_track, write_states
@@ -32,6 +34,67 @@ class SceneFrame:
     image: ImageArray
     states: FloatArray
     silhouettes: ImageArray
+
+
+def check_clip(
+    names: tuple[str, str], count: int, most: int, frames: int, frame_rate: float, size: tuple[int, int], length: float
+) -> None:
+    """Whether a clip can be made of ``count`` bodies, ``length`` pixels long, in images of ``size``.
+
+    Args:
+        names: what one body and several are called.
+        count: of bodies.
+        most: that there may be.
+        frames: of the clip.
+        frame_rate: a second.
+        size: width and height, pixels.
+        length: of a body, pixels.
+
+    Raises:
+        RequestError: it cannot.
+    """
+    one, several = names
+    if not 1 <= count <= most or frames < 1 or not frame_rate > 0:
+        raise RequestError(
+            f"expected 1 to {most} {several}, at least one frame and a frame rate above 0, "
+            f"got {count}, {frames} and {frame_rate:g}"
+        )
+    if min(size) < 4 * length:
+        raise RequestError(
+            f"expected an image four times as large as a {one}, which is {length:g} pixels long, "
+            f"got {size[0]}x{size[1]}"
+        )
+
+
+def paint(image: NDArray[np.float32], body: Drawn) -> None:
+    """Lays a drawn body over ``image``."""
+    part, own = within(image.shape[:2], body)
+    cover = body.opacity[own][..., None]
+    image[part] = (1 - cover) * image[part] + cover * body.colour[own]
+
+
+def seen_by_camera(
+    image: NDArray[np.float32],
+    states: FloatArray,
+    bodies: Sequence[Drawn],
+    grain: NDArray[np.float32],
+    rng: np.random.Generator,
+) -> SceneFrame:
+    """The frame of a finished ``image`` with noise of the camera, and the silhouettes of its bodies.
+
+    Args:
+        image: ``(H, W, 3)`` in [0, 255].
+        states: ``(K, D)``.
+        bodies: K, as drawn.
+        grain: of `larger_noise`.
+        rng: chooses the part of it.
+    """
+    silhouettes = np.zeros(image.shape[:2], np.uint8)
+    for bit, body in enumerate(bodies):
+        part, own = within(image.shape[:2], body)
+        silhouettes[part] |= np.where(body.silhouette[own], np.uint8(1 << bit), np.uint8(0))
+    noisy = cv2.add(image, _another_part(grain, image.shape, rng), dtype=cv2.CV_8U)
+    return SceneFrame(np.asarray(noisy, np.uint8), states, silhouettes)
 
 
 def write_body_clip(
@@ -65,7 +128,7 @@ def larger_noise(height: int, width: int, level: float, rng: np.random.Generator
     return np.float32(level) * rng.standard_normal(size, dtype=np.float32)
 
 
-def another_part(noise: NDArray[np.float32], shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
+def _another_part(noise: NDArray[np.float32], shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
     """One frame's noise, cut from the larger picture of it: drawing it anew would cost more than the scene."""
     top, left = rng.integers(GRAIN_SHIFT + 1, size=2)
     return noise[top : top + shape[0], left : left + shape[1]]

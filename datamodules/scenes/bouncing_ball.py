@@ -13,9 +13,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.body_clip import SceneFrame, another_part, larger_noise, write_body_clip
-from tsuiseki.datamodules.scenes.fish_drawing import Drawn, Float32, within
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.datamodules.scenes.body_clip import (
+    SceneFrame,
+    check_clip,
+    larger_noise,
+    paint,
+    seen_by_camera,
+    write_body_clip,
+)
+from tsuiseki.datamodules.scenes.fish_drawing import Drawn, Float32
 from tsuiseki.tracking.types import FloatArray
 
 MOST_BALLS = 5
@@ -59,16 +65,8 @@ class BallSettings:
     noise: float = 4.0
 
     def __post_init__(self) -> None:
-        if not 1 <= self.balls <= MOST_BALLS or self.frames < 1 or not self.frame_rate > 0:
-            raise RequestError(
-                f"expected 1 to {MOST_BALLS} balls, at least one frame and a frame rate above 0, "
-                f"got {self.balls}, {self.frames} and {self.frame_rate:g}"
-            )
-        if min(self.width, self.height) < 4 * self.diameter:
-            raise RequestError(
-                f"expected an image four times as large as a ball, which is {self.diameter:g} pixels wide, "
-                f"got {self.width}x{self.height}"
-            )
+        size = (self.width, self.height)
+        check_clip(("ball", "balls"), self.balls, MOST_BALLS, self.frames, self.frame_rate, size, self.diameter)
 
 
 def plan_balls(settings: BallSettings, rng: np.random.Generator) -> FloatArray:
@@ -85,15 +83,10 @@ def ball_frames(settings: BallSettings, seed: int) -> Iterator[SceneFrame]:
     grain = larger_noise(settings.height, settings.width, settings.noise, stage)
     for frame in range(settings.frames):
         image = room.copy()
-        silhouettes = np.zeros(room.shape[:2], np.uint8)
-        for bit, (state, colour) in enumerate(zip(states[frame], colours, strict=True)):
-            ball = draw_ball(settings.diameter, state, colour)
-            part, own = within((settings.height, settings.width), ball)
-            cover = ball.opacity[own][..., None]
-            image[part] = (1 - cover) * image[part] + cover * ball.colour[own]
-            silhouettes[part] |= np.where(ball.silhouette[own], np.uint8(1 << bit), np.uint8(0))
-        noisy = cv2.add(image, another_part(grain, image.shape, stage), dtype=cv2.CV_8U)
-        yield SceneFrame(np.asarray(noisy, np.uint8), states[frame], silhouettes)
+        balls = [draw_ball(settings.diameter, s, c) for s, c in zip(states[frame], colours, strict=True)]
+        for ball in balls:
+            paint(image, ball)
+        yield seen_by_camera(image, states[frame], balls, grain, stage)
 
 
 def write_balls(

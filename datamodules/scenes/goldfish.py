@@ -9,11 +9,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.body_clip import SceneFrame, another_part, larger_noise, write_body_clip
+from tsuiseki.datamodules.scenes.body_clip import (
+    SceneFrame,
+    check_clip,
+    larger_noise,
+    paint,
+    seen_by_camera,
+    write_body_clip,
+)
 from tsuiseki.datamodules.scenes.fish_drawing import Drawn, FishLook, Float32, draw_fish, random_look, within
 from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
 from tsuiseki.datamodules.scenes.water import gravel, make_ripples
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 
 MOST_FISH = 5
@@ -65,16 +71,8 @@ class GoldfishSettings:
     noise: float = 4.0
 
     def __post_init__(self) -> None:
-        if not 1 <= self.fish <= MOST_FISH or self.frames < 1 or not self.frame_rate > 0:
-            raise RequestError(
-                f"expected 1 to {MOST_FISH} fish, at least one frame and a frame rate above 0, "
-                f"got {self.fish}, {self.frames} and {self.frame_rate:g}"
-            )
-        if min(self.width, self.height) < 4 * self.length:
-            raise RequestError(
-                f"expected an image four times as large as a fish, which is {self.length:g} pixels long, "
-                f"got {self.width}x{self.height}"
-            )
+        size = (self.width, self.height)
+        check_clip(("fish", "fish"), self.fish, MOST_FISH, self.frames, self.frame_rate, size, self.length)
 
 
 def plan_goldfish(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:
@@ -95,12 +93,7 @@ def goldfish_frames(settings: GoldfishSettings, seed: int) -> Iterator[SceneFram
     for frame in range(settings.frames):
         drawn = [draw_fish(look, state) for look, state in zip(looks, states[frame], strict=True)]
         image = _picture(settings, floor, drawn, looks, states[frame], ripples.at(frame / settings.frame_rate))
-        silhouettes = np.zeros(floor.shape[:2], np.uint8)
-        for bit, fish in enumerate(drawn):
-            part, own = within((settings.height, settings.width), fish)
-            silhouettes[part] |= np.where(fish.silhouette[own], np.uint8(1 << bit), np.uint8(0))
-        noisy = cv2.add(image, another_part(grain, image.shape, stage), dtype=cv2.CV_8U)
-        yield SceneFrame(np.asarray(noisy, np.uint8), states[frame], silhouettes)
+        yield seen_by_camera(image, states[frame], drawn, grain, stage)
 
 
 def write_goldfish(
@@ -142,9 +135,7 @@ def _picture(
     for look, state in zip(looks, states, strict=True):
         _mirror(image, settings, look, state)
     for fish in drawn:
-        part, own = within(image.shape[:2], fish)
-        cover = fish.opacity[own][..., None]
-        image[part] = (1 - cover) * image[part] + cover * fish.colour[own]
+        paint(image, fish)
     image *= cv2.merge([brightness] * 3)
     glinting = glints > 0
     image[glinting] += glints[glinting, None] * (250.0 - image[glinting])
