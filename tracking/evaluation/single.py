@@ -25,22 +25,16 @@ PRECISION_AT = 20
 
 
 @dataclass(frozen=True)
-class SequenceScores:
-    """One result on one sequence.
+class Curves:
+    """How often a result is good enough.
 
     Attributes:
         success: ``(21,)`` share of frames at each threshold of `OVERLAPS`.
         precision: ``(51,)`` share of frames at each distance of `DISTANCES`.
-        overlaps: ``(T,)`` of each scored frame.
-        frames: how many frames were scored.
-        note: one line where result and truth differ in length or frames have no box, otherwise empty.
     """
 
     success: FloatArray
     precision: FloatArray
-    overlaps: FloatArray
-    frames: int
-    note: str = ""
 
     @property
     def auc(self) -> float:
@@ -56,6 +50,21 @@ class SequenceScores:
     def precision_20(self) -> float:
         """Share of frames whose centre is at most 20 pixels off."""
         return float(self.precision[PRECISION_AT])
+
+
+@dataclass(frozen=True)
+class SequenceScores(Curves):
+    """One result on one sequence.
+
+    Attributes:
+        overlaps: ``(T,)`` of each scored frame.
+        frames: how many frames were scored.
+        note: one line where result and truth differ in length or frames have no box, otherwise empty.
+    """
+
+    overlaps: FloatArray
+    frames: int
+    note: str = ""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.plots import COLOURS
 from tsuiseki.tracking.evaluation.single import DISTANCES, OVERLAPS, PRECISION_AT
-from tsuiseki.tracking.evaluation.single_table import Curves
+from tsuiseki.tracking.evaluation.single_table import MeanCurves
 from tsuiseki.tracking.types import Estimate
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 STYLES = ("-", "--", ":")
 
 
-def curves_figure(results: Mapping[str, Mapping[str, Curves]]) -> Figure:
+def curves_figure(results: Mapping[str, Mapping[str, MeanCurves]]) -> Figure:
     """Success and precision over all sequences, and by attribute where there are attributes.
 
     Args:
@@ -48,12 +48,12 @@ def curves_figure(results: Mapping[str, Mapping[str, Curves]]) -> Figure:
     return figure
 
 
-def save_curves(results: Mapping[str, Mapping[str, Curves]], path: Path) -> None:
+def save_curves(results: Mapping[str, Mapping[str, MeanCurves]], path: Path) -> None:
     """Write `curves_figure` as the image that the suffix of ``path`` names."""
     curves_figure(results).savefig(path, dpi=130, facecolor="white")
 
 
-def _bars(axes: Axes, results: Mapping[str, Mapping[str, Curves]], groups: list[str]) -> None:
+def _bars(axes: Axes, results: Mapping[str, Mapping[str, MeanCurves]], groups: list[str]) -> None:
     width = 0.8 / len(results)
     for number, curves in enumerate(results.values()):
         heights = [100 * curves[g].auc if g in curves else np.nan for g in groups]

@@ -13,42 +13,28 @@ from rich.table import Table
 from rich.text import Text
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.single import PRECISION_AT, SequenceScores, SingleEvaluation, evaluate_single
+from tsuiseki.tracking.evaluation.single import PRECISION_AT, Curves, SequenceScores, SingleEvaluation, evaluate_single
 from tsuiseki.tracking.formats.boxes import read_result
 from tsuiseki.tracking.formats.single import PublishedScores, SingleSequence, read_published, same_name
 from tsuiseki.tracking.types import FloatArray
 
 
 @dataclass(frozen=True)
-class Curves:
-    """Mean curves over some sequences.
+class MeanCurves(Curves):
+    """The mean of the curves of some sequences.
 
     Attributes:
-        success: ``(21,)`` shares.
-        precision: ``(51,)`` shares.
         sequences: how many.
     """
 
-    success: FloatArray
-    precision: FloatArray
     sequences: int
-
-    @property
-    def auc(self) -> float:
-        """Area under the success curve with 21 thresholds."""
-        return float(self.success.mean())
-
-    @property
-    def thesis_auc(self) -> float:
-        """The same with 11 thresholds."""
-        return float(self.success[::2].mean())
 
 
 @dataclass(frozen=True)
 class Compared:
     """One result: its curves by group (``ALL`` and attributes), and where boxes are known its scores by sequence."""
 
-    groups: Mapping[str, Curves]
+    groups: Mapping[str, MeanCurves]
     sequences: Mapping[str, SequenceScores]
     missing: tuple[str, ...]
 
@@ -94,13 +80,13 @@ def find_results(sequences: list[SingleSequence], result: Path) -> dict[str, Flo
     return {s.name: read_result(found[same_name(s.name)]) for s in sequences if same_name(s.name) in found}
 
 
-def _curves(evaluation: SingleEvaluation, names: tuple[str, ...] | None) -> Curves:
+def _curves(evaluation: SingleEvaluation, names: tuple[str, ...] | None) -> MeanCurves:
     mean = evaluation.mean(names)
-    return Curves(mean.success, mean.precision, len(names) if names else len(evaluation.sequences))
+    return MeanCurves(mean.success, mean.precision, len(names) if names else len(evaluation.sequences))
 
 
-def _published_curves(scores: PublishedScores) -> Curves:
-    return Curves(np.array(scores.success), np.array(scores.precision), len(scores.sequences))
+def _published_curves(scores: PublishedScores) -> MeanCurves:
+    return MeanCurves(np.array(scores.success), np.array(scores.precision), len(scores.sequences))
 
 
 def single_table(results: Mapping[str, Compared], by: str) -> Table:
