@@ -15,7 +15,7 @@ MOST_MODEL_BYTES = 40 * 2**20
 
 def expected_files() -> set[str]:
     """The files of the repository that must be in the wheel, by their path there."""
-    suffixes = {".py", ".onnx", ".yaml", ".typed"}
+    suffixes = {".py", ".onnx", ".json", ".yaml", ".typed"}
     return {
         f"tsuiseki/{path.relative_to(REPOSITORY).as_posix()}"
         for folder in FOLDERS

@@ -3,8 +3,9 @@
     OMP_NUM_THREADS=1 python benchmarks/phd.py --data ../shared/data [--steps 12]
 
 Stone Soup (`pip install stonesoup`) is looked for in this environment; run it with a Python that has both, or give the
-site-packages of another with PYTHONPATH. Steps of the two are interleaved on the same measurements, in one run and one
-thread; the ratio is that of the medians.
+site-packages of another with PYTHONPATH. Steps of all are interleaved on the same measurements, in one run and one
+thread, in processor time; the ratio is that of the medians. The particles counted are those
+that an update weighs, births included.
 """
 
 from __future__ import annotations
@@ -18,8 +19,17 @@ from pathlib import Path
 
 import numpy as np
 
+from tsuiseki.tracking.filters.phd import PhdFilter, PhdState
+from tsuiseki.tracking.filters.phd_identity import Clusters, Identity
+from tsuiseki.tracking.filters.point_models import GaussianSensor
+from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.trainers.experiments.phd import start_filter
-from tsuiseki.trainers.experiments.point_scenarios import PointScenario, read_scenario
+from tsuiseki.trainers.experiments.point_scenarios import (
+    PointScenario,
+    read_scenario,
+    scenario_births,
+    scenario_model,
+)
 
 SURVIVING, BORN = 10_000, 4_000
 
@@ -43,12 +53,12 @@ class StoneSoup:
         self.sensor = LinearGaussian(4, (0, 2), np.eye(2) * settings["sigma_e"] ** 2)
         birth = GaussianState(np.zeros((4, 1)), np.diag([500.0**2, 100, 500.0**2, 100]))
         self.predictor = SMCPHDPredictor(
-            motion, death_probability=1 - settings["P_S"], birth_probability=float(np.sum(settings["birth_w"])),
+            motion, death_probability=1 - settings["P_S"], birth_probability=BORN / SURVIVING,
             birth_rate=float(np.sum(settings["birth_w"])), birth_sampler=_Sampler(birth),
         )  # fmt: skip
         self.updater = SMCPHDUpdater(
             self.sensor, resampler=SystematicResampler(), prob_detect=Probability(settings["P_D"]),
-            prob_survive=Probability(settings["P_S"]), clutter_intensity=clutter / volume, num_samples=SURVIVING,
+            clutter_intensity=clutter / volume, num_samples=SURVIVING,
         )  # fmt: skip
         self.now = datetime.datetime(2000, 1, 1)
         rng = np.random.default_rng(0)
@@ -86,6 +96,40 @@ class _Sampler:
         return ParticleState(StateVectors(vectors), weight=np.full(BORN, Probability(1 / BORN)), timestamp=timestamp)
 
 
+class Unlabelled(Identity):
+    """No labels are kept: what the peer does."""
+
+    def tidy(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> tuple[PhdState, Clusters]:
+        """Nothing."""
+        del sensor
+        return posterior, clusters
+
+
+def no_targets(posterior: PhdState, clusters: Clusters) -> PointEstimates:
+    """No target is read off: the peer has none either."""
+    del clusters
+    return PointEstimates(np.empty(0, dtype=np.int64), np.empty((0, posterior.particles.shape[1])), np.empty(0))
+
+
+class CountedPhd:
+    """This project's PHD filter, with or without targets and labels, and how many particles its updates weighed."""
+
+    def __init__(self, scenario: PointScenario, clutter: float, labelled: bool) -> None:
+        # Late in the scenario about ten targets and four places of birth: 1,000 for each make the peer's 14,000.
+        density = (SURVIVING + BORN) // 14
+        births = scenario_births(scenario.settings, density)
+        model = scenario_model(scenario.settings, clutter)
+        alone = PhdFilter(model, births, density, identity=Unlabelled(remember=False), extract=no_targets, least=0)
+        self.filter = PhdFilter(model, births, density) if labelled else alone
+        self.state, self.rng = self.filter.init(np.empty((0, 4))), np.random.default_rng(0)
+        self.particles: list[int] = []
+
+    def step(self, measurements: np.ndarray) -> None:
+        """One scan."""
+        self.state, info = self.filter.step(self.state, measurements, self.rng)
+        self.particles.append(len(info.posterior))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -98,25 +142,45 @@ def main() -> None:
     except metadata.PackageNotFoundError:
         peer = ""
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, {peer or 'no stonesoup'}")
-    print(f"{'clutter':>8} {'phd ms':>8} {'labelled ms':>12} {'stonesoup ms':>13} {'ratio':>7}")
+    names = (
+        "clutter",
+        "phd alone",
+        "particles",
+        "with targets",
+        "particles",
+        "labelled",
+        "stonesoup",
+        "ratio",
+        "ratio",
+    )
+    print(" ".join(f"{name:>12}" for name in names))
     for index, clutter in enumerate(scenario.settings["clutter_rates"]):
         measurements = scenario.measurements[0, index][80 : 80 + arguments.steps]
-        # Late in the scenario ten targets are there: 1,400 a target makes the peer's 14,000.
-        phd = start_filter("phd", scenario.settings, clutter, (SURVIVING + BORN) // 10, seed=0)
+        alone, phd = (CountedPhd(scenario, clutter, kept) for kept in (False, True))
         labelled = start_filter("labelled", scenario.settings, clutter, 1000, seed=0)
         for found in scenario.measurements[0, index][:80]:
-            phd(found)
+            alone.step(found)
+            phd.step(found)
             labelled(found)
-        steps = {"phd": phd, "labelled": labelled} | ({"peer": StoneSoup(scenario, clutter).step} if peer else {})
+        alone.particles.clear()
+        phd.particles.clear()
+        steps = {"alone": alone.step, "phd": phd.step, "labelled": labelled} | (
+            {"peer": StoneSoup(scenario, clutter).step} if peer else {}
+        )
         times: dict[str, list[float]] = {name: [] for name in steps}
         for found in measurements:
             for name, step in steps.items():
-                begin = time.perf_counter()
+                begin = time.process_time()
                 step(found)
-                times[name].append(1e3 * (time.perf_counter() - begin))
+                times[name].append(1e3 * (time.process_time() - begin))
         middle = {name: float(np.median(values)) for name, values in times.items()}
-        shown = f"{middle['peer']:13.1f} {middle['peer'] / middle['phd']:7.1f}" if peer else f"{'-':>13} {'-':>7}"
-        print(f"{clutter:8g} {middle['phd']:8.2f} {middle['labelled']:12.2f} {shown}")
+        counts = {"alone": float(np.mean(alone.particles)), "phd": float(np.mean(phd.particles))}
+        ratios = [middle["peer"] / middle[name] if peer else float("nan") for name in ("alone", "phd")]
+        values = [
+            clutter, middle["alone"], counts["alone"], middle["phd"], counts["phd"], middle["labelled"],
+            middle.get("peer", float("nan")), *ratios,
+        ]  # fmt: skip
+        print(" ".join(f"{value:12.{0 if value >= 1000 else 2}f}" for value in values))
 
 
 if __name__ == "__main__":

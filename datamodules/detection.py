@@ -17,7 +17,8 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
-from tsuiseki.datamodules.scene_images import write_scene_images
+from tsuiseki.datamodules.scene_images import write_drone_images, write_scene_images
+from tsuiseki.datamodules.scenes.drone import DroneSettings
 from tsuiseki.datamodules.scenes.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
@@ -26,6 +27,8 @@ from tsuiseki.tracking.types import ImageArray
 
 PERSON, IGNORED, PADDING = 1, -1, 0
 _TEXTURES = 48
+# Generated pictures from a drone are as a window of a frame that is half as wide again: people large enough to learn.
+DRONE_PEOPLE, DRONE_FOCAL = 7, (1.5, 3.0)
 
 
 @dataclass(frozen=True)
@@ -204,11 +207,17 @@ class DetectionData(lightning.LightningDataModule):
 
     def prepare_data(self) -> None:
         """Generate the pictures of sources that ask for it, where their folder is missing."""
-        settings = TrainingSettings(width=self.size[1], height=self.size[0])
+        height, width = self.size
         for source in [*self.sources["train"], *self.sources["val"]]:
-            if source.generate and not Path(source.folder).exists():
-                print(f"generating {source.generate} pictures into {source.folder}", flush=True)
-                write_scene_images(Path(source.folder), source.generate, settings, source.seed)
+            folder = Path(source.folder)
+            if not source.generate or folder.exists():
+                continue
+            print(f"generating {source.generate} pictures into {folder}", flush=True)
+            if source.scene == "drone":
+                settings = DroneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
+                write_drone_images(folder, source.generate, settings, source.seed)
+            else:
+                write_scene_images(folder, source.generate, TrainingSettings(width, height), source.seed)
 
     def setup(self, stage: str) -> None:
         """Read the labels, decode what fits into memory, cut people out and render others."""

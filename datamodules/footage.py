@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
 
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, empty_view, fit_size_by_row
-from tsuiseki.datamodules.readers.mot import labelled_images
+from tsuiseki.datamodules.readers.video import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import ImageArray
 
@@ -23,12 +24,13 @@ class Source:
     """Labelled video to learn from or to validate on.
 
     Attributes:
-        folder: a MOTChallenge sequence, or a folder of sequences.
+        folder: a MOTChallenge sequence or a folder of sequences, VisDrone-MOT or Okutama-Action.
         frames: first and last frame of each sequence, 1-based and both included; null for all.
         share: how often examples come from here, relative to the other sources.
         fixed_camera: the camera stands still in each sequence, so that people can be cut out and pasted.
         least_visible: people of whom a smaller share is visible are ignored, in [0, 1].
         generate: fill a folder that does not exist with this many random generated pictures.
+        scene: what those show: a street, or people under a drone.
         seed: of those.
     """
 
@@ -38,6 +40,7 @@ class Source:
     fixed_camera: bool = False
     least_visible: float = 0.25
     generate: int = 0
+    scene: Literal["street", "drone"] = "street"
     seed: int = 0
 
 

@@ -10,8 +10,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.readers.mot import LabelledImage, labelled_images
+from tsuiseki.datamodules.readers.mars import training_crops
+from tsuiseki.datamodules.readers.mot import LabelledImage
+from tsuiseki.datamodules.readers.video import labelled_images
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mars import MarsCrop, is_mars
 from tsuiseki.tracking.geometry import intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
@@ -67,10 +70,10 @@ def join_crops(parts: Sequence[IdentityCrops]) -> IdentityCrops:
 def crops_from_folder(
     folder: Path, frames: tuple[int, int] | None, least_visible: float = 0.3, step: int = 1
 ) -> IdentityCrops:
-    """Views of the labelled people of a MOTChallenge sequence, or of every sequence in a folder.
+    """Views of the labelled people of a MOTChallenge sequence, of every sequence in a folder, or of MARS.
 
     Args:
-        folder: the sequence, or the folder of sequences.
+        folder: the sequence, the folder of sequences, or MARS or a part of it, to which only this argument applies.
         frames: first and last frame, 1-based, both included; None for all.
         least_visible: smallest visible share of a box, in [0, 1]. Where the labels do not say it, the share that no
             nearer person's box covers counts.
@@ -79,6 +82,8 @@ def crops_from_folder(
     Raises:
         RequestError: the folder is not readable as sequences with images, or fewer than two people are left.
     """
+    if is_mars(folder):
+        return _from_mars(training_crops(folder))
     parts: dict[str, list[tuple[LabelledImage, BoolArray]]] = {}
     for sample in labelled_images(folder, frames):
         if sample.frame % step == 0:
@@ -88,6 +93,18 @@ def crops_from_folder(
     if len(np.unique(crops.ids)) < 2:
         raise RequestError(f"{folder}: expected at least two labelled people in frames {frames}, to tell them apart")
     return crops
+
+
+def _from_mars(crops: list[MarsCrop]) -> IdentityCrops:
+    """MARS's crops are their boxes; frames of another camera or tracklet count as far away."""
+    images = [read_image(crop.path) for crop in crops]
+    return IdentityCrops(
+        images,
+        np.array([[0, 0, image.shape[1], image.shape[0]] for image in images], dtype=np.float64),
+        np.array([crop.person for crop in crops], dtype=np.int64),
+        np.array([1_000_000 * crop.camera + 10_000 * (crop.tracklet % 100) + crop.frame for crop in crops]),
+        np.ones(len(crops), dtype=np.bool_),
+    )
 
 
 def uncovered(boxes: FloatArray) -> FloatArray:

@@ -1,24 +1,32 @@
-"""A folder of independent generated pictures of people, in the MOTChallenge layout. No torch."""
+"""A folder of generated pictures of people, in the MOTChallenge layout. No torch."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.drone import DroneSettings, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.training import TrainingSettings, random_training_scene
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
 from tsuiseki.tracking.output import output_folder
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 _QUALITY = 92
 _SEQUENCE = "random-scenes"
+# Pictures of one flight of a drone, and frames between two of them: long enough for other poses and views.
+_PER_FLIGHT, _APART = 6, 45
+
+Labels: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 def write_scene_images(folder: Path, count: int, settings: TrainingSettings, seed: int) -> None:
@@ -29,29 +37,63 @@ def write_scene_images(folder: Path, count: int, settings: TrainingSettings, see
     Raises:
         RequestError: fewer than one picture, or the folder holds files.
     """
+    _write(folder, count, (settings.width, settings.height), partial(_street_picture, settings, seed))
+
+
+def write_drone_images(folder: Path, count: int, settings: DroneSettings, seed: int) -> None:
+    """Render ``count`` pictures of people under drones, `_PER_FLIGHT` of each flight; else as `write_scene_images`.
+
+    ``settings.frames`` does not matter.
+
+    Raises:
+        RequestError: fewer than one picture, or the folder holds files.
+    """
+    settings = replace(settings, frames=_PER_FLIGHT * _APART)
+    _write(folder, count, (settings.width, settings.height), partial(_drone_pictures, settings, seed), _PER_FLIGHT)
+
+
+def _write(
+    folder: Path, count: int, size: tuple[int, int], render: Callable[[Path, range], list[Labels]], together: int = 1
+) -> None:
     if count < 1:
         raise RequestError(f"expected at least one picture to generate for {folder}, got {count}")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with output_folder(folder, overwrite=False) as work:
         (work / "img1").mkdir()
-        render = partial(_render, work / "img1", settings, seed)
+        numbers = [range(start, min(start + together, count)) for start in range(0, count, together)]
         # Started afresh: a copy of a process that runs torch's threads can lock up.
         with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
-            labels = list(pool.map(render, range(count), chunksize=8))
+            found = pool.map(partial(render, work / "img1"), numbers, chunksize=8 // together or 1)
+            labels = [each for some in found for each in some]
         write_ground_truth(work / "gt" / "gt.txt", _as_ground_truth(labels))
-        write_sequence_info(work, _SEQUENCE, 1.0, count, settings.width, settings.height)
+        write_sequence_info(work, _SEQUENCE, 1.0, count, *size)
 
 
-def _render(folder: Path, settings: TrainingSettings, seed: int, number: int) -> tuple[FloatArray, FloatArray]:
+def _street_picture(settings: TrainingSettings, seed: int, folder: Path, numbers: range) -> list[Labels]:
+    return [
+        _saved(folder, number, *random_training_scene(np.random.default_rng([seed, number]), settings))
+        for number in numbers
+    ]
+
+
+def _drone_pictures(settings: DroneSettings, seed: int, folder: Path, numbers: range) -> list[Labels]:
+    flight = plan_flight(settings, seed + numbers.start)
+    labels = []
+    for number in numbers:
+        image, truth = draw_flight(flight, _APART * (number % _PER_FLIGHT))
+        labels.append(_saved(folder, number, image, truth.people.boxes, truth.people.visibility))
+    return labels
+
+
+def _saved(folder: Path, number: int, image: ImageArray, boxes: FloatArray, visibility: FloatArray) -> Labels:
     cv2.setNumThreads(1)
-    image, boxes, visibility = random_training_scene(np.random.default_rng([seed, number]), settings)
     path = folder / f"{number + 1:06d}.jpg"
     cv2.imwrite(str(path), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     large = ((boxes[:, 2:] - boxes[:, :2]) > 1).all(axis=1)
     return boxes[large], visibility[large]
 
 
-def _as_ground_truth(labels: list[tuple[FloatArray, FloatArray]]) -> GroundTruth:
+def _as_ground_truth(labels: list[Labels]) -> GroundTruth:
     boxes = np.concatenate([b for b, _ in labels])
     everyone = np.ones(len(boxes), dtype=np.bool_)
     return GroundTruth(

@@ -5,7 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+
+from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.okutama import ActionLabels, actions_of, write_okutama
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -17,6 +22,53 @@ def data_folder() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data at {folder}; set TSUISEKI_DATA to the folder that holds mot/, sot/, ...")
     return folder
+
+
+@pytest.fixture(scope="session")
+def acting_clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``train/train-{0,1}`` and ``validation/validation-0``: coloured boxes that walk, run or sit.
+
+    The clip of ``okutama`` is that of ``validation`` in Okutama-Action's own layout.
+    """
+    folder = tmp_path_factory.mktemp("acting")
+    for seed, name in enumerate(("train-0", "train-1", "validation-0")):
+        _write_acting_clip(folder / name.split("-")[0] / name, seed)
+    clip, layout = folder / "validation/validation-0", folder / "okutama"
+    labels = layout / "Labels/SingleActionTrackingLabels/3840x2160/1.1.1.txt"
+    frames = layout / "Drone1/Morning/Extracted-Frames-1280x720/1.1.1"
+    for place in (labels.parent, frames):
+        place.mkdir(parents=True)
+    labels.symlink_to(clip / "gt/actions.txt")
+    for number, image in enumerate(sorted((clip / "img1").iterdir())):
+        (frames / f"{number}.jpg").symlink_to(image)
+    return folder
+
+
+def _write_acting_clip(folder: Path, seed: int, frames: int = 22, people: int = 5) -> None:
+    """Red boxes walk 3 pixels a frame, blue ones run 7, green ones sit; one is hidden in one frame."""
+    names, colours, speeds = ("Walking", "Sitting", "Running"), ((0, 0, 220), (0, 200, 0), (220, 0, 0)), (3, 0, 7)
+    rng = np.random.default_rng(seed)
+    height, width = 180, 320
+    ground = cv2.GaussianBlur(rng.integers(0, 255, (height, width, 3)).astype(np.uint8), (0, 0), 2)
+    does = np.array([0, 0, 1, 1, 2])
+    x = 20 + 10 * rng.random(people)
+    rows = []
+    (folder / "img1").mkdir(parents=True)
+    for frame in range(frames):
+        image = ground.copy()
+        for k in range(people):
+            left, top = int(x[k] + speeds[does[k]] * frame), 4 + 30 * k
+            image[top : top + 24, left : left + 14] = colours[does[k]]
+            image[top + 2 : top + 22 : 5, left + 2 : left + 12] = 60
+            rows.append((frame, k + 1, left, top, left + 14, top + 24, frame == 4 and k == 0))
+        cv2.imwrite(str(folder / "img1" / f"{frame + 1:06d}.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    table = np.array(rows, dtype=np.float64)
+    at, ids, boxes, hidden = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2:6], table[:, 6] > 0
+    none = np.zeros(len(table), dtype=np.bool_)
+    actions = actions_of([(names[does[k - 1]],) for k in ids.tolist()])
+    write_okutama(folder / "gt/actions.txt", ActionLabels(at, ids, boxes, none, hidden, none, actions), (width, height))
+    write_ground_truth(folder / "gt/gt.txt", GroundTruth(at, ids, boxes, ~none, none, np.ones(len(table))))
+    write_sequence_info(folder, folder.name, 30.0, frames, width, height)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

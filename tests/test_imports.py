@@ -17,7 +17,8 @@ ALLOWED = {
     "models": {"models"},
     "tracking": {"tracking"},
     "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
-                    "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output"},
+                    "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output",
+                    "tracking.features.action_inputs", "tracking.features.optical_flow"},
     "trainers": {"trainers", "models", "datamodules", "tracking"},
     "configs": set(),
 }  # fmt: skip

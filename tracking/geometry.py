@@ -58,6 +58,16 @@ def clip_boxes(boxes: FloatArray, width: int, height: int) -> FloatArray:
     return np.clip(boxes, 0, np.array([width, height, width, height], dtype=np.float64))
 
 
+def grown(boxes: FloatArray, share: float) -> FloatArray:
+    """Boxes ``(N, 4)`` about the same centres, ``1 + share`` times as wide and high.
+
+    >>> grown(np.array([[0.0, 0.0, 4.0, 2.0]]), 0.5).tolist()
+    [[-1.0, -0.5, 5.0, 2.5]]
+    """
+    half = (boxes[:, 2:] - boxes[:, :2]) * (share / 2)
+    return np.concatenate([boxes[:, :2] - half, boxes[:, 2:] + half], axis=1)
+
+
 def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
     """Greedy non-maximum suppression: indices of the kept boxes, best score first.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -35,11 +35,20 @@ class Overlay:
     Args:
         tracks: what to draw.
         frame_rate: of the video, for the length of the trails.
+        captions: by track id, a text for each of its boxes, beside the id.
+        trail_seconds: length of the trails; under a camera that moves they say nothing.
     """
 
-    def __init__(self, tracks: Iterable[Track], frame_rate: float) -> None:
+    def __init__(
+        self,
+        tracks: Iterable[Track],
+        frame_rate: float,
+        captions: Mapping[int, Sequence[str]] | None = None,
+        trail_seconds: float = TRAIL_SECONDS,
+    ) -> None:
         self.tracks = list(tracks)
-        self.trail = max(1, round(TRAIL_SECONDS * frame_rate))
+        self.captions = captions or {}
+        self.trail = max(1, round(trail_seconds * frame_rate))
         frames = [track.frames for track in self.tracks]
         numbers = [np.full(len(track), n) for n, track in enumerate(self.tracks)]
         rows = [np.arange(len(track)) for track in self.tracks]
@@ -56,8 +65,9 @@ class Overlay:
         for number, row in present:
             self._draw_trail(image, self.tracks[number], row)
         for number, row in present:
-            _draw_box(image, self.tracks[number], row)
-        _label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))
+            track = self.tracks[number]
+            _draw_box(image, track, row, self.captions[track.id][row] if track.id in self.captions else "")
+        draw_label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))
         return image
 
     def _draw_trail(self, image: ImageArray, track: Track, row: int) -> None:
@@ -68,13 +78,20 @@ class Overlay:
         cv2.polylines(image, [_pixels(feet)], isClosed=False, color=track_colour(track.id), lineType=cv2.LINE_AA)
 
 
-def write_overlay(path: Path, frames: Iterable[Frame], tracks: Iterable[Track], frame_rate: float) -> None:
-    """Write the video with its tracks as WebM.
+def write_overlay(
+    path: Path,
+    frames: Iterable[Frame],
+    tracks: Iterable[Track],
+    frame_rate: float,
+    captions: Mapping[int, Sequence[str]] | None = None,
+    trail_seconds: float = TRAIL_SECONDS,
+) -> None:
+    """Write the video with its tracks as WebM; see `Overlay`.
 
     Raises:
         RunError: the video breaks off, or WebM cannot be written.
     """
-    overlay = Overlay(tracks, frame_rate)
+    overlay = Overlay(tracks, frame_rate, captions, trail_seconds)
     shown: ImageArray | None = None
     with VideoWriter(path, frame_rate) as writer:
         for frame in frames:
@@ -97,7 +114,7 @@ def without_flicker(image: ImageArray, shown: ImageArray | None) -> ImageArray:
     return calm
 
 
-def _draw_box(image: ImageArray, track: Track, row: int) -> None:
+def _draw_box(image: ImageArray, track: Track, row: int, caption: str) -> None:
     colour = track_colour(track.id)
     x1, y1, x2, y2 = np.round(track.boxes[row]).astype(int).tolist()
     if track.observed[row]:
@@ -106,7 +123,7 @@ def _draw_box(image: ImageArray, track: Track, row: int) -> None:
         corners = ((x1, y1), (x2, y1), (x2, y2), (x1, y2))
         for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
             _dashed_line(image, start, end, colour)
-    _label(image, str(track.id), (x1, y1 - 2), colour)
+    draw_label(image, f"{track.id} {caption}".rstrip(), (x1, y1 - 2), colour)
 
 
 def _dashed_line(image: ImageArray, start: tuple[int, int], end: tuple[int, int], colour: Colour) -> None:
@@ -122,7 +139,7 @@ def _dashed_line(image: ImageArray, start: tuple[int, int], end: tuple[int, int]
     cv2.polylines(image, dashes, isClosed=False, color=colour, thickness=2)
 
 
-def _label(image: ImageArray, text: str, place: tuple[int, int], colour: Colour) -> None:
+def draw_label(image: ImageArray, text: str, place: tuple[int, int], colour: Colour) -> None:
     """``text`` on a patch of ``colour`` whose lower left corner is ``place``, moved into the image."""
     scale = 0.4
     (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)

@@ -52,6 +52,7 @@ class Report:
         overlay: WebM video of the last method's tracks; None leaves it out.
         seconds: per stage of the run.
         facts: names and values for the foot of the page: models, versions, seed.
+        more: HTML of further sections, before those about time and origin.
     """
 
     title: str
@@ -63,6 +64,7 @@ class Report:
     overlay: Path | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
+    more: Sequence[str] = ()
 
 
 def write_report(path: Path, report: Report) -> None:
@@ -83,7 +85,8 @@ def report_page(report: Report) -> str:
             "People in view",
             inline_svg(lambda ink: count_figure(report.truth, counts, report.length, ink), "counts"),
         ),
-        _section("Time", _seconds(report)) if report.seconds else "",
+        *report.more,
+        _section("Time", seconds_table(report.seconds, report.length)) if report.seconds else "",
         _section("How it was made", _facts(report.facts)) if report.facts else "",
     ]
     return PAGE.format(
@@ -166,8 +169,7 @@ def _timeline(people: Sequence[Coverage], length: int) -> str:
             what = f"id {span.value}" if span.value else "missed"
             tip = f"<title>person {person.id}: {what}, frames {span.first + 1}-{span.last + 1}</title>"
             marks.append(f'<rect x="{x:.1f}" y="{y + 2}" width="{size:.1f}" height="{row - 4}" {paint}>{tip}</rect>')
-    step = next((t for t in TICKS if length / t <= 10), TICKS[-1])
-    for frame in range(step, length + 1, step):
+    for frame in frame_ticks(0, length):
         x = left + (frame - 0.5) * scale
         marks.append(f'<path d="M{x:.1f} 0V{row * len(people)}" stroke="currentColor" stroke-opacity="0.15"/>')
         marks.append(f'<text x="{x:.1f}" y="{height - 6}" text-anchor="middle">{frame}</text>')
@@ -177,13 +179,20 @@ def _timeline(people: Sequence[Coverage], length: int) -> str:
     )
 
 
-def _seconds(report: Report) -> str:
-    total = max(sum(report.seconds.values()), 1e-9)
+def frame_ticks(first: int, length: int) -> range:
+    """1-based numbers of frames to mark on an axis of ``length`` frames from the 0-based ``first`` on."""
+    step = next((t for t in TICKS if length / t <= 10), TICKS[-1])
+    return range((first // step + 1) * step, first + length + 1, step)
+
+
+def seconds_table(seconds: Mapping[str, float], frames: int) -> str:
+    """What each stage of a run took, altogether and a frame."""
+    total = max(sum(seconds.values()), 1e-9)
     rows = "".join(
         f"<tr><th scope=row>{escape(stage)}</th><td>{value:.2f} s</td>"
-        f"<td>{1000 * value / max(report.length, 1):.1f} ms</td>"
+        f"<td>{1000 * value / max(frames, 1):.1f} ms</td>"
         f'<td class="meter"><span style="width:{100 * value / total:.1f}%"></span></td></tr>'
-        for stage, value in report.seconds.items()
+        for stage, value in seconds.items()
     )
     head = "<thead><tr><th scope=col>Stage</th><th scope=col>All</th><th scope=col>A frame</th><th></th></tr></thead>"
     return f'<div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>'

@@ -41,7 +41,7 @@ from tsuiseki.trainers.affinity_samples import (
 from tsuiseki.trainers.export_affinity import export_affinity
 
 # More of it makes two people alike less alike for no feature but the gap.
-FALLING = {"iou": 1, "appearance": -1, "width": -1, "height": -1, "x": -1, "y": -1, "gap": 0}
+FALLING = {"iou": 1, "appearance": -1, "width": -1, "height": -1, "x": -1, "y": -1, "gap": 0, "action": -1}
 GROUPS = 5
 WINDOW = 10
 UNKNOWN_SHARE = 0.1
@@ -149,11 +149,11 @@ def fit_affinity(
             for skip in skips or [1]
         ]
     )
-    _check_kinds(samples)
-    samples = _with_unknown(samples, FEATURE_SETS[features].index("appearance"), rng)
+    check_kinds(samples)
+    samples = with_unknown(samples, FEATURE_SETS[features].index("appearance"), rng)
     trees, report = fit_transition(samples, FEATURE_SETS[features], boosting, seed)
     observation = fit_observation(found, b)
-    card = _card(features, gate, observation, report, folders, frames)
+    card = affinity_card(features, gate, observation, report, folders, frames)
     export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, overwrite)
     print(f"{out}: {report.pairs} pairs, {report.positives} of the same person")
     print(
@@ -229,7 +229,7 @@ def fit_observation(found: Sequence[LabelledDetections], b: float) -> Observatio
     return ObservationCost(alpha=-float(fitted.intercept_[0]), beta=-float(fitted.coef_[0, 0]), b=b)
 
 
-def _check_kinds(samples: PairSamples) -> None:
+def check_kinds(samples: PairSamples) -> None:
     positives = int(samples.same.sum())
     if positives == 0 or positives == len(samples.same):
         raise RequestError(
@@ -238,7 +238,7 @@ def _check_kinds(samples: PairSamples) -> None:
         )
 
 
-def _with_unknown(samples: PairSamples, column: int, rng: np.random.Generator) -> PairSamples:
+def with_unknown(samples: PairSamples, column: int, rng: np.random.Generator) -> PairSamples:
     """Some pairs once more without the appearance, so that the trees can price pairs of which it is not known."""
     chosen = np.flatnonzero(rng.random(len(samples.same)) < UNKNOWN_SHARE)
     rows: FloatArray = samples.rows[chosen].copy()
@@ -253,7 +253,7 @@ def _with_unknown(samples: PairSamples, column: int, rng: np.random.Generator) -
     )
 
 
-def _card(
+def affinity_card(
     features: FeatureSet,
     gate: GateSettings,
     observation: ObservationCost,

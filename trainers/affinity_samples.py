@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
+from tsuiseki.tracking.association.action_refinement import action_distances
 from tsuiseki.tracking.association.affinity import FeatureSet, feature_rows
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.costs import pair_features
@@ -119,16 +120,25 @@ def _assign(overlaps: FloatArray, least: float) -> IntArray:
     return result
 
 
-def pair_samples(found: LabelledDetections, features: FeatureSet, gate: GateSettings, groups: int) -> PairSamples:
+def pair_samples(
+    found: LabelledDetections,
+    features: FeatureSet,
+    gate: GateSettings,
+    groups: int,
+    actions: tuple[FloatArray, FloatArray] | None = None,
+) -> PairSamples:
     """The pairs that the tracker would ask about, in ``groups`` stretches of equal length by the earlier detection.
 
     Pairs of two false detections are left out: that they are false is what their observation costs say, and a thing
-    that is taken for a person again and again is one thing.
+    that is taken for a person again and again is one thing. ``actions`` are the action features ``(N, A)``
+    of detections as the earlier and as the later one of a pair, if there are any.
     """
     i, j, gap = candidate_pairs(found.frames, found.boxes, gate)
     kept = (found.ids[i] != NOBODY) | (found.ids[j] != NOBODY)
     i, j, gap = i[kept], j[kept], gap[kept]
     pairs = pair_features(found.boxes, found.features, i, j, gap)
+    if actions is not None:
+        pairs = replace(pairs, action=action_distances(*actions, i, j))
     start, stop = (int(found.frames.min()), int(found.frames.max()) + 1) if len(found) else (0, 1)
     return PairSamples(
         feature_rows(pairs, features).astype(np.float64),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
+from pathlib import Path
 from typing import Literal
 
 import lightning
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
-from torch import Tensor
+from torch import Tensor, nn
 from torch.optim import SGD, AdamW, Optimizer
 from torchvision.ops import batched_nms
 
@@ -79,6 +81,27 @@ def build_detector(
         raise RequestError(str(error)) from error
 
 
+def take_over(network: nn.Module, checkpoint: Path) -> int:
+    """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; returns how many do.
+
+    Raises:
+        RequestError: the file is missing or no checkpoint, or no tensor fits.
+    """
+    if not checkpoint.is_file():
+        raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
+    try:
+        found = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
+    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
+        raise RequestError(f"{checkpoint}: expected a checkpoint of `tsuiseki train detector`") from error
+    own = network.state_dict()
+    weights = {name.removeprefix("network."): value for name, value in found.items()}
+    fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
+    if not fitting:
+        raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
+    network.load_state_dict(fitting, strict=False)
+    return len(fitting)
+
+
 def detector_card(name: str, size: tuple[int, int], resize: Resize, normalisation: Normalisation) -> ModelCard:
     """What the exported detector will say about its input."""
     mean, std = _NORMALISATIONS[normalisation]
@@ -102,6 +125,7 @@ class DetectorTraining(lightning.LightningModule):
         architecture: ``people`` (stride 8, any input), ``ssdlite320``, ``ssd300`` or ``ssd512``.
         trunk: of ``people``.
         weights: start from torchvision's ``imagenet`` trunk, its ``coco`` detector, or null for scratch.
+        start: checkpoint of another detector training whose weights are taken over where their shapes fit.
         height: of the input, pixels.
         width: likewise.
         resize: how images are fitted into the input.
@@ -122,6 +146,7 @@ class DetectorTraining(lightning.LightningModule):
         architecture: Architecture = "people",
         trunk: TrunkName = "mobilenet_v3_large",
         weights: Literal["imagenet", "coco"] | None = None,
+        start: str | None = None,
         height: int = 384,
         width: int = 512,
         resize: Resize = "letterbox",
@@ -138,6 +163,8 @@ class DetectorTraining(lightning.LightningModule):
         super().__init__()
         self.save_hyperparameters()
         self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels)
+        if start is not None:
+            take_over(self.network, Path(start))
         name = f"people-{trunk}" if architecture == "people" else architecture
         if normalisation is None:
             normalisation = COCO_NORMALISATIONS[architecture] if weights == "coco" else "imagenet"

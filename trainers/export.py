@@ -50,6 +50,7 @@ def export_onnx(
     outputs: Sequence[str],
     float16: bool = False,
     overwrite: bool = False,
+    spread: float = 1.0,
 ) -> float:
     """Write ``module`` as ONNX with ``card`` in its metadata, once it gives what torch gives.
 
@@ -63,6 +64,7 @@ def export_onnx(
         outputs: their names in order.
         float16: store weights as float16; computation stays float32.
         overwrite: replace an existing file.
+        spread: standard deviation of the random inputs that both are compared on.
 
     Returns:
         The largest difference to torch over all outputs, relative to the largest value of the output.
@@ -80,7 +82,7 @@ def export_onnx(
         entry = model.metadata_props.add()
         entry.key, entry.value = METADATA_KEY, card.to_json()
         onnx.save(model, work)
-        return check_parity(module, work, example, FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE)
+        return check_parity(module, work, example, FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE, spread)
 
 
 class RawHeads(nn.Module):
@@ -115,6 +117,7 @@ def export_detector(
     overwrite: bool = False,
     state: Path | None = None,
     calibrate: Path | None = None,
+    size: tuple[int, int] | None = None,
 ) -> float:
     """Write a trained detector, or torchvision's COCO-trained one reduced to people, as ONNX.
 
@@ -128,6 +131,7 @@ def export_detector(
         overwrite: replace an existing file.
         state: file of torchvision's state dict, for a machine that cannot download it.
         calibrate: labelled pictures in the MOTChallenge layout; the scores become probabilities there.
+        size: height and width of the input, where another than in training; only ``people`` takes any.
 
     Returns:
         The largest relative difference to torch that the parity check saw.
@@ -140,7 +144,10 @@ def export_detector(
         raise RequestError("expected either --checkpoint FILE or --weights coco")
     network: Detector | OneClass
     if checkpoint is not None:
-        module = load_module(DetectorTraining, checkpoint)
+        try:
+            module = load_module(DetectorTraining, checkpoint, size)
+        except ValueError as error:  # the network does not take this size
+            raise RequestError(str(error)) from error
         network, card = module.network, module.card
     else:
         network, card = _coco(architecture, state)
@@ -186,8 +193,13 @@ def export_appearance(
     return export_onnx(network, card, out, example, ("features",), float16, overwrite)
 
 
-def load_module(kind: type[Module], checkpoint: Path) -> Module:
+def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | None = None) -> Module:
     """The LightningModule in ``checkpoint``; nothing but tensors and plain values is unpickled.
+
+    Args:
+        kind: of the module.
+        checkpoint: its file.
+        size: height and width of another input than it was trained with; where it takes any.
 
     Raises:
         RequestError: the file is missing, no checkpoint, or of another module.
@@ -196,7 +208,10 @@ def load_module(kind: type[Module], checkpoint: Path) -> Module:
         raise RequestError(f"expected a checkpoint at {checkpoint}, found none; `tsuiseki train` writes best.ckpt")
     try:
         # What the training started from is overwritten here; without it nothing is downloaded.
-        module = kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, weights=None)
+        changes: dict[str, Any] = {"weights": None, "start": None}
+        if size is not None:
+            changes |= {"height": size[0], "width": size[1]}
+        module = kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, **changes)
     except (RuntimeError, KeyError, TypeError, AttributeError, EOFError, pickle.UnpicklingError) as error:
         reason = " ".join(str(error).split())[:200]
         raise RequestError(f"{checkpoint}: expected a checkpoint of {kind.__name__}, got: {reason}") from error
@@ -215,7 +230,7 @@ def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[OneClass,
     return network.eval(), card
 
 
-def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float) -> float:
+def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float, spread: float = 1.0) -> float:
     """The largest relative difference between ``module`` and the file on random inputs, batch 1 and 3.
 
     Raises:
@@ -227,7 +242,7 @@ def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: floa
     worst = 0.0
     for batch in _PARITY_BATCHES:
         # Normal numbers are what normalised images look like: no unit of the network saturates on all of them.
-        inputs = torch.randn((batch, *example.shape[1:]), generator=generator)
+        inputs = spread * torch.randn((batch, *example.shape[1:]), generator=generator)
         with torch.no_grad():
             expected = [x.numpy() for x in _as_tuple(module(inputs))]
         got = session.run(None, {name: inputs.numpy()})

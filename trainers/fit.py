@@ -1,4 +1,4 @@
-"""`tsuiseki train detector|appearance`: LightningCLI with the toolkit's checkpoints, logs and errors."""
+"""`tsuiseki train detector|appearance|action`: LightningCLI with the toolkit's checkpoints, logs and errors."""
 
 from __future__ import annotations
 
@@ -54,6 +54,15 @@ def fit_appearance(arguments: Sequence[str]) -> Path:
 
     links = ("height", "width")
     return fit(Task("appearance", AppearanceTraining, AppearanceData, "val/map", links), arguments)
+
+
+def fit_action(arguments: Sequence[str]) -> Path:
+    """Train an action network as the command line ``arguments`` say; see `fit`."""
+    from tsuiseki.datamodules.action import ActionData
+    from tsuiseki.trainers.action import ActionTraining
+
+    links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow")
+    return fit(Task("action", ActionTraining, ActionData, "val/map", links), arguments)
 
 
 def fit(task: Task, arguments: Sequence[str]) -> Path:

@@ -67,9 +67,14 @@ class BlobSettings:
             raise RequestError(f"expected a colour of {', '.join(HUES)}, got {self.colour!r}")
         if not 0 < self.purity[0] <= self.purity[1] <= 1 or not 4 <= self.size[0] <= self.size[1]:
             raise RequestError(f"expected purities in (0, 1] and sides from 4, got {self.purity} and {self.size}")
-        if self.frames < 1 or self.objects < 1 or min(self.width, self.height) < 4 * self.size[1]:
+        if self.frames < 1 or self.objects < 1 or self.clutter < 0 or not 0 < self.frame_rate < np.inf:
             raise RequestError(
-                "expected at least one frame and one object, and an image four times as large as objects"
+                "expected at least one frame, one object, no negative clutter and a frame rate above 0, got "
+                f"{self.frames}, {self.objects}, {self.clutter} and {self.frame_rate:g}"
+            )
+        if min(self.width, self.height) < 4 * self.size[1]:
+            raise RequestError(
+                f"expected an image of at least {4 * self.size[1]:g} pixels a side, got {self.width}x{self.height}"
             )
 
 

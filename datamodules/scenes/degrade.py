@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.solids import Float32
-from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 
 @dataclass(frozen=True)
@@ -68,12 +68,15 @@ def degrade(linear: Float32, how: Degradation, rng: np.random.Generator) -> Imag
     """``(H, W, 3)`` linear light to a uint8 RGB image."""
     factors = np.float32(how.exposure) * np.array(how.cast, dtype=np.float32)
     image = np.sqrt(np.clip(linear * factors, 0, 1))
-    # Saturation, contrast and haze are one affine map of the colours.
+    return finish(np.asarray(cv2.transform(image, 255 * tone(how)), dtype=np.float32), how, rng)
+
+
+def tone(how: Degradation) -> FloatArray:
+    """``(3, 4)`` affine map of colours in [0, 1] that is saturation, contrast and haze."""
     mixing = how.saturation * np.eye(3) + (1 - how.saturation) / 3
     gain = how.contrast * (1 - how.haze)
     offset = 0.45 * (1 - how.haze) + 0.75 * how.haze - 0.45 * gain
-    affine = 255 * np.concatenate([gain * mixing, np.full((3, 1), offset)], axis=1)
-    return finish(np.asarray(cv2.transform(image, affine), dtype=np.float32), how, rng)
+    return np.concatenate([gain * mixing, np.full((3, 1), offset)], axis=1)
 
 
 def finish(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageArray:
@@ -89,7 +92,7 @@ def finish(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageA
     if how.sharpen > 0:
         image = image + np.float32(how.sharpen) * (image - cv2.GaussianBlur(image, (0, 0), 1.2))
     if how.noise > 0:
-        image = image + np.float32(how.noise) * _sensor_noise(rng, height, width)
+        image = image + np.float32(how.noise) * sensor_noise(rng, height, width)
     result = np.clip(image, 0, 255).astype(np.uint8)
     if how.jpeg:
         # The order of the colours matters to JPEG, which keeps less of the blue.
@@ -98,7 +101,7 @@ def finish(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageA
     return result
 
 
-def _sensor_noise(rng: np.random.Generator, height: int, width: int) -> Float32:
+def sensor_noise(rng: np.random.Generator, height: int, width: int) -> Float32:
     """``(height, width, 3)`` of about unit deviation: fine in brightness, coarser and weaker in colour."""
     grey = np.float32(0.85) * rng.standard_normal((height, width, 1), dtype=np.float32)
     coarse = np.float32(0.75) * rng.standard_normal(((height + 1) // 2, (width + 1) // 2, 3), dtype=np.float32)

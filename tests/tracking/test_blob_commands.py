@@ -35,6 +35,13 @@ def test_a_clip_is_tracked_and_scored(clip, tmp_path, capsys):
     assert first["ospa1"] < 25.0
 
 
+@pytest.mark.parametrize(("preset", "said"), [("calibrated", "expected number of objects"), ("paper", "no count")])
+def test_the_command_says_what_the_weights_sum_to(clip, tmp_path, capsys, preset, said):
+    words = ["--colour", "red", "--preset", preset, "--particles", "100", "--frames", "1-5"]
+    assert main(["track", "blobs", str(clip), "--out", str(tmp_path / "out"), *words]) == 0
+    assert said in capsys.readouterr().out
+
+
 def test_points_and_boxes_are_tracked_alike(clip, tmp_path):
     rng = np.random.default_rng(0)
     way = np.array([[50 + 4 * k, 60 + 2 * k] for k in range(20)]) + rng.standard_normal((20, 2))
@@ -59,6 +66,7 @@ def test_points_and_boxes_are_tracked_alike(clip, tmp_path):
         (["--colour", "red", "--detections", "x"], "expected one of --colour"),
         (["--colour", "reddish"], "expected a colour"),
         (["--colour-box", "0,0,0,5"], "width and height above 0"),
+        (["--colour-box", "9000,9000,5,5"], "expected a box inside the image"),
         (["--detections", "missing.csv"], "found none"),
         (["--colour", "red", "--particles", "0"], "at least one particle"),
     ],
@@ -75,6 +83,7 @@ def test_wrong_requests_get_one_line(clip, tmp_path, capsys, words, expected):
     [
         ("frame,x,y\n1,nan,3\n", "finite number in column x"),
         ("frame,x,y\n0,1,3\n", "whole number from 1"),
+        ("frame,x\n1,3\n", "found no y"),
         ("frame,x,y\n99,1,3\n", "another video"),
     ],
 )

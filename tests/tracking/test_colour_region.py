@@ -61,6 +61,12 @@ def test_pixels_of_others_belong_to_nobody_else():
     box = np.array([[20.0, 20, 40, 40]])
     other = np.array([[[30.0, 20, 50, 40]]])
     assert region_likelihood(square(), box, others=other)[0] == 0.0
+    behind = np.zeros((1, 1), dtype=bool)
+    assert region_likelihood(square(), box, others=other, in_front=behind)[0] == pytest.approx(
+        0.5
+    )  # q loses them, p not
+    hiding = np.array([[[15.0, 15, 38, 45]]])
+    assert np.isnan(region_likelihood(square(), box, others=hiding)[0])
     nobody = np.zeros((1, 1, 4))
     assert region_likelihood(square(), box, others=nobody)[0] == region_likelihood(square(), box)[0]
 

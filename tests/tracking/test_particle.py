@@ -19,13 +19,13 @@ START = np.diag([2.0, 1.0])
 PARTICLES = 4000
 
 
-def kalman(observations, motion_noise=MOTION_NOISE):
+def kalman(observations, motion_noise=MOTION_NOISE, noise=NOISE):
     """Posterior means and covariances at every step, and the log-evidence."""
     mean, covariance, total = np.zeros(2), START, 0.0
     means, covariances = [], []
     for y in observations:
         mean, covariance = TRANSITION @ mean, TRANSITION @ covariance @ TRANSITION.T + motion_noise
-        spread = (MEASURED @ covariance @ MEASURED.T).item() + NOISE**2
+        spread = (MEASURED @ covariance @ MEASURED.T).item() + noise**2
         total += norm.logpdf(y, mean[0], np.sqrt(spread))
         gain = covariance @ MEASURED.T / spread
         mean = mean + gain[:, 0] * (y - mean[0])
@@ -166,6 +166,29 @@ def test_fit_finds_the_maximum_of_the_kalman_evidence():
     assert result.evaluations <= 40
     again = log_evidence(build(result.parameters), state, list(observations), np.random.default_rng(0))
     assert result.log_evidence == pytest.approx(again)
+
+
+def test_fit_finds_motion_and_observation_noise_together():
+    observations = simulate(80, seed=11)
+
+    def exact(parameters):
+        return kalman(observations, MOTION_NOISE * np.exp(2 * parameters[0]), NOISE * np.exp(parameters[1]))[2]
+
+    def build(parameters):
+        scale, noise = np.exp(parameters)
+        return ParticleFilter(
+            bootstrap(lambda p, rng: p @ TRANSITION.T + scale * (motion(p, rng) - p @ TRANSITION.T)),
+            lambda particles, y: norm.logpdf(y, particles[:, 0], NOISE * noise),
+        )
+
+    rng = np.random.default_rng(0)
+    state = build(np.zeros(2)).init(rng.standard_normal((1000, 2)) * np.sqrt(np.diag(START)))
+    start = np.array([1.0, 0.8])
+    result = fit(build, start, state, list(observations), evaluations=60)
+    best = max(exact(np.array([a, b])) for a in np.linspace(-1, 1, 21) for b in np.linspace(-0.6, 0.6, 13))
+    # At the parameters found the exact evidence is within the filter's noise of the greatest, far above the start's.
+    assert exact(result.parameters) > best - 1.0
+    assert exact(start) < best - 5.0
 
 
 def impossible_likelihood(particles, _):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.scenes.blobs import HUES, as_ground_truth, blob_frames, write_blobs
 from tsuiseki.datamodules.scenes.blobs import BlobSettings as SceneSettings
-from tsuiseki.datamodules.scenes.blobs import as_ground_truth, blob_frames, write_blobs
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.region_births import PatchBirths
-from tsuiseki.tracking.filters.region_phd import RegionPhdFilter, without_others
+from tsuiseki.tracking.filters.region_births import AnywhereBirths, PatchBirths
+from tsuiseki.tracking.filters.region_likelihoods import without_others
+from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.region_states import second_order
 from tsuiseki.tracking.filters.region_updates import (
     Calibrated,
@@ -21,7 +24,7 @@ from tsuiseki.tracking.filters.region_updates import (
     greatest,
 )
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_sequence
-from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage, ColourRange
+from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
 from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.types import Frame
 
@@ -81,18 +84,28 @@ def follow(tracker, scene, seed):
     return np.stack(truth)
 
 
-@pytest.mark.xfail(strict=True, reason="the expected count of three objects is 3.8 and 1.5 on these clips")
-@pytest.mark.parametrize("seed", [0, 1])
-def test_expected_count_on_blobs_is_the_number_of_targets(seed):
+def expected_and_seen(scene, seed):
+    """Mean expected count and mean number of objects at least half in view, from the sixth frame on."""
     tracker = BlobTracker(NAMED_COLOURS["red"], BlobSettings(particles=300), seed)
-    truth = follow(tracker, SCENE, seed)
-    present = np.isfinite(truth[:, :, 0]).sum(axis=1)
-    assert np.mean(tracker.expected[5:]) == pytest.approx(present[5:].mean(), abs=0.35)
+    labels = as_ground_truth(follow(tracker, scene, seed))
+    seen = np.bincount(labels.frames[labels.visibility >= 0.5], minlength=scene.frames)
+    return np.mean(tracker.expected[5:]), seen[5:].mean(), tracker, labels
+
+
+def test_expected_count_on_blobs_is_the_number_of_targets_seen():
+    """Objects of unequal purity that enter and cross; one wrong object in five for the whole clip would be 0.2 off."""
+    found = [expected_and_seen(SceneSettings(frames=60), seed)[:2] for seed in range(4)]
+    expected, seen = np.transpose(found)
+    np.testing.assert_allclose(expected, seen, atol=0.35)
+    assert expected.mean() == pytest.approx(seen.mean(), abs=0.2)
+
+
+def test_each_object_has_one_track_where_it_is():
+    _, _, tracker, labels = expected_and_seen(SCENE, 0)
     tracks = tracker.tracks()
-    assert 3 <= len(tracks) <= 5
-    labels = as_ground_truth(truth)
+    assert len(tracks) == 3
     centres = (labels.boxes[:, :2] + labels.boxes[:, 2:]) / 2
-    for track in tracks[:3]:
+    for track in tracks:
         middle = (track.boxes[:, :2] + track.boxes[:, 2:]) / 2
         nearest = [
             np.linalg.norm(centres[labels.frames == f] - m, axis=1).min()
@@ -101,11 +114,55 @@ def test_expected_count_on_blobs_is_the_number_of_targets(seed):
         assert np.median(nearest) < 8.0
 
 
+def still(boxes, weight=0.9):
+    """A filter without births and noise, and a cluster of ten equal particles on each box."""
+    boxes = np.repeat(np.asarray(boxes, dtype=float), 10, axis=0)
+    centres, sizes = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
+    nothing = AnywhereBirths(mass=0.0, count=0, size=(20.0, 20.0))
+    chosen = RegionPhdFilter(second_order((1e-6,) * 2, (1e-6,) * 2), nothing, without_others, survival=1.0)
+    labels = np.repeat(np.arange(1, len(boxes) // 10 + 1), 10)
+    state = chosen.init(np.concatenate([centres, centres, sizes], axis=1), labels, np.full(len(boxes), weight / 10))
+    return chosen, state
+
+
+def square(x):
+    mask = np.zeros((100, 200), dtype=bool)
+    mask[40:60, x : x + 20] = True
+    return ColourImage.of_mask(mask)
+
+
+def test_a_target_behind_another_is_carried_on_and_one_beside_it_is_not():
+    rng = np.random.default_rng(0)
+    chosen, state = still([[50, 40, 70, 60], [51, 41, 70, 60]])
+    _, info = chosen.step(state, square(50), rng)
+    assert info.expected_count == pytest.approx(1.9, abs=1e-2)  # seen: one; hidden: as before
+    chosen, state = still([[50, 40, 70, 60], [66, 40, 86, 60]])
+    _, info = chosen.step(state, square(50), rng)
+    assert info.estimates.ids.tolist() == [1]
+    # Nor is what was never seen hidden by a target.
+    chosen, state = still([[50, 40, 70, 60]])
+    both = chosen.init(
+        np.concatenate([state.particles, state.particles]), np.repeat([1, 2], 10), np.repeat([0.1, 0.01], 10)
+    )
+    _, info = chosen.step(both, square(50), rng)
+    assert info.expected_count == pytest.approx(1.0, abs=1e-2)
+
+
+def test_what_is_born_on_a_target_is_that_target():
+    chosen, state = still([[50, 40, 60, 60]])
+    births = replace(chosen, births=PatchBirths())
+    state, info = births.step(state, square(50), np.random.default_rng(0))
+    assert set(info.posterior.labels.tolist()) == {1}
+    _, info = births.step(state, square(120), np.random.default_rng(0))
+    assert set(info.posterior.labels.tolist()) == {1, 2}
+
+
 def test_with_the_printed_likelihood_the_count_means_nothing():
     tracker = BlobTracker(NAMED_COLOURS["red"], BlobSettings(preset="paper", particles=100, targets=4), 0)
     follow(tracker, SceneSettings(**{**vars(SCENE), "frames": 15}), 0)
     # It can never exceed the births that are still there, 0.05 a frame, however many targets are in view.
     assert max(tracker.expected) <= 0.05 * 15
+    assert tracker.tracks(), "a share of the particles still shows where targets are"
 
 
 def test_one_target_is_found_followed_and_searched_for_again():
@@ -160,6 +217,16 @@ def test_filter_refuses_what_is_no_probability():
         RegionPhdFilter(second_order((1, 1), (1, 1)), PatchBirths(), without_others, survival=2.0)
 
 
+@pytest.mark.parametrize("colour", HUES)
+def test_natural_clutter_has_little_of_a_named_colour_and_the_object_much(colour):
+    image, boxes = next(blob_frames(SceneSettings(frames=1, objects=1, clutter=0, enter=0.0, colour=colour), seed=0))
+    mask = colour_mask(image, NAMED_COLOURS[colour])
+    x1, y1, x2, y2 = np.round(boxes[0]).astype(int)
+    assert mask[y1:y2, x1:x2].mean() > 0.8
+    mask[y1:y2, x1:x2] = False
+    assert mask.mean() < 0.01
+
+
 def test_clips_are_written_read_and_repeatable(tmp_path):
     scene = SceneSettings(**{**vars(SCENE), "frames": 3})
     folder = write_blobs(tmp_path / "clip", scene, seed=4)
@@ -173,7 +240,9 @@ def test_clips_are_written_read_and_repeatable(tmp_path):
         write_blobs(folder, scene, seed=4)
 
 
-@pytest.mark.parametrize("bad", [{"colour": "pink"}, {"purity": (0.0, 1.0)}, {"objects": 0}, {"width": 50}])
+@pytest.mark.parametrize(
+    "bad", [{"colour": "pink"}, {"purity": (0.0, 1.0)}, {"objects": 0}, {"width": 50}, {"clutter": -1}]
+)
 def test_scenes_refuse_what_they_cannot_draw(bad):
     with pytest.raises(RequestError, match="expected"):
         SceneSettings(**bad)

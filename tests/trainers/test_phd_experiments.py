@@ -10,7 +10,7 @@ import pytest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.phd import run_filter, scenario_rows, start_filter
 from tsuiseki.trainers.experiments.phd_equalisation import reproduce_equalisation
-from tsuiseki.trainers.experiments.point_scenarios import generated_scenario, read_scenario
+from tsuiseki.trainers.experiments.point_scenarios import REQUIRED, generated_scenario, read_scenario
 
 
 @pytest.mark.parametrize("method", ["phd", "labelled"])
@@ -57,7 +57,19 @@ def test_equalisation_reports_both_arms(tmp_path):
 def test_a_broken_scenario_gets_one_line(tmp_path):
     with pytest.raises(RequestError, match="expected a scenario file"):
         read_scenario(tmp_path / "none.json")
-    (tmp_path / "some.json").write_text(json.dumps({"kind": "linear"}))
-    (tmp_path / "some.npz").write_bytes(b"")
-    with pytest.raises(RequestError, match="expected the setting"):
-        read_scenario(tmp_path / "some.json")
+    settings, archive = tmp_path / "some.json", tmp_path / "some.npz"
+    archive.write_bytes(b"")
+    for text, expected in (
+        ("{", "expected JSON"),
+        (json.dumps({"kind": "cubic"}), "kind linear or ct, got 'cubic'"),
+        (json.dumps({"kind": "linear"}), "expected the setting T"),
+    ):
+        settings.write_text(text)
+        with pytest.raises(RequestError, match=expected):
+            read_scenario(settings)
+    settings.write_text(json.dumps(dict.fromkeys((*REQUIRED, "sigma_e"), 1) | {"kind": "linear"}))
+    with pytest.raises(RequestError, match="expected a NumPy archive"):
+        read_scenario(settings)
+    np.savez(archive, truth=np.zeros((1, 1, 4)))
+    with pytest.raises(RequestError, match="got no 'z is not"):
+        read_scenario(settings)

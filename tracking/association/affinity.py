@@ -17,10 +17,12 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
 from tsuiseki.tracking.types import FloatArray
 
-FeatureSet = Literal["thesis", "extended"]
+FeatureSet = Literal["thesis", "extended", "thesis_action", "extended_action"]
 FEATURE_SETS: dict[FeatureSet, tuple[str, ...]] = {
     "thesis": ("iou", "appearance"),
     "extended": ("iou", "appearance", "gap", "width", "height", "x", "y"),
+    "thesis_action": ("iou", "appearance", "action"),
+    "extended_action": ("iou", "appearance", "gap", "width", "height", "x", "y", "action"),
 }
 # No evidence makes a link certain, and the cost of an impossible one has to stay finite.
 LEAST_PROBABILITY = 1e-6
@@ -31,7 +33,8 @@ def feature_rows(pairs: PairFeatures, features: FeatureSet) -> NDArray[np.float3
     """``(P, F)`` what the trees see of P pairs; NaN where the appearance is not known.
 
     ``thesis`` is eq. 2.15: intersection over union and cosine distance. ``extended`` adds the gap in frames, the
-    change of width and height (absolute log ratio) and the move in x and y (heights of the boxes a frame).
+    change of width and height (absolute log ratio) and the move in x and y (heights of the boxes a frame). Both also
+    come with the distance of the action features (eq. 5.2), NaN where that is not known.
 
     Raises:
         RequestError: there is no such feature set.
@@ -46,6 +49,7 @@ def feature_rows(pairs: PairFeatures, features: FeatureSet) -> NDArray[np.float3
         "height": np.abs(pairs.dh),
         "x": np.abs(pairs.dx) / pairs.gap,
         "y": np.abs(pairs.dy) / pairs.gap,
+        "action": np.full(len(pairs), np.nan) if pairs.action is None else pairs.action,
     }
     return np.stack([columns[name] for name in FEATURE_SETS[features]], axis=1).astype(np.float32)
 
@@ -82,7 +86,7 @@ class Affinity:
         self.features: FeatureSet = settings.get("features", "")
         if FEATURE_SETS.get(self.features) != self.card.class_names:
             raise RequestError(
-                f"{path}: expected the features {' or '.join(FEATURE_SETS)}, got {', '.join(self.card.class_names)}; "
+                f"{path}: expected the features of {', '.join(FEATURE_SETS)}, got {', '.join(self.card.class_names)}; "
                 "update tsuiseki or fit the affinity again"
             )
         try:

@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.gating import GateSettings, pairs_by_gap
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,8 @@ class PairFeatures:
         dy: ``(P,)`` change of the centre's y in mean heights of the two boxes.
         dw: ``(P,)`` logarithm of the ratio of the widths.
         dh: ``(P,)`` logarithm of the ratio of the heights.
+        action: ``(P,)`` cosine distance of the action features in [0, 1], NaN where one is not known; None where
+            nothing recognises actions.
     """
 
     gap: IntArray
@@ -38,9 +40,24 @@ class PairFeatures:
     dy: FloatArray
     dw: FloatArray
     dh: FloatArray
+    action: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.gap)
+
+    def select(self, which: BoolArray | IntArray) -> PairFeatures:
+        """The pairs at a mask or at indices."""
+        action = None if self.action is None else self.action[which]
+        return PairFeatures(
+            self.gap[which],
+            self.iou[which],
+            self.appearance[which],
+            self.dx[which],
+            self.dy[which],
+            self.dw[which],
+            self.dh[which],
+            action,
+        )
 
 
 class TransitionCost(Protocol):
@@ -164,6 +181,8 @@ class HandSetCost:
         tails: degrees of freedom of the distributions; the fewer, the less a large difference counts.
         appearance: weight of the cosine distance.
         neutral: cosine distance that speaks neither for nor against, taken also where the distance is not known.
+        action: weight of the cosine distance of the action features, where there are any.
+        action_neutral: likewise, of the action features.
     """
 
     bias: float = -5.0
@@ -175,6 +194,8 @@ class HandSetCost:
     tails: float = 5.0
     appearance: float = 14.0
     neutral: float = 0.27
+    action: float = 4.0
+    action_neutral: float = 0.15
 
     def __call__(self, pairs: PairFeatures) -> FloatArray:
         """``(P,)`` costs, above 0."""
@@ -187,6 +208,8 @@ class HandSetCost:
         q += surprise((pairs.dh / self.size) ** 2, 1, self.tails)
         known = ~np.isnan(pairs.appearance)
         q[known] += self.appearance * (pairs.appearance[known] - self.neutral)
+        if pairs.action is not None:
+            q += self.action * np.nan_to_num(pairs.action - self.action_neutral)
         return np.logaddexp(0, q)
 
 

@@ -56,14 +56,23 @@ COMMANDS: Tree = {
             "street": Command("people on a street before a fixed camera", "simulate", "street"),
             "sphere": Command("a ball carried through a room before several cameras", "simulate_sphere", "sphere"),
             "blobs": Command("coloured objects over natural clutter", "blobs", "simulate"),
+            "goldfish": Command("fish that bend, or balls that squash", "goldfish", "simulate"),
+            "drone": Command("people who act, before a drone's camera", "simulate", "drone"),
         },
     ),
     "train": Group(
-        "fit a model to labelled video (needs the train extra)",
+        "fit a model to labelled video (all but body and motion need the train extra)",
         {
             "detector": Command("where people are", "train", "detector", forwarded=True),
             "appearance": Command("what they look like", "train", "appearance", forwarded=True),
+            "action": Command("what they do", "train", "action", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
+            "objectness": Command("which boxes look like an object", "train_objectness", "objectness"),
+            "body": Command("a body that bends, from silhouettes", "goldfish", "train_body", ("clips",)),
+            "motion": Command(
+                "how a body that bends moves, from its tracks", "deformable", "train_motion", ("tracks",)
+            ),
+            "affinity-drone": Command("the same, seen from a drone", "train", "affinity_drone", forwarded=True),
         },
     ),
     "export": Group(
@@ -71,6 +80,7 @@ COMMANDS: Tree = {
         {
             "detector": Command("from a checkpoint, or from torchvision's COCO weights", "export", "detector"),
             "appearance": Command("from a checkpoint", "export", "appearance"),
+            "action": Command("from a checkpoint, one file a stream", "export", "action"),
         },
     ),
     "calibrate": Group(
@@ -81,8 +91,11 @@ COMMANDS: Tree = {
         "follow something through a video with exported models",
         {
             "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
+            "single": Command("one target, from its box in the first frame", "track_single", "single", ("source",)),
             "sphere": Command("a ball in space, from calibrated cameras", "sphere", "sphere", ("source",)),
+            "drone": Command("people seen from a drone, and what they do", "drone", "track", ("source",)),
             "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
+            "deformable": Command("bodies that bend, such as fish from above", "deformable", "track", ("source",)),
         },
     ),
     "evaluate": Group(
@@ -90,13 +103,24 @@ COMMANDS: Tree = {
         {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more", "evaluate", "people", ("truth", "results")),
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
-            "points": Command("tracked points: OSPA, GOSPA and more", "blobs", "evaluate", ("truth", "results")),
+            "single": Command("one target: success and precision", "evaluate_single", "single", ("truth", "results")),
+            "points": Command("tracked points: OSPA, GOSPA and more", "points", "evaluate", ("truth", "results")),
+            "action": Command("what people do: F1 and average precision", "evaluate", "action", ("truth", "results")),
         },
     ),
     "reproduce": Group(
         "a paper's table or figure: paper and here, plus the plot",
         {
+            "multi-correlation-filter": Command(
+                "correlation filters selected by a particle filter", "reproduce_single", "multi_correlation_filter"
+            ),
             "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
+            "pca-particle-filter": Command(
+                "how many particles a goldfish needs", "reproduce_goldfish", "pca_particle_filter"
+            ),
+            "drone-action-features": Command(
+                "tracks and actions from a drone improve each other", "reproduce_drone", "action_features"
+            ),
             "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
             "stereo-sphere": Command("a ball in space from two cameras", "reproduce_sphere", "stereo_sphere"),
             "multiview-drone": Command("a drone in space from measured pixels", "reproduce_sphere", "multiview_drone"),

@@ -1,4 +1,4 @@
-"""Commands about several targets that are points or coloured regions."""
+"""`tsuiseki simulate blobs` and `track blobs`: several targets that are coloured regions or measured points."""
 
 from __future__ import annotations
 
@@ -8,11 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from rich.table import Table
-
-    from tsuiseki.tracking.evaluation.points import PointScores, PointTracks
     from tsuiseki.tracking.likelihoods.colour_region import ColourRange
     from tsuiseki.tracking.timing import StageTimes
     from tsuiseki.tracking.trackers.blobs import BlobSettings
@@ -91,12 +86,13 @@ def track(
             degrees.
         colour_box: X,Y,W,H in 0-based pixels of an object in the first frame, whose colour is taken.
         detections: measurements: MOTChallenge boxes (det.txt), or points as CSV with the columns frame,x,y.
-        preset: for colours: calibrated follows any number; paper uses the likelihood as printed; single follows one.
+        preset: for colours: calibrated follows any number; paper uses the likelihood as printed, whose expected count
+            means nothing; single follows one.
         method: for measurements: labelled multi-Bernoulli filter, or phd.
         frames: track this stretch only, counted from 1 with both ends, such as 301-400.
         particles: of each target.
         size: width and height in pixels, of objects that appear with paper and single, and of points.
-        smallest: least side in pixels of a patch of colour that may be a new target.
+        smallest: least side in pixels of an object, and of a patch of colour that may be a new one.
         detection: for measurements: probability that a target is measured, from 0 to 1.
         false: for measurements: expected false ones in a frame.
         score_range: smallest and largest score that the rows of --detections may have.
@@ -138,84 +134,16 @@ def track(
         RunRecord(["tsuiseki", "track", "blobs"], shown, seed, times.seconds, columns).write(work)
     what = "object" if len(tracks) == 1 else "objects"
     print(f"{len(tracks)} {what} in {len(columns['frame'])} frames: {out / 'tracks.txt'}")
+    if columns.get("expected_count"):
+        print(_expected(columns["expected_count"], preset))
     return 0
 
 
-def evaluate(
-    truth: Path,
-    results: list[Path],
-    cutoff: float = 100.0,
-    window: int = 10,
-    json: Path | None = None,
-    overwrite: bool = False,
-) -> None:
-    """Score tracked points: OSPA, OSPA(2), GOSPA and its parts, number of targets, changed identities.
-
-    Args:
-        truth: points as CSV with the columns frame,id,x,y, or MOTChallenge text, whose boxes count by their centres.
-        results: of the same kinds; several are compared.
-        cutoff: distance from which a point counts as missed, in the unit of the files.
-        window: frames of OSPA(2).
-        json: write all scores to this file.
-        overwrite: replace an existing file.
-    """
-    import json as text
-    from dataclasses import asdict
-
-    from tsuiseki.tracking.evaluation.points import evaluate_points
-    from tsuiseki.tracking.evaluation.table import show
-    from tsuiseki.tracking.output import check_output_file, output_file
-
-    if not cutoff > 0 or window < 1:
-        raise RequestError(f"expected --cutoff above 0 and --window from 1, got {cutoff:g} and {window}")
-    if json is not None:
-        check_output_file(json, overwrite)
-    labels = _point_tracks(truth, labelled=True)
-    if len(labels.frames) == 0:
-        raise RequestError(f"{truth}: expected at least one labelled point, got none")
-    scores = {}
-    for path in results:
-        found = _point_tracks(path, labelled=False)
-        frames = int(max(labels.frames.max(), found.frames.max(initial=0))) + 1
-        scores[str(path)] = evaluate_points(labels, found, frames, cutoff, window)
-    show(_scores_table(scores))
-    if json is not None:
-        with output_file(json, overwrite) as work:
-            values = {name: asdict(value) for name, value in scores.items()}
-            work.write_text(text.dumps(values, indent=1) + "\n", encoding="utf-8")
-
-
-def _point_tracks(path: Path, labelled: bool) -> PointTracks:
-    import numpy as np
-
-    from tsuiseki.tracking.evaluation.points import PointTracks as Points
-    from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
-    from tsuiseki.tracking.formats.points import is_point_file, read_point_tracks
-
-    if is_point_file(path):
-        return Points(*read_point_tracks(path))
-    if labelled:
-        truth = read_ground_truth(path)
-        truth = truth.select(truth.evaluated)
-        return Points(truth.frames, truth.ids, (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2)
-    tracks = read_tracks(path)
-    boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
-    frames = np.concatenate([np.empty(0, dtype=np.int64), *(track.frames for track in tracks)])
-    ids = np.concatenate([np.empty(0, dtype=np.int64), *(np.full(len(t), t.id) for t in tracks)])
-    return Points(frames, ids, (boxes[:, :2] + boxes[:, 2:]) / 2)
-
-
-def _scores_table(scores: Mapping[str, PointScores]) -> Table:
-    from rich.table import Table as RichTable
-
-    table = RichTable()
-    names = ("result", "OSPA p=1", "OSPA p=2", "OSPA(2)", "GOSPA", "missed", "false", "|count error|", "switches")
-    for name in names:
-        table.add_column(name, justify="left" if name == "result" else "right")
-    for name, s in scores.items():
-        numbers = (s.ospa1, s.ospa2, s.ospa_tracks, s.gospa, s.missed, s.false, s.cardinality_error)
-        table.add_row(name, *(f"{value:.2f}" for value in numbers), str(s.switches))
-    return table
+def _expected(counts: list[float], preset: Preset) -> str:
+    mean = sum(counts) / len(counts)
+    if preset == "paper":
+        return f"sum of the weights {mean:.2g} in a frame: the printed likelihood can only shrink it, so it is no count"
+    return f"expected number of objects {mean:.2f} in a frame"
 
 
 def _colour(source: Source, named: str | None, box: tuple[float, float, float, float] | None) -> ColourRange:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+
+from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.people_run import Inputs, Method, PeopleRun
@@ -31,6 +33,7 @@ FRAMES, FRAME_RATE = 180, 25.0
 
 def demo(
     out: Path = Path("out/demo"),
+    scene: Literal["street", "drone"] = "street",
     train: bool = False,
     frames: int = FRAMES,
     seed: int = 100,
@@ -43,8 +46,12 @@ def demo(
     people once; SORT, DeepSORT and min-cost flow link them; each result is scored. DIR gets report.html with everything
     on one page, overlay.webm, METHOD/tracks.txt and METHOD/run.json for each method, and the clip in street/.
 
+    With --scene drone the people act under a drone that jerks; the shipped models also recognise what they do, and the
+    flow links them without, with single-frame and with multi-frame action features.
+
     Args:
         out: folder for the results.
+        scene: what is generated.
         train: first train the models anew on generated scenes and use those; takes hours, and the train extra.
         frames: length of the clip.
         seed: of the clip.
@@ -60,6 +67,13 @@ def demo(
     from tsuiseki.tracking.timing import StageTimes
     from tsuiseki.tracking.video import open_source
 
+    if scene == "drone":
+        from tsuiseki.tracking.cli.demo_drone import demo_drone
+
+        if train:
+            raise RequestError("--train: expected --scene street; docs/drone.md has the commands for the drone")
+        demo_drone(out, frames, seed, threads, overwrite=overwrite)
+        return
     times = StageTimes()
     with output_folder(out, overwrite) as work:
         models = _models(work, train=train)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.frame_range import parse_frames
 
-USUAL_NAMES = ("tracks.txt", "det.txt", "gt.txt")
+USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt")
 
 
 def people(
@@ -100,6 +100,55 @@ def detection(
     show(detection_table(scores, iou))
     if json is not None:
         _write_json(json, detection_values(scores), overwrite)
+
+
+def action(
+    truth: Path,
+    results: list[Path],
+    threshold: float = 0.4,
+    protocol: Literal["published", "lenient"] = "lenient",
+    names: list[str] | None = None,
+    json: Path | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Score what people were said to do: F1 at a threshold, and average precision, for every action.
+
+    A row is a labelled person in a frame, or a tracked box on nobody. An action is called where its probability is
+    above the threshold; F1 = 2 TP / (2 TP + FP + FN) over all rows. "single" are the probabilities of single frames,
+    "multi" those averaged over the window along the track. With tracks given to `track drone --tracks`, only
+    recognition is scored; with tracks of its own, misses and false tracks count, too.
+
+    Args:
+        truth: a MOTChallenge sequence folder with gt/actions.txt (Okutama-Action's rows), or a folder of such.
+        results: tracks.json of tsuiseki track drone, or folders that hold NAME/tracks.json for each clip NAME (for a
+            single clip also tracks.json); several are compared.
+        threshold: from 0 to 1.
+        protocol: published leaves frame 1 out and takes hidden people for nobody; lenient lets hidden people be.
+        names: of the results in the table, separated by commas; by default their files' or folders'.
+        json: write all scores to this file.
+        overwrite: replace an existing file.
+    """
+    from tsuiseki.tracking.evaluation.action import evaluate_actions
+    from tsuiseki.tracking.evaluation.action_pairs import match_actions, read_labelled_actions
+    from tsuiseki.tracking.evaluation.action_table import action_table, action_values
+    from tsuiseki.tracking.evaluation.table import show
+    from tsuiseki.tracking.output import check_output_file
+
+    if not 0 <= threshold <= 1:
+        raise RequestError(f"--threshold: expected a number from 0 to 1, got {threshold:g}")
+    shown = _result_names(results, names)
+    if json is not None:
+        check_output_file(json, overwrite)
+    truths = read_labelled_actions(truth, protocol)
+    scores = {}
+    for name, result in zip(shown, results, strict=True):
+        rows = match_actions(truths, result)
+        for kind in ("single", "multi"):
+            values = getattr(rows, kind)
+            scores[f"{name} {kind}"] = evaluate_actions(truths[0].names, values, rows.truth, threshold)
+    show(action_table(scores))
+    if json is not None:
+        _write_json(json, action_values(scores), overwrite)
 
 
 def _result_names(results: list[Path], names: list[str] | None) -> list[str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from tsuiseki.tracking.cli.extra import needs_train_extra
+from tsuiseki.tracking.errors import RequestError
 
 
 def detector(
@@ -15,6 +16,8 @@ def detector(
     architecture: Literal["ssdlite320", "ssd300"] = "ssdlite320",
     state: Path | None = None,
     calibrate: Path | None = None,
+    height: int | None = None,
+    width: int | None = None,
     training_data: str = "",
     float16: bool = False,
     overwrite: bool = False,
@@ -31,10 +34,14 @@ def detector(
         architecture: of the COCO weights.
         state: file of those weights, for a machine that cannot download them.
         calibrate: MOTChallenge folder of labelled pictures; scores become probabilities of a person there.
+        height: of the input, pixels, where another than in training; with --width.
+        width: likewise; a larger input finds smaller people and takes longer.
         training_data: what the model was trained on, in words; kept in the file.
         float16: store weights as 16-bit numbers, half the size.
         overwrite: replace an existing file.
     """
+    if (height is None) != (width is None):
+        raise RequestError("expected --height and --width together, got one of them")
     with needs_train_extra():
         from tsuiseki.trainers.export import export_detector
     worst = export_detector(
@@ -47,6 +54,7 @@ def detector(
         overwrite=overwrite,
         state=state,
         calibrate=calibrate,
+        size=None if height is None or width is None else (height, width),
     )
     _say(out, worst)
 
@@ -70,6 +78,33 @@ def appearance(
     with needs_train_extra():
         from tsuiseki.trainers.export import export_appearance
     _say(out, export_appearance(checkpoint, out, training_data, float16=float16, overwrite=overwrite))
+
+
+def action(
+    out: Path,
+    checkpoint: Path,
+    training_data: str = "",
+    float16: bool = False,
+    int8: list[Path] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write the streams of an action network as ONNX, a file each, and check that they give what torch gives.
+
+    Args:
+        out: ONNX file to write; action.onnx becomes action_rgb_local.onnx, action_rgb_global.onnx and so on.
+        checkpoint: best.ckpt of tsuiseki train action.
+        training_data: what the model was trained on, in words; kept in the files.
+        float16: store weights as 16-bit numbers, half the size.
+        int8: folders of labelled clips; the network computes with 8-bit numbers calibrated there, and says what mean
+            average precision that costs there.
+        overwrite: replace existing files.
+    """
+    with needs_train_extra():
+        from tsuiseki.trainers.export_action import export_action
+    for done in export_action(checkpoint, out, training_data, float16=float16, int8=int8 or (), overwrite=overwrite):
+        _say(done.path, done.difference)
+        if done.map_float32 is not None and done.map_int8 is not None:
+            print(f"  mAP {done.map_float32:.4f} in float32, {done.map_int8:.4f} in int8")
 
 
 def _say(out: Path, worst: float) -> None:

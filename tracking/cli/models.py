@@ -12,6 +12,27 @@ SHIPPED = {
     "appearance": "appearance_people.onnx",
     "affinity": "affinity_people.onnx",
 }
+DRONE = {
+    "detector_drone": "detector_drone.onnx",
+    "action_rgb_local": "action_drone_rgb_local.onnx",
+    "action_rgb_global": "action_drone_rgb_global.onnx",
+    "action_flow_local": "action_drone_flow_local.onnx",
+    "action_flow_global": "action_drone_flow_global.onnx",
+    "affinity_drone": "affinity_drone.onnx",
+    "affinity_drone_saf": "affinity_drone_saf.onnx",
+    "affinity_drone_maf": "affinity_drone_maf.onnx",
+    "affinity_drone_sided": "affinity_drone_sided.onnx",
+}
+
+# Where a model is given with an option of another name than its kind.
+OPTIONS = {
+    "detector_drone": "detector",
+    "affinity_drone": "affinity",
+    "affinity_drone_saf": "affinity",
+    "affinity_drone_maf": "affinity-multi",
+    "affinity_drone_sided": "affinity-multi",
+    **{kind: "actions" for kind in DRONE if kind.startswith("action_")},
+}
 
 
 def shipped(kind: str) -> Path:
@@ -20,9 +41,10 @@ def shipped(kind: str) -> Path:
     Raises:
         RequestError: this installation has none.
     """
-    path = Path(str(resources.files("tsuiseki.tracking") / "weights" / SHIPPED[kind]))
+    name = (SHIPPED | DRONE)[kind]
+    path = Path(str(resources.files("tsuiseki.tracking") / "weights" / name))
     if not path.is_file():
-        raise RequestError(f"this installation ships no {SHIPPED[kind]}; give a model with --{kind}")
+        raise RequestError(f"this installation ships no {name}; give a model with --{OPTIONS.get(kind, kind)}")
     return path
 
 

@@ -208,6 +208,7 @@ def _expectation(text: str) -> str:
     text = re.sub(r"^expected an? ", "expected ", text)
     text = re.sub(r"(?:typing\.)?Literal\[(.*?)\]", r"one of \1", text)
     text = re.sub(r"^expected tuple with (\d+) elements", r"expected \1 values separated by commas", text)
+    text = re.sub(r"^expected (?:list\[)+float\]+", "expected numbers separated by commas", text)
     for name, words in KIND_NAMES.items():
         text = re.sub(rf"^expected {name}\b", f"expected {words}", text)
     return text
@@ -224,14 +225,20 @@ def _option(name: str) -> str:
 
 
 def _normalised(words: Sequence[str], parser: Parser) -> list[str]:
-    """``--some-option`` as ``--some_option``, switches with their value, and ``1,2`` for several numbers as a list."""
+    """``--some-option`` as ``--some_option``, switches with their value, and ``1,2`` for several numbers as a list.
+
+    An option for a list of such lists is given once for each of them, ``--init 1,2 --init 3,4``.
+    """
     switches, several = parser.of_kind(lambda kind: kind is bool), parser.of_kind(_is_several)
+    lists_of_lists = parser.of_kind(lambda kind: _is_several(kind) and any(map(_is_several, _parts(kind))))
+    repeated: dict[str, list[str]] = {}
     result: list[str] = []
     rest = list(words)
     while rest:
         word = rest.pop(0)
         if word == "--":
-            return [*result, word, *rest]
+            result += [word, *rest]
+            break
         if not re.match(r"--[a-zA-Z]", word):
             result.append(word)
             continue
@@ -242,8 +249,18 @@ def _normalised(words: Sequence[str], parser: Parser) -> list[str]:
         if shown in several and (equals or rest):
             value = value if equals else rest.pop(0)
             equals, value = "=", value if value.startswith("[") else f"[{value}]"
+            if shown in lists_of_lists and not value.startswith("[["):
+                repeated.setdefault(name, []).append(value)
+                continue
         result.append(name + equals + value)
-    return result
+    return [*(f"{name}=[{','.join(values)}]" for name, values in repeated.items()), *result]
+
+
+def _parts(kind: Any) -> list[Any]:
+    """Types inside a type, without None; those of a list that may be left out, not the list."""
+    parts = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
+    optional = len(parts) == 1 and getattr(kind, "__origin__", None) not in (tuple, list)
+    return _parts(parts[0]) if optional else parts
 
 
 def _is_several(kind: Any) -> bool:

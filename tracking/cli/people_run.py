@@ -13,6 +13,7 @@ from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.cli.interrupt import graceful_interrupt
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.features.camera_motion import CameraPath
 from tsuiseki.tracking.features.networks import Describe, Detect, stream
 from tsuiseki.tracking.formats.mot import read_detections, write_tracks
 from tsuiseki.tracking.frame_range import FrameRange
@@ -43,17 +44,20 @@ class Inputs:
         detect: a detector, or the detections of each frame.
         describe: an appearance network, if looks are needed.
         batch_size: frames of one call of the detector.
+        camera: gets the frames, where the movement of the camera matters.
     """
 
     source: Source
     detect: Detect | Sequence[Detections]
     describe: Describe | None
     batch_size: int = 4
+    camera: CameraPath | None = None
 
     @property
     def needs_images(self) -> bool:
         """Whether the frames themselves must be decoded."""
-        return self.describe is not None or not isinstance(self.detect, Sequence) or self.source.length is None
+        looked_at = self.describe is not None or self.camera is not None or not isinstance(self.detect, Sequence)
+        return looked_at or self.source.length is None
 
 
 def build_tracker(
@@ -164,6 +168,9 @@ def _found(inputs: Inputs, times: StageTimes, recording: Path | None) -> Iterato
     last = -1
     for frame, found in stream(frames, inputs.detect, inputs.describe, inputs.batch_size, times):
         last = frame.index
+        if inputs.camera is not None:
+            with times.measure("camera"):
+                inputs.camera.add(frame.image, found.boxes)
         yield last, found
     _check_all_used(inputs, last)
 

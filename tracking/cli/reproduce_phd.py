@@ -32,11 +32,11 @@ def phd(
 
     if not any((data / "phd").glob("phd_scenario_*.json")):
         raise RequestError(f"expected phd/phd_scenario_*.json in {data}, found none; give the folder with --data")
-    _at_least_one(particles=particles, runs=runs)
+    at_least_one(particles=particles, runs=runs)
     with output_folder(out, overwrite) as work:
         values = reproduce_phd(data, work, particles, runs)
-        _finish(work, values, "phd", {"particles": particles, "runs": runs})
-    _show_rows(
+        finish(work, values, "phd", {"particles": particles, "runs": runs})
+    show_rows(
         ("scenario", "clutter", "method", "OSPA p=1", "p=2", "OSPA(2)", "|count|", "switches", "ms/step", "peer p=1"),
         [
             (
@@ -50,7 +50,7 @@ def phd(
     )  # fmt: skip
     for one in values["scaling"]:
         print(f"{one['method']}: log-log slope over {one['what']} {one['slope']:.2f}")
-    _show_rows(
+    show_rows(
         ("PETS09-S2L1-first", "MOTA", "IDF1", "HOTA", "switches"),
         [
             (name, f"{s['mota']:.3f}", f"{s['idf1']:.3f}", f"{s['hota']:.3f}", str(s["id_switches"]))
@@ -80,12 +80,12 @@ def equalisation(
     from tsuiseki.tracking.output import output_folder
     from tsuiseki.trainers.experiments.phd_equalisation import reproduce_equalisation
 
-    _at_least_one(seeds=seeds, frames=frames, particles=particles)
+    at_least_one(seeds=seeds, frames=frames, particles=particles)
     with output_folder(out, overwrite) as work:
         values = reproduce_equalisation(work, seeds, frames, particles)
-        _finish(work, values, "phd-equalisation", {"seeds": seeds, "frames": frames, "particles": particles})
+        finish(work, values, "phd-equalisation", {"seeds": seeds, "frames": frames, "particles": particles})
     purity = [f"frames, purity {share:.2f}" for share in values["purity"]]
-    _show_rows(
+    show_rows(
         ("update", "kept of 3", *purity, "expected count at the end"),
         [
             (
@@ -99,13 +99,15 @@ def equalisation(
         print(f"{name}: at least one more target kept than as printed on {100 * share:.0f} % of {seeds} seeds")
 
 
-def _at_least_one(**numbers: int) -> None:
+def at_least_one(**numbers: int) -> None:
+    """Refuse options below 1."""
     for name, value in numbers.items():
         if value < 1:
             raise RequestError(f"--{name}: expected at least 1, got {value}")
 
 
-def _finish(work: Path, values: dict[str, Any], name: str, settings: dict[str, Any]) -> None:
+def finish(work: Path, values: dict[str, Any], name: str, settings: dict[str, Any]) -> None:
+    """Write ``results.json`` and ``run.json``."""
     import json
 
     from tsuiseki.tracking.output import RunRecord
@@ -114,7 +116,8 @@ def _finish(work: Path, values: dict[str, Any], name: str, settings: dict[str, A
     RunRecord(["tsuiseki", "reproduce", name], settings).write(work)
 
 
-def _show_rows(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def show_rows(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table; nothing where it has no row."""
     from rich.console import Console
     from rich.table import Table
 

@@ -35,6 +35,7 @@ def people(
     score_range: tuple[float, float] = (0.0, 1.0),
     batch_size: int = 4,
     threads: int = 0,
+    moving_camera: bool = False,
     overlay: bool = False,
     overwrite: bool = False,
     seed: int = 0,
@@ -64,6 +65,7 @@ def people(
         score_range: smallest and largest score that the rows of --detections may have.
         batch_size: frames of one call of the detector.
         threads: CPU threads of the networks; 0 takes all.
+        moving_camera: estimate how the camera moves and link people as if it stood still.
         overlay: also write a video with the tracks drawn in.
         overwrite: replace an earlier result in the folder.
         seed: of random numbers; kept in run.json, for the methods here draw none.
@@ -81,8 +83,10 @@ def people(
         run_people,
         write_people_run,
     )
+    from tsuiseki.tracking.features.camera_motion import CameraPath
     from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
     from tsuiseki.tracking.timing import StageTimes
+    from tsuiseki.tracking.trackers.compensated import MotionCompensated
     from tsuiseki.tracking.video import open_source
 
     settings = {name: plain(value) for name, value in given.items()}
@@ -94,11 +98,16 @@ def people(
         _detections(opened, detections, detector, score_range, score_threshold, threads),
         _describer(opened, method, appearance, threads),
         batch_size,
+        CameraPath() if moving_camera else None,
     )
+    if moving_camera and not opened.has_images:
+        raise RequestError(f"{opened.name} has no images to tell how the camera moves; leave --moving-camera out")
     if overlay and not opened.has_images:
         raise RequestError(f"{opened.name} has no images to draw on; leave --overlay out")
     learnt = _affinity(method, affinity, threads, given_scores=detections is not None)
     tracker = build_tracker(method, sort, deepsort, flow, learnt)
+    if inputs.camera is not None:
+        tracker = MotionCompensated(tracker, inputs.camera)
     times = StageTimes()
     with output_folder(out, overwrite) as work:
         run = run_people(inputs, {method: tracker}, times, record_to=work if overlay else None)

@@ -23,11 +23,26 @@ def appearance(words: Sequence[str]) -> int:
     return _fit(fit_appearance, words)
 
 
+def action(words: Sequence[str]) -> int:
+    """Fit the streams of an action network to clips labelled with actions."""
+    with needs_train_extra():
+        from tsuiseki.trainers.fit import fit_action
+    return _fit(fit_action, words)
+
+
 def affinity(words: Sequence[str]) -> int:
     """Fit the costs of the flow to labelled video."""
     with needs_train_extra():
         from tsuiseki.trainers.affinity import fit_affinity
     return _fit(lambda given: fit_affinity(**parse("tsuiseki train affinity", fit_affinity, (), given)), words)
+
+
+def affinity_drone(words: Sequence[str]) -> int:
+    """Fit the costs of the flow, with actions, to labelled video from a drone."""
+    with needs_train_extra():
+        from tsuiseki.trainers.affinity_drone import fit_drone_affinities
+    name = "tsuiseki train affinity-drone"
+    return _fit(lambda given: fit_drone_affinities(**parse(name, fit_drone_affinities, (), given)), words)
 
 
 def _fit(function: Callable[[Sequence[str]], Any], words: Sequence[str]) -> int:

@@ -93,7 +93,7 @@ def match_results(truths: Sequence[Truth], result: Path, frames: FrameRange | No
     """
     pairs = []
     for truth in truths:
-        tracks = read_tracks(_result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES))
+        tracks = read_tracks(result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES))
         pairs.append(SequencePair(truth.name, truth.labels, _cut(tracks, frames), truth.length))
     return pairs
 
@@ -119,7 +119,7 @@ def evaluate_detection_files(
     """
     images: dict[str, tuple[list[LabelledBoxes], list[Detections]]] = {}
     for truth in truths:
-        file = _result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
+        file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
         found = read_detections(file, truth.length, score_range)
         last = max(int(truth.labels.frames[-1]), len(found) - 1)
         wanted = (frames or FrameRange()).within(truth.length or last + 1)
@@ -166,7 +166,7 @@ def _cut(tracks: list[Track], frames: FrameRange | None) -> list[Track]:
     return restrict(tracks, frames.first, latest if frames.last is None else frames.last)
 
 
-def _result_file(name: str, result: Path, single: bool, places: Sequence[str], single_places: Sequence[str]) -> Path:
+def result_file(name: str, result: Path, single: bool, places: Sequence[str], single_places: Sequence[str]) -> Path:
     """The file of sequence ``name``; ``single`` says that there is no other sequence."""
     if result.is_file():
         if not single:

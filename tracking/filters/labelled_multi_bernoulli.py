@@ -131,6 +131,7 @@ class LabelledMultiBernoulliFilter:
         joint = (detection * hidden.weights)[pairs.particle] * pairs.likelihood
         mass = pairs.by_measurement(joint, len(measurements))
         drawn = _draw_by_measurement(pairs, joint, mass, self.particles, rng)
+        # A group much lighter than a track that is pruned can begin none.
         left = _heavy_groups(hidden, (1.0 - detection) * hidden.weights, self.prune / 10)
         return mass, hidden.particles[drawn], left
 
@@ -157,7 +158,7 @@ class LabelledMultiBernoulliFilter:
         gained = pairs.by_particle(joint * np.repeat(share, sizes), weights.size)
         stayed = weights * (1.0 - detection) * (alive / np.maximum(undetected, np.finfo(np.float64).tiny))[:, None]
         total = stayed + gained.reshape(weights.shape)
-        # A track that can neither be missed nor measured is gone; equal weights keep its particles numbers.
+        # A track that can neither be missed nor measured is gone; equal weights instead of 0 / 0.
         total[total.sum(axis=1) <= 0] = 1.0
         with np.errstate(divide="ignore"):
             log_weights = np.log(total / total.sum(axis=1, keepdims=True))

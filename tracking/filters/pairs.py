@@ -46,7 +46,7 @@ class Pairs:
 
     def by_measurement(self, values: FloatArray, count: int) -> FloatArray:
         """Sums ``(count,)`` over the entries of each measurement."""
-        return np.bincount(self.measurement, values, minlength=count).astype(np.float64)
+        return np.bincount(self.measurements, self.sums(values), minlength=count).astype(np.float64)
 
     def by_particle(self, values: FloatArray, count: int) -> FloatArray:
         """Sums ``(count,)`` over the entries of each particle."""
@@ -83,8 +83,9 @@ def _gate(
     sizes = np.diff(np.append(starts, len(projected)))
     offset = sensor.difference(projected, np.repeat(reference, sizes, axis=0))
     reach = sensor.gate * sensor.deviation
-    low = np.minimum.reduceat(offset, starts, axis=0) - reach
-    high = np.maximum.reduceat(offset, starts, axis=0) + reach
+    columns = [np.ascontiguousarray(column) for column in offset.T]
+    low = np.stack([np.minimum.reduceat(column, starts) for column in columns], axis=1) - reach
+    high = np.stack([np.maximum.reduceat(column, starts) for column in columns], axis=1) + reach
     distance = sensor.difference(measurements[None, :, :], reference[:, None, :])
     inside = np.all((distance >= low[:, None, :]) & (distance <= high[:, None, :]), axis=2)
     groups, chosen = np.nonzero(inside)

@@ -88,6 +88,8 @@ class PhdFilter:
         identity: how clusters keep, join and part their labels, section 5.2.
         extract: reads the targets off: ``by_measurements`` or ``by_clusters``.
         most: upper bound of the particles, whatever the expected count.
+        least: particles of a cluster lighter than these are worth, each of less weight; 0 draws by weight alone, (57).
+        negligible: a cluster of less weight is light without that help.
     """
 
     model: PointModel

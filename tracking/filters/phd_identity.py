@@ -38,8 +38,8 @@ class Clusters:
         share: ``(E,)`` part of each measurement's unit that each entry of ``pairs`` received.
         measurements: ``(M, Z)``.
         claimed: ``(M,)`` label of the target that each measurement is, 0 for none.
-        fresh: labels from this one on were made by parting in this step. A cluster of one target weighs about two when
-            clutter falls beside it, so what was parted is a target only when it is found again.
+        fresh: labels from this one on are not reported yet: those made by parting in this step. A cluster of one target
+            weighs about two when clutter falls beside it, so what was parted is a target only when it is found again.
     """
 
     starts: IntArray
@@ -75,15 +75,15 @@ def group_starts(labels: IntArray) -> IntArray:
     """First index of each run of equal labels ``(N,)``."""
     if len(labels) == 0:
         return np.empty(0, dtype=np.int64)
-    return np.concatenate([[0], np.flatnonzero(np.diff(labels)) + 1]).astype(np.int64)
+    return np.concatenate([[0], np.flatnonzero(labels[1:] != labels[:-1]) + 1]).astype(np.int64)
 
 
 def by_clusters(posterior: PhdState, clusters: Clusters) -> PointEstimates:
     """One target for each cluster whose weight is near one: its mean."""
-    starts = group_starts(posterior.labels)
-    masses, means = _moments(posterior, starts)
-    shown = (masses > REPORTED) & (posterior.labels[starts] < clusters.fresh)
-    return PointEstimates(posterior.labels[starts][shown], means[shown], masses[shown])
+    masses, means = _moments(posterior, clusters.starts)
+    names = posterior.labels[clusters.starts]
+    shown = (masses > REPORTED) & (names < clusters.fresh)
+    return PointEstimates(names[shown], means[shown], masses[shown])
 
 
 def by_measurements(posterior: PhdState, clusters: Clusters) -> PointEstimates:
@@ -105,11 +105,13 @@ class Identity:
         near: two clusters are near when their means are closer than this, in deviations of the sensor.
         whole: two near clusters join when they weigh less than this together; one is parted when it weighs more.
         remember: report a target through a missed measurement; without it a target is reported by its weight alone.
+        confirm: report what was parted in this step only when it is found again.
     """
 
     near: float = 2.0
     whole: float = 1.5
     remember: bool = True
+    confirm: bool = True
 
     def recall(
         self, memory: Memory, estimates: PointEstimates, posterior: PhdState, clusters: Clusters, model: PointModel
@@ -120,7 +122,7 @@ class Identity:
         number of targets. A cluster with an identity is one target or none: its existence ``r`` falls to
         ``r (1 - pD) / (1 - r pD)``, and rises with the share of the measurements that it receives.
         """
-        starts = group_starts(posterior.labels)
+        starts = clusters.starts
         names, (_, means) = posterior.labels[starts], _moments(posterior, starts)
         before = np.zeros(len(names))
         known = np.isin(memory.labels, names)
@@ -128,8 +130,8 @@ class Identity:
         before *= model.survival
         detection = model.detection_of(means)
         missed = before * (1.0 - detection) / np.maximum(1.0 - before * detection, np.finfo(np.float64).tiny)
-        labels = posterior.labels[clusters.pairs.particle]
-        fed = np.bincount(np.searchsorted(names, labels), clusters.share, minlength=len(names)).clip(0.0, 1.0)
+        cluster = np.repeat(np.arange(len(names)), _sizes(starts, len(posterior)))[clusters.pairs.particle]
+        fed = np.bincount(cluster, clusters.share, minlength=len(names)).clip(0.0, 1.0)
         existence = fed + (1.0 - fed) * missed
         there = (existence > REPORTED) & ((before > 0) | np.isin(names, estimates.ids))
         added = there & ~np.isin(names, estimates.ids)
@@ -144,20 +146,18 @@ class Identity:
         """Labels after claiming, joining and parting; particles come back grouped by label."""
         labels, claimed, fresh = _claim(posterior, clusters)
         posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
-        target = self._join(posterior, claimed, sensor)
-        labels = np.repeat(target, np.diff(np.append(group_starts(posterior.labels), len(posterior))))
-        renamed = dict(zip(posterior.labels[group_starts(posterior.labels)].tolist(), target.tolist(), strict=True))
+        target = self._join(posterior, clusters.starts, claimed, sensor)
+        renamed = dict(zip(posterior.labels[clusters.starts].tolist(), target.tolist(), strict=True))
         claimed = np.array([renamed.get(int(label), 0) for label in claimed], dtype=np.int64)
-        labels, fresh = self._part(replace(posterior, labels=labels))
+        labels, fresh = self._part(posterior, clusters.starts, target)
         posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
-        return posterior, replace(clusters, claimed=claimed)
+        return posterior, replace(clusters, claimed=claimed, fresh=clusters.fresh if self.confirm else fresh)
 
-    def _join(self, posterior: PhdState, claimed: IntArray, sensor: GaussianSensor) -> IntArray:
+    def _join(self, posterior: PhdState, starts: IntArray, claimed: IntArray, sensor: GaussianSensor) -> IntArray:
         """New label of each group: near ones that weigh about one together take the older label, nearest pair first.
 
         Two that measurements claimed are two targets.
         """
-        starts = group_starts(posterior.labels)
         masses, means = _moments(posterior, starts)
         target = posterior.labels[starts].copy()
         projected = sensor.project(means) if len(means) else np.empty((0, len(sensor.deviation)))
@@ -177,15 +177,18 @@ class Identity:
                 target[joined] = low
         return target
 
-    def _part(self, posterior: PhdState) -> tuple[IntArray, int]:
-        """Labels after heavy clusters were cut into as many equal parts as they weigh, across their longest axis."""
-        labels, fresh = posterior.labels.copy(), posterior.next_label
-        weights = np.exp(posterior.log_weights)
-        names, group = np.unique(labels, return_inverse=True)
-        masses = np.bincount(group, weights, minlength=len(names))
+    def _part(self, posterior: PhdState, starts: IntArray, target: IntArray) -> tuple[IntArray, int]:
+        """Labels after groups took their new ones, and heavy clusters were cut across their longest axis.
+
+        A cluster is cut into as many equal parts as it weighs.
+        """
+        sizes, fresh = _sizes(starts, len(posterior)), posterior.next_label
+        labels, weights = np.repeat(target, sizes), np.exp(posterior.log_weights)
+        names, cluster = np.unique(target, return_inverse=True)
+        masses = np.bincount(cluster, np.add.reduceat(weights, starts) if len(starts) else None)
         for heavy in np.flatnonzero(masses > self.whole):
             parts = max(round(float(masses[heavy])), 2)
-            members = np.flatnonzero(group == heavy)
+            members = np.flatnonzero(np.repeat(cluster == heavy, sizes))
             centred = posterior.particles[members] - np.average(posterior.particles[members], 0, weights[members])
             axis = np.linalg.eigh((weights[members, None] * centred).T @ centred)[1][:, -1]
             order = members[np.argsort(centred @ axis, kind="stable")]
@@ -208,9 +211,9 @@ def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray,
     shown = np.flatnonzero(pairs.by_measurement(clusters.share, count) > REPORTED)
     if len(shown) == 0:
         return labels, claimed, fresh
-    names, column = np.unique(labels[clusters.starts], return_inverse=True)
+    names = labels[clusters.starts]
     table = np.zeros((count, len(names)))
-    np.add.at(table, (pairs.measurements, column[pairs.groups]), pairs.sums(clusters.share))
+    table[pairs.measurements, pairs.groups] = pairs.sums(clusters.share)
     rows, columns = linear_sum_assignment(table[shown], maximize=True)
     own = table[shown[rows], columns] > 0
     claimed[shown[rows[own]]] = names[columns[own]]
@@ -224,16 +227,23 @@ def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray,
     winner = (share == most[particle]) & (share > 0.5 * np.exp(posterior.log_weights[particle]))
     inside = np.zeros(particles, dtype=np.bool_)
     inside[particle[claimed[pairs.measurement[entries]] == labels[particle]]] = True
-    astray = np.isin(labels, claimed[shown]) & ~inside
-    renamed = np.searchsorted(names, labels[astray])
-    astray_names, number = np.unique(renamed, return_inverse=True)
-    labels[astray] = fresh + number
+    sizes = _sizes(clusters.starts, particles)
+    astray = np.repeat(np.isin(names, claimed[shown]), sizes) & ~inside
+    strayed = np.add.reduceat(astray, clusters.starts) > 0
+    labels = np.where(astray, np.repeat(fresh - 1 + np.cumsum(strayed), sizes), labels)
     labels[particle[winner]] = claimed[pairs.measurement[entries[winner]]]
-    return labels, claimed, fresh + len(astray_names)
+    return labels, claimed, fresh + int(strayed.sum())
+
+
+def _sizes(starts: IntArray, count: int) -> IntArray:
+    """Particles in each group, of ``count`` in all."""
+    return np.diff(starts, append=count)
 
 
 def _grouped(posterior: PhdState, clusters: Clusters) -> tuple[PhdState, Clusters]:
     """The same with the particles sorted by label."""
+    if np.all(posterior.labels[1:] >= posterior.labels[:-1]):
+        return posterior, replace(clusters, starts=group_starts(posterior.labels))
     order = np.argsort(posterior.labels, kind="stable")
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
@@ -253,5 +263,6 @@ def _moments(posterior: PhdState, starts: IntArray) -> tuple[FloatArray, FloatAr
         return np.empty(0), np.empty((0, posterior.particles.shape[1]))
     weights = np.exp(posterior.log_weights)
     masses = np.add.reduceat(weights, starts)
-    sums = np.add.reduceat(weights[:, None] * posterior.particles, starts, axis=0)
+    # Column by column: over rows of a few numbers reduceat is several times slower.
+    sums = np.stack([np.add.reduceat(weights * column, starts) for column in posterior.particles.T], axis=1)
     return masses, sums / np.maximum(masses, np.finfo(np.float64).tiny)[:, None]

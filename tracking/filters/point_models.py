@@ -65,7 +65,7 @@ def coordinated_turn(period: float, acceleration: float, turn: float) -> Motion:
 
 def cartesian(particles: FloatArray) -> FloatArray:
     """Positions ``(N, 2)`` ``x, y`` of states ``x, vx, y, ...``."""
-    return particles[:, [0, 2]]
+    return particles[:, 0:3:2]
 
 
 def bearing_range(particles: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.geometry import intersections
+from tsuiseki.tracking.geometry import areas, intersections
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -78,21 +78,31 @@ class PatchBirths:
         return _states(centres, sizes, self.speed, rng), np.full(len(groups), self.mass / self.count), groups
 
     def patches(self, image: ColourImage, explained: FloatArray) -> FloatArray:
-        """Boxes ``(G, 4)`` of the patches, largest first."""
+        """Boxes ``(G, 4)`` of the patches that no target explains, largest first.
+
+        A patch apart from all targets may be a new one. A patch much smaller than the box over it, or much larger than
+        the one box in it, shows that the box is wrong: several targets were taken for one, or one is seen in part.
+        """
+        boxes = self._components(image)
+        if len(boxes) and len(explained):
+            shared = intersections(boxes[:, None], explained[None])
+            patch, target = areas(boxes)[:, None], areas(explained)[None]
+            part = (shared > 0.7 * patch) & (patch < 0.6 * target)
+            inside = shared > 0.5 * target
+            whole = inside & (inside.sum(axis=1, keepdims=True) == 1) & (target < 0.6 * patch)
+            # Colour that adjoins a target is the rest of it, as when it comes in over the border.
+            grown = explained + self.smallest / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
+            apart = intersections(boxes[:, None], grown[None]).max(axis=1) <= 0
+            boxes = boxes[apart | (part | whole).any(axis=1)]
+        return boxes[: self.most]
+
+    def _components(self, image: ColourImage) -> FloatArray:
+        """Boxes ``(G, 4)`` of the connected patches, largest first."""
         side = 2 * (int(self.smallest) // 2) + 1
-        free = image.mask.astype(np.uint8)
-        for x1, y1, x2, y2 in np.round(explained).astype(np.int64).tolist():
-            free[max(y1 - 2, 0) : max(y2 + 2, 0), max(x1 - 2, 0) : max(x2 + 2, 0)] = 0
-        dense = cv2.boxFilter(free.astype(np.float32), -1, (side, side), borderType=cv2.BORDER_CONSTANT) > self.share
-        count, _, stats, _ = cv2.connectedComponentsWithStats(dense.astype(np.uint8))
-        if count < 2:
-            return np.empty((0, 4))
+        colour = image.mask.astype(np.float32)
+        dense = cv2.boxFilter(colour, -1, (side, side), borderType=cv2.BORDER_CONSTANT) > self.share
+        _, _, stats, _ = cv2.connectedComponentsWithStats(dense.astype(np.uint8))
         x, y, width, height, area = stats[1:].T.astype(np.float64)
         large = np.flatnonzero((width >= self.smallest) & (height >= self.smallest))
         large = large[np.argsort(-area[large], kind="stable")]
-        boxes = np.stack([x, y, x + width, y + height], axis=1)[large]
-        if len(boxes) and len(explained):
-            # Colour that adjoins a target is the rest of it, as when it comes in over the border.
-            grown = explained + self.smallest / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
-            boxes = boxes[intersections(boxes[:, None], grown[None]).max(axis=1) <= 0]
-        return boxes[: self.most]
+        return np.stack([x, y, x + width, y + height], axis=1)[large]

@@ -15,16 +15,21 @@ import numpy as np
 from tsuiseki.tracking.filters.particle import Motion
 from tsuiseki.tracking.filters.phd_identity import group_starts
 from tsuiseki.tracking.filters.points import PointEstimates
+from tsuiseki.tracking.filters.region_likelihoods import RegionLikelihood, background_level
 from tsuiseki.tracking.filters.region_states import RegionState, boxes_of, cluster_means, select
 from tsuiseki.tracking.filters.region_updates import Regions, Update, calibrated
 from tsuiseki.tracking.filters.resampling import Resampler, systematic
-from tsuiseki.tracking.geometry import intersections, iou_matrix
-from tsuiseki.tracking.likelihoods.colour_region import ColourImage, region_likelihood
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
+from tsuiseki.tracking.likelihoods.colour_region import ColourImage
+from tsuiseki.tracking.types import FloatArray, IntArray
 
-JOINED_OVERLAP = 0.3
-HIDDEN_SHARE = 0.4
-MOST_OTHERS = 4
+TINY = float(np.finfo(np.float64).tiny)
+JOINED_OVERLAP = 0.05
+"""Intersection over union above which two clusters are near, section 5.2."""
+WHOLE = 1.5
+"""Weight below which two near clusters are one target, section 5.2."""
+ADOPTED_SHARE = 0.5
+"""Of the smaller of two boxes, above which what is born lies on a cluster, section 5.2."""
 
 
 class RegionBirths(Protocol):
@@ -33,12 +38,6 @@ class RegionBirths(Protocol):
     def __call__(
         self, image: ColourImage, explained: FloatArray, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray, IntArray]: ...
-
-
-class RegionLikelihood(Protocol):
-    """``h`` ``(N,)`` of the particles, NaN where the image says nothing; ``believed`` is the weight of a target."""
-
-    def __call__(self, state: RegionState, image: ColourImage, margin: float, believed: float) -> FloatArray: ...
 
 
 @dataclass(frozen=True)
@@ -111,38 +110,49 @@ class RegionPhdFilter:
         self, state: RegionState, observation: ColourImage, rng: np.random.Generator
     ) -> tuple[RegionState, RegionInfo]:
         """One frame further: predict, bear, weigh, update, tidy, read off the targets, draw anew."""
+        predicted = self._predict(state, observation, rng)
+        likelihood = self.likelihood(predicted, observation, self.margin, self.report)
+        background = background_level(observation, predicted, self.margin, rng)
+        weights, starts = np.exp(predicted.log_weights), group_starts(predicted.labels)
+        after = self.update(Regions(weights, likelihood, starts, background, self.detection))
+        count = float(after.sum())
+        # With a fixed number of particles a cluster's weight is read off its share of them.
+        scale = self.fixed / (self.density * max(count, TINY)) if self.fixed else 1.0
+        with np.errstate(divide="ignore"):
+            posterior = _joined(replace(predicted, log_weights=np.log(after)), scale)
+        names, masses, means = cluster_means(posterior)
+        tops = np.fmax.reduceat(likelihood, starts) if len(starts) else np.empty(0)
+        tops = tops[np.searchsorted(predicted.labels[starts], names)]
+        shown = scale * masses > self.report
+        if self.fixed:
+            shown &= tops > background  # a share is large also where nothing is seen anywhere
+        estimates = PointEstimates(names[shown], means[shown], np.minimum(scale * masses[shown], 1.0))
+        return self._resample(posterior, rng), RegionInfo(estimates, count, posterior, background, tops[shown])
+
+    def _predict(self, state: RegionState, image: ColourImage, rng: np.random.Generator) -> RegionState:
+        """(44): survivors (48)-(49), and births where no reported target explains the image."""
         with np.errstate(divide="ignore"):
             survived = state.log_weights + np.log(self.survival)
         survivors = replace(state, particles=self.motion(state.particles, rng), log_weights=survived)
         _, masses, means = cluster_means(survivors)
-        predicted = self._with_births(survivors, observation, boxes_of(means[masses > self.report]), rng)
-        likelihood = self.likelihood(predicted, observation, self.margin, self.report)
-        background = background_level(observation, predicted, self.margin, rng)
-        weights = np.exp(predicted.log_weights)
-        starts = group_starts(predicted.labels)
-        after = self.update(Regions(weights, likelihood, starts, background, self.detection))
-        with np.errstate(divide="ignore"):
-            posterior = _joined(replace(predicted, log_weights=np.log(after)))
-        names, masses, means = cluster_means(posterior)
-        shown = masses > self.report
-        tops = np.fmax.reduceat(likelihood, starts) if len(starts) else np.empty(0)
-        top = tops[np.searchsorted(predicted.labels[starts], names[shown])]
-        estimates = PointEstimates(names[shown], means[shown], np.minimum(masses[shown], 1.0))
-        info = RegionInfo(estimates, float(np.exp(posterior.log_weights).sum()), posterior, background, top)
-        return self._resample(posterior, rng), info
+        return self._with_births(survivors, image, boxes_of(means[masses > self.report]), rng)
 
     def _with_births(
         self, state: RegionState, image: ColourImage, explained: FloatArray, rng: np.random.Generator
     ) -> RegionState:
+        """Births with provisional labels (62); those that lie on a cluster take its label, section 5.2."""
         born, weights, groups = self.births(image, explained, rng)
         with np.errstate(divide="ignore"):
             log_weights = np.log(weights)
-        return RegionState(
+        labels = np.concatenate([state.labels, _adopted(state, born, groups)])
+        order = np.argsort(labels, kind="stable")
+        joined = RegionState(
             np.concatenate([state.particles, born]),
-            np.concatenate([state.labels, state.next_label + groups]),
+            labels,
             np.concatenate([state.log_weights, log_weights]),
-            state.next_label + int(groups.max(initial=-1)) + 1,
+            int(max(state.next_label, labels.max(initial=0) + 1)),
         )
+        return select(joined, order)
 
     def _resample(self, posterior: RegionState, rng: np.random.Generator) -> RegionState:
         """(56)-(59); of a light cluster at least ``least`` particles, of less weight."""
@@ -157,7 +167,7 @@ class RegionPhdFilter:
             return replace(select(posterior, drawn), log_weights=np.full(self.fixed, np.log(total / self.fixed)))
         masses = np.add.reduceat(weights, starts)
         wanted = np.where(masses > 1e-3, np.maximum(self.density * masses, self.least), 0.0)
-        factor = np.repeat(wanted / np.maximum(masses, np.finfo(np.float64).tiny), sizes)
+        factor = np.repeat(wanted / np.maximum(masses, TINY), sizes)
         count = round(float(wanted.sum()))
         if count == 0:
             return select(posterior, np.zeros(len(posterior), dtype=np.bool_))
@@ -165,74 +175,29 @@ class RegionPhdFilter:
         return replace(select(posterior, drawn), log_weights=-np.log(factor[drawn]))
 
 
-def each_alone(state: RegionState, image: ColourImage, margin: float, believed: float) -> FloatArray:
-    """(68) of each particle, whatever else is there."""
-    del believed
-    return region_likelihood(image, boxes_of(state.particles), margin)
+def _adopted(state: RegionState, born: FloatArray, groups: IntArray) -> IntArray:
+    """Labels ``(J,)`` of born particles: that of the cluster that their group lies on most, or new ones."""
+    labels = state.next_label + groups
+    names, _, means = cluster_means(state)
+    if len(names) == 0 or len(born) == 0:
+        return labels
+    starts = group_starts(groups)
+    sizes = np.diff(np.append(starts, len(groups)))
+    places = boxes_of(np.add.reduceat(born, starts, axis=0) / sizes[:, None])
+    there = boxes_of(means)
+    smaller = np.minimum(areas(places)[:, None], areas(there)[None])
+    shared = intersections(places[:, None], there[None]) / smaller
+    owner = np.where(shared.max(axis=1) > ADOPTED_SHARE, names[np.argmax(shared, axis=1)], 0)
+    return np.asarray(np.where(np.repeat(owner, sizes) > 0, np.repeat(owner, sizes), labels))
 
 
-def without_others(state: RegionState, image: ColourImage, margin: float, believed: float) -> FloatArray:
-    """(68) of each particle without the pixels that other targets cover; those speak for the others alone.
-
-    A target mostly behind others cannot be judged by what is left of it: its likelihood is NaN, and it is carried on.
-    """
-    _, masses, means = cluster_means(state)
-    if len(state) == 0:
-        return np.empty(0)
-    boxes = boxes_of(means)
-    touching = _touching(boxes, masses > believed, 1.0 + margin)
-    most = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
-    nearest = np.argsort(~touching, axis=1, kind="stable")[:, :most]
-    others = np.where(np.take_along_axis(touching, nearest, axis=1)[:, :, None], boxes[nearest], 0.0)
-    sizes = np.diff(np.append(group_starts(state.labels), len(state)))
-    likelihood = region_likelihood(image, boxes_of(state.particles), margin, np.repeat(others, sizes, axis=0))
-    hidden = (_covered(boxes, touching) > HIDDEN_SHARE) & (masses > believed)
-    return np.where(np.repeat(hidden, sizes), np.nan, likelihood)
-
-
-def background_level(image: ColourImage, state: RegionState, margin: float, rng: np.random.Generator) -> float:
-    """What ``h`` reaches on background: its 0.95 quantile over boxes like the particles' at random places.
-
-    Boxes that lie on a cluster are left out. At least 0.05, so that a colour that is nowhere (or everywhere, where
-    ``h`` is zero too) does not make every spot a target.
-    """
-    width, height = image.size
-    sizes = state.particles[:, 4:6] if len(state) else np.array([[width, height]]) / 16.0
-    chosen = sizes[rng.integers(len(sizes), size=300)]
-    centres = rng.random((300, 2)) * [width, height]
-    boxes = np.concatenate([centres - chosen / 2, centres + chosen / 2], axis=1)
-    _, masses, means = cluster_means(state)
-    claimed = boxes_of(means[masses > 0.1])
-    if len(claimed):
-        boxes = boxes[intersections(boxes[:, None], claimed[None]).max(axis=1) <= 0]
-    if len(boxes) == 0:
-        return 0.05
-    return max(float(np.quantile(region_likelihood(image, boxes, margin), 0.95)), 0.05)
-
-
-def _touching(boxes: FloatArray, counted: BoolArray, grown: float) -> BoolArray:
-    """Which counted boxes ``(G, G)`` lie on each box grown by a factor, itself excepted."""
-    centre, half = (boxes[:, :2] + boxes[:, 2:]) / 2, (boxes[:, 2:] - boxes[:, :2]) / 2 * grown
-    wide = np.concatenate([centre - half, centre + half], axis=1)
-    near = (intersections(wide[:, None], boxes[None]) > 0) & counted[None, :]
-    np.fill_diagonal(near, val=False)
-    return near
-
-
-def _covered(boxes: FloatArray, touching: BoolArray) -> FloatArray:
-    """Share ``(G,)`` of each box that the touching ones cover."""
-    area = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
-    shared = (intersections(boxes[:, None], boxes[None]) * touching).sum(axis=1)
-    return np.asarray(np.minimum(shared / np.maximum(area, 1.0), 1.0))
-
-
-def _joined(state: RegionState) -> RegionState:
-    """Clusters that overlap an older one and weigh about one with it take its label, section 5.2."""
+def _joined(state: RegionState, scale: float) -> RegionState:
+    """Clusters that overlap an older one and weigh, times ``scale``, about one with it take its label, section 5.2."""
     names, masses, means = cluster_means(state)
     if len(names) < 2:
         return state
     boxes = boxes_of(means)
-    near = np.tril(iou_matrix(boxes, boxes) > JOINED_OVERLAP, k=-1) & (masses[:, None] + masses[None, :] < 1.5)
+    near = np.tril(iou_matrix(boxes, boxes) > JOINED_OVERLAP, k=-1) & (scale * (masses[:, None] + masses) < WHOLE)
     target = np.where(near.any(axis=1), names[np.argmax(near, axis=1)], names)
     labels = target[np.searchsorted(names, state.labels)]
     order = np.argsort(labels, kind="stable")

@@ -13,19 +13,21 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 SMALLEST_SIDE = 3.0
 
 
-def second_order(position: tuple[float, float], size: tuple[float, float]) -> Motion:
+def second_order(position: tuple[float, float], size: tuple[float, float], smallest: float = SMALLEST_SIDE) -> Motion:
     """Smooth motion (64)-(66): the position goes on by its last step, the size drifts.
 
     Args:
         position: standard deviations ``tau_x, tau_y`` in pixels.
         size: standard deviations ``tau_d, tau_h`` in pixels.
+        smallest: least width and height in pixels. A box as small as a single spot of the colour has a greater
+            ``p (1 - q)`` than the object around it.
     """
     deviation = np.array([*position, *size])
 
     def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
         noise = deviation * rng.standard_normal((len(particles), 4))
         here, before = particles[:, :2], particles[:, 2:4]
-        size = np.maximum(particles[:, 4:] + noise[:, 2:], SMALLEST_SIDE)
+        size = np.maximum(particles[:, 4:] + noise[:, 2:], smallest)
         return np.concatenate([2 * here - before + noise[:, :2], here, size], axis=1)
 
     return move

@@ -21,7 +21,7 @@ def is_point_file(path: Path) -> bool:
         raise RequestError(f"expected a file at {path}, found none")
     with path.open(encoding="utf-8", errors="replace") as file:
         names = {name.strip() for name in file.readline().split(",")}
-    return {"frame", "x", "y"} <= names
+    return "frame" in names
 
 
 def read_points(path: Path, length: int | None = None) -> list[FloatArray]:

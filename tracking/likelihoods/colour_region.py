@@ -10,9 +10,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.geometry import grown
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
+
+VISIBLE_SHARE = 0.25
+"""Of a box, below which what is left uncovered by others is too little to judge it by."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +46,9 @@ class ColourRange:
 
 NAMED_COLOURS = {
     "red": ColourRange((345.0, 15.0), (0.45, 1.0)),
-    "orange": ColourRange((15.0, 42.0), (0.45, 1.0)),
+    "orange": ColourRange((15.0, 42.0), (0.5, 1.0), (0.5, 1.0)),
     "yellow": ColourRange((42.0, 70.0), (0.4, 1.0)),
-    "green": ColourRange((75.0, 165.0)),
+    "green": ColourRange((75.0, 165.0), (0.5, 1.0), (0.25, 1.0)),
     "cyan": ColourRange((165.0, 200.0)),
     "blue": ColourRange((200.0, 265.0)),
     "magenta": ColourRange((265.0, 345.0)),
@@ -81,7 +86,8 @@ def colour_of_box(image: ImageArray, box: FloatArray) -> ColourRange:
     """
     x1, y1, x2, y2 = _corners(np.asarray(box)[None], image.shape[1], image.shape[0])[0]
     if x2 <= x1 or y2 <= y1:
-        raise RequestError(f"expected a box inside the image of {image.shape[1]}x{image.shape[0]}, got {list(box)}")
+        got = ",".join(f"{value:g}" for value in box)
+        raise RequestError(f"expected a box inside the image of {image.shape[1]}x{image.shape[0]}, got corners {got}")
     hue, saturation, value = _hsv(image[y1:y2, x1:x2]).reshape(-1, 3).T
     vivid = (saturation > 0.2) & (value > 0.15)
     if vivid.mean() < 0.1:
@@ -90,20 +96,25 @@ def colour_of_box(image: ImageArray, box: FloatArray) -> ColourRange:
     smooth = counts + np.roll(counts, 1) + np.roll(counts, -1)
     peak = 10.0 * float(np.argmax(smooth)) + 5.0
     near = vivid & (np.abs((hue - peak + 180) % 360 - 180) <= 25)
-    low_s, low_v = np.quantile(saturation[near], 0.1), np.quantile(value[near], 0.1)
+    low_s, low_v = np.quantile(saturation[near], 0.25), np.quantile(value[near], 0.25)
     hues = ((peak - 20) % 360, (peak + 20) % 360)
-    return ColourRange(hues, (max(0.0, float(low_s) - 0.1), 1.0), (max(0.0, float(low_v) - 0.1), 1.0))
+    return ColourRange(hues, (max(0.0, float(low_s) - 0.15), 1.0), (max(0.0, float(low_v) - 0.15), 1.0))
 
 
 def colour_mask(image: ImageArray, colour: ColourRange) -> BoolArray:
     """Pixels ``(H, W)`` of an RGB image that have the colour."""
+    return np.asarray(colour_pixels(image, colour), dtype=np.bool_)
+
+
+def colour_pixels(image: ImageArray, colour: ColourRange) -> NDArray[np.uint8]:
+    """``(H, W)`` uint8, 255 at the pixels of an RGB image that have the colour and 0 elsewhere."""
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
     low = np.array([0, round(255 * colour.saturation[0]), round(255 * colour.value[0])])
     high = np.array([180, round(255 * colour.saturation[1]), round(255 * colour.value[1])])
     first, last = colour.hue[0] / 2, colour.hue[1] / 2
     ranges = [(first, last)] if first <= last else [(first, 180.0), (0.0, last)]
     masks = [cv2.inRange(hsv, np.array([a, *low[1:]]), np.array([b, *high[1:]])) for a, b in ranges]
-    return np.asarray(np.any(masks, axis=0))
+    return np.asarray(masks[0] if len(masks) == 1 else cv2.bitwise_or(*masks), dtype=np.uint8)
 
 
 @dataclass(frozen=True)
@@ -142,9 +153,13 @@ class ColourImage:
 
 
 def region_likelihood(
-    image: ColourImage, boxes: FloatArray, margin: float = 0.5, others: FloatArray | None = None
+    image: ColourImage,
+    boxes: FloatArray,
+    margin: float = 0.5,
+    others: FloatArray | None = None,
+    in_front: BoolArray | None = None,
 ) -> FloatArray:
-    """``p (1 - q)`` of (68) for boxes ``(N, 4)``, in [0, 1].
+    """``p (1 - q)`` of (68) for boxes ``(N, 4)``, in [0, 1]; NaN for a box that others hide.
 
     ``p`` is the coloured share of the box, ``q`` that of a frame around it; the box with its frame is ``1 + margin``
     times as wide. What lies outside the image counts as uncoloured in ``p``.
@@ -153,35 +168,41 @@ def region_likelihood(
         image: where the colour is.
         boxes: ``(N, 4)`` x1, y1, x2, y2 in pixels.
         margin: total growth of the box by its frame, as a share of its sides.
-        others: ``(N, K, 4)`` boxes that other targets cover, of no area where there is none: their pixels belong to
-            neither share.
+        others: ``(N, K, 4)`` boxes of other targets, of no area where there is none: their pixels in the frame do not
+            count in ``q``.
+        in_front: ``(N, K)`` the others that cover the target: their pixels in the box do not count in ``p`` either.
+            None for all of them.
     """
-    half = (boxes[:, 2:] - boxes[:, :2]) * (margin / 2)
-    wide = np.concatenate([boxes[:, :2] - half, boxes[:, 2:] + half], axis=1)
+    wide = grown(boxes, margin)
     inside, seen = image.counts(boxes)
     around, seen_around = image.counts(wide)
     area, area_around = (
         np.maximum(np.prod(np.round(b[:, 2:]) - np.round(b[:, :2]), axis=1), 1.0) for b in (boxes, wide)
     )
+    frame, frame_area = around - inside, seen_around - seen
     # Where next to nothing of the frame is in the image, no contrast is to be seen: a box as large as the image.
-    contrast = seen_around - seen > 0.1 * (area_around - area)
+    contrast = frame_area > 0.1 * (area_around - area)
+    hidden = np.zeros(len(boxes), dtype=np.bool_)
     if others is not None and others.shape[1]:
         taken, taken_area = _shared(image, boxes, others)
         taken_around, taken_area_around = _shared(image, wide, others)
-        inside, seen, area = inside - taken, seen - taken_area, area - taken_area
-        around, seen_around = around - taken_around, seen_around - taken_area_around
+        frame = frame - (taken_around - taken).sum(axis=1)
+        frame_area = frame_area - (taken_area_around - taken_area).sum(axis=1)
+        covering = 1.0 if in_front is None else in_front
+        inside, left = inside - (taken * covering).sum(axis=1), area - (taken_area * covering).sum(axis=1)
+        hidden, area = left < VISIBLE_SHARE * area, left
     p = np.clip(inside / np.maximum(area, 1.0), 0.0, 1.0)
-    q = np.clip((around - inside) / np.maximum(seen_around - seen, 1.0), 0.0, 1.0)
-    return np.asarray(np.where(contrast, p * (1.0 - q), 0.0))
+    q = np.clip(frame / np.maximum(frame_area, 1.0), 0.0, 1.0)
+    return np.asarray(np.where(hidden, np.nan, np.where(contrast, p * (1.0 - q), 0.0)))
 
 
 def _shared(image: ColourImage, boxes: FloatArray, others: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coloured pixels and all pixels that each box shares with its others."""
+    """Coloured pixels and all pixels ``(N, K)`` that each box shares with its others."""
     low = np.maximum(boxes[:, None, :2], others[:, :, :2])
     high = np.maximum(np.minimum(boxes[:, None, 2:], others[:, :, 2:]), low)
     coloured, area = image.counts(np.concatenate([low, high], axis=2).reshape(-1, 4))
     shape = others.shape[:2]
-    return coloured.reshape(shape).sum(axis=1), area.reshape(shape).sum(axis=1)
+    return coloured.reshape(shape), area.reshape(shape)
 
 
 def _corners(boxes: FloatArray, width: int, height: int) -> IntArray:

@@ -10,7 +10,8 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState, bootstrap
 from tsuiseki.tracking.filters.region_births import AnywhereBirths, PatchBirths
-from tsuiseki.tracking.filters.region_phd import RegionPhdFilter, each_alone, without_others
+from tsuiseki.tracking.filters.region_likelihoods import each_alone, without_others
+from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.region_states import boxes_of, second_order
 from tsuiseki.tracking.filters.region_updates import Calibrated, Equalised, as_printed
 from tsuiseki.tracking.filters.weights import weighted_mean
@@ -37,7 +38,7 @@ class BlobSettings:
         detection: probability that a target looks like itself, in [0, 1].
         margin: of the frame around a box whose colour counts against it, as a share of its sides.
         sharpness: power of the likelihood ratio.
-        smallest: least side of a patch of colour that may be a new target.
+        smallest: least side of a target, and of a patch of colour that may be a new one.
         lost_below: with ``single``, the target is not seen when the best likelihood is below this.
         patience: with ``single``, frames unseen before the search begins anew.
         shortest: a track of fewer frames is not reported.
@@ -73,14 +74,14 @@ class BlobSettings:
 
 def region_filter(settings: BlobSettings) -> RegionPhdFilter:
     """The filter of several targets for the preset."""
-    motion = second_order((settings.place_noise,) * 2, (settings.size_noise,) * 2)
+    motion = second_order((settings.place_noise,) * 2, (settings.size_noise,) * 2, settings.smallest)
     if settings.preset == "paper":
         births = AnywhereBirths(mass=0.05, count=settings.particles, size=settings.size)
         equalised = Equalised(as_printed)
         fixed = settings.particles * settings.targets
         return RegionPhdFilter(
             motion, births, each_alone, equalised, settings.particles, fixed, settings.survival, settings.detection,
-            settings.margin, report=1e-3,
+            settings.margin,
         )  # fmt: skip
     patches = PatchBirths(smallest=settings.smallest)
     update = Calibrated(settings.sharpness)
@@ -138,7 +139,7 @@ class SingleBlobTracker:
         self.estimates: list[Estimate] = []
         self._unseen = 0
         self._state: ParticleState | None = None
-        noise = (self.settings.place_noise,) * 2, (self.settings.size_noise,) * 2
+        noise = (self.settings.place_noise,) * 2, (self.settings.size_noise,) * 2, self.settings.smallest
         self._filter: ParticleFilter[ColourImage] = ParticleFilter(
             bootstrap(second_order(*noise)), self._log_likelihood
         )

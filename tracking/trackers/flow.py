@@ -126,7 +126,8 @@ class FlowTracker:
             tracklets = make_tracklets(rows.frames, rows.boxes, pieces.costs, labels, pieces.looks(), motion)
             # The appended -1 keeps detections outside all pieces outside all tracks.
             labels = np.append(join(tracklets, self.settings.join), -1)[labels]
-        return _finished(rows, labels, self.settings)
+        settings = self.settings
+        return [t for t, _ in finished_tracks(rows, labels, settings.min_detections, settings.gaps, settings.smoothing)]
 
     def _is_due(self, chunk: int) -> bool:
         """Whether to decide now: where much stays undecided, new frames are awaited in proportion, up to a limit."""
@@ -188,18 +189,33 @@ def _uncut(rows: DetectionRows, decision: Decision) -> Links:
     return Links(decision.numbers[used], decision.follower[used], (decision.cost + decision.link)[used], features)
 
 
-def _finished(rows: DetectionRows, labels: IntArray, settings: FlowSettings) -> list[Track]:
-    """The tracks with enough detections, their gaps filled and boxes smoothed, by the frame they start in."""
+def finished_tracks(
+    rows: DetectionRows,
+    labels: IntArray,
+    min_detections: int,
+    gaps: GapSettings | None,
+    smoothing: SmoothingSettings | None,
+) -> list[tuple[Track, IntArray]]:
+    """The tracks with enough detections, their gaps filled and boxes smoothed, by the frame they start in.
+
+    Args:
+        rows: the detections.
+        labels: ``(N,)`` number of the track of each, -1 for none.
+        min_detections: tracks of fewer are dropped.
+        gaps: which gaps are filled; None fills none.
+        smoothing: how far boxes are smoothed; None leaves them as they were detected.
+
+    Returns:
+        Each track, and the indices of its detections in the order of its observed frames.
+    """
     used = np.flatnonzero(labels >= 0)
     order = used[np.lexsort((rows.frames[used], labels[used]))]
     pieces = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
-    pieces = sorted(
-        (piece for piece in pieces if len(piece) >= max(settings.min_detections, 1)), key=lambda piece: int(piece[0])
-    )
+    long = [piece for piece in pieces if len(piece) >= max(min_detections, 1)]
     tracks = []
-    for number, piece in enumerate(pieces, start=1):
+    for number, piece in enumerate(sorted(long, key=lambda piece: int(piece[0])), start=1):
         track = Track(number, rows.frames[piece], rows.boxes[piece], rows.scores[piece])
-        if settings.gaps is not None:
-            track = fill_gaps(track, settings.gaps)
-        tracks.append(smooth(track, settings.smoothing) if settings.smoothing is not None else track)
+        if gaps is not None:
+            track = fill_gaps(track, gaps)
+        tracks.append((smooth(track, smoothing) if smoothing is not None else track, piece))
     return tracks

@@ -16,7 +16,8 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.blobs import BlobSettings, blob_frames, plan_blobs
 from tsuiseki.tracking.filters.region_births import AnywhereBirths
-from tsuiseki.tracking.filters.region_phd import RegionLikelihood, RegionPhdFilter, each_alone, without_others
+from tsuiseki.tracking.filters.region_likelihoods import RegionLikelihood, each_alone, without_others
+from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.region_states import boxes_of, second_order
 from tsuiseki.tracking.filters.region_updates import Equalised, Update, as_printed, average, calibrated
 from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage
@@ -89,7 +90,8 @@ def reproduce_equalisation(out: Path, seeds: int, frames: int, density: int) -> 
         name: np.mean([arm.particles[:, rank] for arm, rank in zip(arms, order, strict=True)], axis=0)
         for name, arms in runs.items()
     }
-    plot_particles(means, np.sort(purity[0]), out / "particles.png")
+    lost = {name: np.array([a.lost[r] for a, r in zip(arms, order, strict=True)]) for name, arms in runs.items()}
+    plot_particles(means, lost, np.sort(purity[0]), out / "particles.png")
     kept = {name: [int(np.sum(arm.lost >= frames)) for arm in arms] for name, arms in runs.items()}
     gained = {name: np.array(kept[name]) - np.array(kept["as printed"]) for name in ARMS if name != "as printed"}
     return {
@@ -98,10 +100,7 @@ def reproduce_equalisation(out: Path, seeds: int, frames: int, density: int) -> 
         "kept": {name: float(np.mean(values)) for name, values in kept.items()},
         "kept_by_seed": kept,
         "one_more_kept": {name: float(np.mean(values >= 1)) for name, values in gained.items()},
-        "frames_until_loss": {
-            name: np.mean([arm.lost[rank] for arm, rank in zip(arms, order, strict=True)], axis=0).tolist()
-            for name, arms in runs.items()
-        },
+        "frames_until_loss": {name: values.mean(axis=0).tolist() for name, values in lost.items()},
         "expected_count_at_end": {
             name: float(np.mean([arm.expected[-1] for arm in arms])) for name, arms in runs.items()
         },

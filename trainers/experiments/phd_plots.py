@@ -39,25 +39,46 @@ def plot_ospa(rows: Sequence[ScenarioRow], path: Path) -> None:
 def plot_scaling(grown: Sequence[Scaling], path: Path) -> None:
     """Milliseconds a step over clutter and over targets, both axes logarithmic."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
+    times = [value for one in grown for value in one.milliseconds]
+    ticks = [tick for tick in (0.5, 1, 2, 5, 10, 20, 50, 100, 200) if min(times) / 1.5 <= tick <= max(times) * 1.5]
     for place, what in enumerate(("clutter", "targets"), start=1):
         axes = figure.add_subplot(1, 2, place)
         for one in (one for one in grown if one.what == what):
             axes.loglog(one.sizes, one.milliseconds, marker="o", label=f"{one.method}: slope {one.slope:.2f}")
-        axes.set(xlabel=f"{what} a step" if what == "clutter" else what, ylabel="milliseconds a step")
+        axes.set(xlabel="false measurements a step" if what == "clutter" else what, ylabel="milliseconds a step")
+        sizes = sorted({size for one in grown if one.what == what for size in one.sizes})
+        axes.set_xticks(sizes, labels=[str(size) for size in sizes])
+        axes.set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        axes.set_ylim(min(times) / 1.5, max(times) * 1.5)
+        axes.minorticks_off()
         axes.legend(fontsize="small")
-        axes.grid(visible=True, which="both", alpha=0.3)
+        axes.grid(visible=True, alpha=0.3)
     _save(figure, path)
 
 
-def plot_particles(counts: Mapping[str, FloatArray], purity: FloatArray, path: Path) -> None:
-    """Particles on each target over time ``(T, K)``, a panel for each method; mean over the seeds."""
-    figure = Figure(figsize=(4.2 * len(counts), 3.4), layout="constrained")
-    for place, (name, values) in enumerate(counts.items(), start=1):
-        axes = figure.add_subplot(1, len(counts), place)
+def plot_particles(
+    counts: Mapping[str, FloatArray], lost: Mapping[str, FloatArray], purity: FloatArray, path: Path
+) -> None:
+    """Particles on each target over time, and below how many of the clips still have it; a column for each method.
+
+    Args:
+        counts: ``(T, K)`` mean over the clips.
+        lost: ``(S, K)`` frame at which each clip lost each target, ``T`` where it never did.
+        purity: ``(K,)`` of the targets.
+        path: of the picture.
+    """
+    figure = Figure(figsize=(3.6 * len(counts), 5.4), layout="constrained")
+    panels = figure.subplots(2, len(counts), sharex=True, sharey="row", squeeze=False)
+    for name, (above, below) in zip(counts, panels.T, strict=True):
+        frames = np.arange(len(counts[name]))
         for target in np.argsort(-purity):
-            axes.plot(values[:, target], label=f"purity {purity[target]:.2f}")
-        axes.set(title=name, xlabel="frame", ylabel="particles on the target", ylim=(0, None))
-        axes.legend(fontsize="small")
+            above.plot(frames, counts[name][:, target], label=f"purity {purity[target]:.2f}")
+            below.plot(frames, np.mean(lost[name][:, target, None] > frames, axis=0))
+        above.set(title=name, ylim=(0, None))
+        below.set(xlabel="frame", ylim=(0, 1.05))
+    panels[0, 0].set_ylabel("particles on the target")
+    panels[1, 0].set_ylabel("share of clips that still have it")
+    panels[0, 0].legend(fontsize="small")
     _save(figure, path)
 
 

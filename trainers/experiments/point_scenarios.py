@@ -6,6 +6,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from tsuiseki.tracking.filters.point_models import (
 from tsuiseki.tracking.types import FloatArray
 
 REQUIRED = ("kind", "T", "K", "P_S", "P_D", "region", "clutter_rates", "runs", "sigma_v")
+OF_KIND = {"linear": ("sigma_e",), "ct": ("sigma_turn", "sigma_bearing", "sigma_range")}
+ARRAYS = ("truth", "z", "z_run", "z_clut", "z_k")
 
 
 @dataclass(frozen=True)
@@ -31,11 +34,13 @@ class PointScenario:
     """Truth and measurements of a scenario.
 
     Attributes:
+        name: of its file, without what all of them share.
         settings: what its json says.
         truth: ``(K, T, D)`` states, NaN while a target is absent.
         measurements: by run and index of the clutter rate, one ``(M, Z)`` array a step.
     """
 
+    name: str
     settings: dict[str, Any]
     truth: FloatArray
     measurements: dict[tuple[int, int], list[FloatArray]]
@@ -50,33 +55,42 @@ def read_scenario(path: Path) -> PointScenario:
     """The scenario whose settings are in ``path`` (json) and whose data is beside it (npz).
 
     Raises:
-        RequestError: a file or a setting is missing.
+        RequestError: a file, a setting or an array is missing, or the kind is unknown.
     """
     data_path = path.with_suffix(".npz")
     for needed in (path, data_path):
         if not needed.is_file():
             raise RequestError(f"expected a scenario file at {needed}, found none; give its folder with --data")
-    settings = json.loads(path.read_text(encoding="utf-8"))
-    missing = [name for name in REQUIRED if name not in settings]
+    try:
+        settings = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise RequestError(f"{path}: expected JSON, got {error}") from error
+    kind = settings.get("kind", "")
+    if kind not in OF_KIND:
+        raise RequestError(f"{path}: expected a scenario of kind {' or '.join(OF_KIND)}, got {kind!r}")
+    missing = [name for name in (*REQUIRED, *OF_KIND[kind]) if name not in settings]
     if missing:
         raise RequestError(f"{path}: expected the setting {missing[0]}, found none")
-    with np.load(data_path, allow_pickle=False) as data:
-        truth, z, run, clutter, step = (data[name] for name in ("truth", "z", "z_run", "z_clut", "z_k"))
+    try:
+        with np.load(data_path, allow_pickle=False) as data:
+            truth, z, run, clutter, step = (data[name] for name in ARRAYS)
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise RequestError(f"{data_path}: expected a NumPy archive, got a broken file") from error
+    except KeyError as error:
+        raise RequestError(f"{data_path}: expected the arrays {', '.join(ARRAYS)}, got no {error}") from error
     cells = {
         (r, c): [z[(run == r) & (clutter == c) & (step == k)] for k in range(settings["K"])]
         for r in range(settings["runs"])
         for c in range(len(settings["clutter_rates"]))
     }
-    return PointScenario(settings, truth, cells)
+    return PointScenario(path.stem.removeprefix("phd_scenario_"), settings, truth, cells)
 
 
 def scenario_sensor(settings: dict[str, Any]) -> GaussianSensor:
     """The sensor of a scenario of kind ``linear`` or ``ct``."""
     if settings["kind"] == "linear":
         return GaussianSensor(cartesian, np.full(2, settings["sigma_e"]))
-    if settings["kind"] == "ct":
-        return GaussianSensor(bearing_range, np.array([settings["sigma_bearing"], settings["sigma_range"]]), (0,))
-    raise RequestError(f"expected a scenario of kind linear or ct, got {settings['kind']!r}")
+    return GaussianSensor(bearing_range, np.array([settings["sigma_bearing"], settings["sigma_range"]]), (0,))
 
 
 def scenario_model(settings: dict[str, Any], clutter_rate: float) -> PointModel:

@@ -12,7 +12,9 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from tsuiseki.tracking.association.affinity import FEATURE_SETS
+from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet
+from tsuiseki.tracking.features.action_inputs import STREAMS, ActionInput, StreamName
+from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.webm import VideoWriter
 
@@ -109,10 +111,10 @@ def save_appearance(path: Path) -> None:
     save(path, "images", ["n", 3, HEIGHT, WIDTH], nodes, {"features": ["n", 3]}, constants)
 
 
-def save_affinity(path: Path) -> None:
+def save_affinity(path: Path, features: FeatureSet = "extended") -> None:
     """Every pair is the same person, almost surely."""
-    names = FEATURE_SETS["extended"]
-    settings = {"features": "extended", "window": 3, "alpha": 1.0, "beta": -3.0, "b": 0.0}
+    names = FEATURE_SETS[features]
+    settings = {"features": features, "window": 3, "alpha": 1.0, "beta": -3.0, "b": 0.0}
     card = ModelCard("affinity", "small", names, layout="NF", settings=settings)
     value = numpy_helper.from_array(np.array([0.95], dtype=np.float32))
     nodes = [
@@ -120,3 +122,42 @@ def save_affinity(path: Path) -> None:
         helper.make_node("ConstantOfShape", ["rows"], ["probability"], value=value),
     ]
     save(path, "features", ["n", len(names)], nodes, {"probability": ["n"]}, {"card": card.to_json()})
+
+
+@pytest.fixture(scope="session")
+def action_streams(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two streams that know the coloured people of ``acting_clips``: by their colours, and not at all by their flow."""
+    folder = tmp_path_factory.mktemp("streams")
+    paths = [folder / "rgb.onnx", folder / "flow.onnx"]
+    save_action(paths[0], "rgb_local")
+    save_action(paths[1], "flow_local")
+    return paths
+
+
+@pytest.fixture(scope="session")
+def drone_models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with four small streams, ``STREAM.onnx``, and the costs of ``train affinity-drone``."""
+    folder = tmp_path_factory.mktemp("drone")
+    for stream in STREAMS:
+        save_action(folder / f"{stream}.onnx", stream)
+    save_affinity(folder / "affinity_drone.onnx", "thesis")
+    for kind in ("saf", "maf", "sided"):
+        save_affinity(folder / f"affinity_drone_{kind}.onnx", "thesis_action")
+    return folder
+
+
+def save_action(path: Path, stream: StreamName, names: tuple[str, ...] = OKUTAMA_ACTIONS) -> None:
+    """Red is walking, green sitting, blue running, by the sigmoid of a linear map of the mean colour."""
+    takes = ActionInput(stream, 16)
+    weight = np.zeros((takes.channels, len(names)), dtype=np.float32)
+    if stream == "rgb_local" and len(names) == len(OKUTAMA_ACTIONS):
+        for channel, action in enumerate(("Walking", "Sitting", "Running")):
+            weight[:, names.index(action)] = -2
+            weight[channel, names.index(action)] = 4
+    constants = {"axes": np.array([2, 3]), "w": weight, "card": takes.card("small", names).to_json()}
+    nodes = [
+        helper.make_node("ReduceMean", ["images", "axes"], ["mean"], keepdims=0),
+        helper.make_node("MatMul", ["mean", "w"], ["logit"]),
+        helper.make_node("Sigmoid", ["logit"], ["probability"]),
+    ]
+    save(path, "images", ["n", takes.channels, 16, 16], nodes, {"probability": ["n", len(names)]}, constants)

@@ -202,12 +202,15 @@ def test_every_command_has_help(words: list[str], capsys: pytest.CaptureFixture[
     assert "--config" in text
 
 
+TRACKED = "people, single, sphere, drone, blobs, deformable"
+
+
 @pytest.mark.parametrize(
     ("words", "line"),
     [
         (["trak"], "unknown command `tsuiseki trak`; did you mean track?"),
         (["track", "peple"], "unknown command `tsuiseki track peple`; did you mean people?"),
-        (["track", "zzz"], "unknown command `tsuiseki track zzz`; expected one of people, blobs"),
+        (["track", "zzz"], f"unknown command `tsuiseki track zzz`; expected one of {TRACKED}"),
     ],
 )
 def test_an_unknown_command_names_its_neighbour(

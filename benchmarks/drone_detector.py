@@ -1,0 +1,106 @@
+"""Recall of exported drone detectors: on labelled clips, and of the one labelled person of a UAV123 sequence.
+
+    python benchmarks/drone_detector.py --detector tracking/weights/detector_drone.onnx [--clips DIR …]
+        [--uav ../shared/data/sot/uav/person12] [--frames 102-201] [--every 1] [--write-mot DIR]
+
+Clips are MOTChallenge sequences; people of whom less than 40 % shows are left out. In a sequence of UAV123 everybody
+but the labelled person is unknown, so detections beside it need not be wrong. A person is found where a detection has
+an IoU of 0.5 or more with the label. ``--write-mot`` makes a MOTChallenge sequence of those frames, with links to the
+images, to fine-tune on.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.readers.mot import LabelledImage, labelled_images
+from tsuiseki.tracking.features.networks import Detector
+from tsuiseki.tracking.formats.mot import GroundTruth, list_images, write_ground_truth, write_sequence_info
+from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
+from tsuiseki.tracking.video import read_image
+
+VISIBLE, OVERLAP = 0.4, 0.5
+THRESHOLDS = (0.1, 0.3, 0.5)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--detector", type=Path)
+    parser.add_argument("--clips", type=Path, nargs="*", default=[])
+    parser.add_argument("--uav", type=Path)
+    parser.add_argument("--frames", default="1-100000")
+    parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--write-mot", type=Path)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    first, last = map(int, arguments.frames.split("-"))
+    if arguments.write_mot is not None:
+        write_mot(uav_images(arguments.uav)[first - 1 : last], arguments.write_mot)
+    if arguments.detector is None:
+        return
+    detector = Detector(arguments.detector, min(THRESHOLDS), threads=1)
+    for clip in arguments.clips:
+        report(clip.name, detector, labelled_images(clip, (first, last))[:: arguments.every])
+    if arguments.uav is not None:
+        report(arguments.uav.name, detector, uav_images(arguments.uav)[first - 1 : last][:: arguments.every])
+
+
+def uav_images(folder: Path) -> list[LabelledImage]:
+    """The frames of a UAV123 sequence with their one box, which is 1-based; frames without are left out."""
+    rows = np.genfromtxt(folder / "groundtruth_rect.txt", delimiter=",")
+    found = []
+    for frame, (path, row) in enumerate(zip(list_images(folder / "img"), rows, strict=True)):
+        if np.isfinite(row).all():
+            box = corners_from_xywh(row[None] - np.array([1, 1, 0, 0]))
+            found.append(
+                LabelledImage(
+                    path, folder.name, frame, box, np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.bool_), np.ones(1)
+                )
+            )
+    return found
+
+
+def write_mot(images: list[LabelledImage], folder: Path) -> None:
+    """A MOTChallenge sequence of ``images``, the first of which is its first frame."""
+    (folder / "img1").mkdir(parents=True, exist_ok=True)
+    start = images[0].frame
+    for sample in images:
+        link = folder / "img1" / f"{sample.frame - start + 1:06d}.jpg"
+        if not link.exists():
+            link.symlink_to(sample.path.resolve())
+    count = len(images)
+    frames, everyone = np.array([s.frame - start for s in images]), np.ones(count, dtype=np.bool_)
+    boxes = np.concatenate([s.boxes for s in images])
+    truth = GroundTruth(frames, np.ones(count, dtype=np.int64), boxes, everyone, ~everyone, np.ones(count))
+    write_ground_truth(folder / "gt" / "gt.txt", truth)
+    height, width = read_image(images[0].path).shape[:2]
+    write_sequence_info(folder, images[0].sequence, 30.0, count, width, height)
+
+
+def report(name: str, detector: Detector, images: list[LabelledImage]) -> None:
+    """Print a line for each threshold of the score."""
+    found = [detector.detect([read_image(sample.path)])[0] for sample in images]
+    for threshold in THRESHOLDS:
+        people = hits = total = right = 0
+        for sample, detections in zip(images, found, strict=True):
+            kept = detections.select(detections.scores >= threshold)
+            counted = ~sample.ignored & (sample.visibility >= VISIBLE)
+            overlaps = iou_matrix(kept.boxes, sample.boxes)
+            people += int(counted.sum())
+            hits += int((overlaps >= OVERLAP).any(axis=0)[counted].sum())
+            total += len(kept)
+            right += int((overlaps >= OVERLAP).any(axis=1).sum())
+        print(
+            f"{name:20s} score >= {threshold:.1f}: recall {hits / max(people, 1):.3f} of {people} people in "
+            f"{len(images)} frames, {total / max(len(images), 1):.1f} detections a frame, "
+            f"{right / max(total, 1):.3f} of them on somebody labelled"
+        )
+
+
+if __name__ == "__main__":
+    main()

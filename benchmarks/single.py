@@ -1,0 +1,120 @@
+"""Milliseconds of CPU a frame of the trackers of one target, one thread, as ratios to OpenCV-contrib in one run.
+
+    python benchmarks/single.py --data ../shared/data --peer /path/to/venv/bin/python
+
+The peer's environment holds `opencv-contrib-python-headless`. Rounds are interleaved (ours, peer, ours, peer, ...) and
+the median of each is taken; the image is decoded before the clock starts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import subprocess
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequences
+from tsuiseki.tracking.geometry import xywh_from_corners
+from tsuiseki.tracking.trackers.single import kcf
+from tsuiseki.tracking.trackers.single.interface import SingleTracker
+from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
+from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
+from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.video import read_image
+
+SEQUENCES = ("otb/Crossing", "vot/bag")
+PEER_SCRIPT = Path(__file__).with_name("single_peer.py")
+OURS = {
+    "KCF fixed": lambda: KcfTracker(kcf.THESIS),
+    "KCF scale search": lambda: KcfTracker(kcf.KcfSettings()),
+    "combined thesis": lambda: KcfParticle(THESIS),
+    "combined robust fixed": lambda: KcfParticle(replace(ROBUST, kcf=kcf.THESIS)),
+    "combined robust": lambda: KcfParticle(ROBUST),
+}
+BASES = {
+    "combined thesis": "KCF fixed",
+    "combined robust fixed": "KCF fixed",
+    "combined robust": "KCF scale search",
+}
+
+
+def frame_times(
+    tracker: SingleTracker, images: list[ImageArray], sequence: SingleSequence
+) -> tuple[np.ndarray, np.ndarray]:
+    """Milliseconds of each frame, and in which the particle filter ran."""
+    tracker.start(images[0], sequence.boxes[0])
+    times, searched = [], []
+    for image in images[1:]:
+        before = getattr(tracker, "searched_frames", 0)
+        start = time.process_time()
+        tracker.follow(image)
+        times.append(1000 * (time.process_time() - start))
+        searched.append(getattr(tracker, "searched_frames", 0) > before)
+    return np.array(times), np.array(searched)
+
+
+def peer_time(python: str, name: str, sequence: SingleSequence, folder: Path) -> float:
+    """Milliseconds a frame of an OpenCV-contrib tracker."""
+    listing = folder / "images.txt"
+    listing.write_text("\n".join(str(path.resolve()) for path in sequence.images), encoding="utf-8")
+    box = ",".join(f"{v:g}" for v in xywh_from_corners(sequence.boxes[0]))
+    command = [python, str(PEER_SCRIPT), name, str(listing), box]
+    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+def measure(sequence: SingleSequence, python: str, rounds: int, folder: Path) -> None:
+    images = [read_image(path) for path in sequence.images]
+    means: dict[str, list[float]] = {name: [] for name in (*OURS, "CSRT")}
+    plain: dict[str, list[float]] = {name: [] for name in OURS}
+    search: dict[str, list[float]] = {name: [] for name in OURS}
+    share: dict[str, float] = {}
+    for _ in range(rounds):
+        for name, make in OURS.items():
+            times, searched = frame_times(make(), images, sequence)
+            means[name].append(float(times.mean()))
+            plain[name].append(float(times[~searched].mean()))
+            search[name].append(float(times[searched].mean()) if searched.any() else np.nan)
+            share[name] = float(searched.mean())
+        means["CSRT"].append(peer_time(python, "CSRT", sequence, folder))
+    peer = float(np.median(means["CSRT"]))
+    print(f"\n{sequence.name}: {len(images)} frames, CSRT {peer:.2f} ms")
+    print(f"{'':22}{'ms':>7}{'/ CSRT':>8}{'/ KCF':>7}{'plain / KCF':>13}{'search ms':>11}{'searched':>10}")
+    for name in OURS:
+        mean = float(np.median(means[name]))
+        base = float(np.median(means[BASES[name]])) if name in BASES else np.nan
+        ratio = (
+            [f"{mean / base:7.2f}", f"{np.median(plain[name]) / base:13.2f}"]
+            if name in BASES
+            else [f"{'-':>7}", f"{'-':>13}"]
+        )
+        print(
+            f"{name:22}{mean:7.2f}{mean / peer:8.3f}{ratio[0]}{ratio[1]}"
+            f"{np.median(search[name]):11.2f}{100 * share[name]:9.0f}%"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("--peer", required=True, help="python of an environment with opencv-contrib-python-headless")
+    parser.add_argument("--rounds", type=int, default=5)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    machine = platform.processor() or platform.machine()
+    versions = f"Python {platform.python_version()}, OpenCV {cv2.__version__}, numpy {np.__version__}"
+    print(f"{machine}, {versions}; one thread, CPU time, median of {arguments.rounds} interleaved rounds")
+    with tempfile.TemporaryDirectory() as folder:
+        for name in SEQUENCES:
+            found = find_single_sequences(arguments.data / "sot" / name)[0]
+            measure(found, arguments.peer, arguments.rounds, Path(folder))
+
+
+if __name__ == "__main__":
+    main()

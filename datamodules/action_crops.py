@@ -1,0 +1,174 @@
+"""Crops of people with their actions, cut once from labelled video and kept on disk.
+
+A clip becomes a folder: ``local_rgb.npy``, ``global_rgb.npy``, ``local_flow.npy`` and ``global_flow.npy``, each
+``(N, S, S, C)`` uint8, ``rows.npz`` with what they show, and ``settings.json``, which says how they were cut and is
+written last. The crops are larger than the network's input by a margin, so that training can shift them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName, crop_squares, flow_to, square_boxes
+from tsuiseki.tracking.features.optical_flow import FlowName
+from tsuiseki.tracking.formats.okutama import ActionLabels
+from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
+
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class CropSettings:
+    """How crops are cut from video.
+
+    Attributes:
+        size: side of the network's input, pixels.
+        margin: of the stored crops on every side, in input sizes: how far training can shift them.
+        enlargement: of the global crop, μ.
+        flow_limit: flow is clipped to this many pixels a frame.
+        stack: pairs of frames whose flow is stacked.
+        flow: how it is estimated.
+        step: every how many frames people are cut out.
+    """
+
+    size: int = 64
+    margin: float = 0.0625
+    enlargement: float = 3.0
+    flow_limit: float = 20.0
+    stack: int = 1
+    flow: FlowName = "dis"
+    step: int = 5
+
+    @property
+    def stored_size(self) -> int:
+        """Side of the stored crops, pixels."""
+        return round(self.size * (1 + 2 * self.margin))
+
+
+@dataclass(frozen=True)
+class ActionCrops:
+    """The crops of one or several clips.
+
+    Attributes:
+        images: ``(N, S, S, C)`` uint8 by stream, one array a clip.
+        actions: ``(N, A)`` which actions each person performs.
+        people: ``(N,)`` one number a person, over all clips.
+        frames: ``(N,)`` 0-based, in their clips.
+        clip: ``(N,)`` which clip a row lies in, and ``row`` where in it.
+        row: ``(N,)``.
+    """
+
+    images: dict[StreamName, list[ImageArray]]
+    actions: BoolArray
+    people: IntArray
+    frames: IntArray
+    clip: IntArray
+    row: IntArray
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def crops(self, stream: StreamName, rows: IntArray) -> ImageArray:
+        """``(B, S, S, C)`` of the samples ``rows`` ``(B,)``."""
+        arrays = self.images[stream]
+        chosen = [arrays[c][r] for c, r in zip(self.clip[rows].tolist(), self.row[rows].tolist(), strict=True)]
+        return np.stack(chosen)
+
+
+def cut_clip(images: Sequence[Path], labels: ActionLabels, settings: CropSettings, folder: Path) -> None:
+    """Cut the labelled people of a clip out and keep them in ``folder``, which appears when it is complete."""
+    usable = ~(labels.lost | labels.occluded)
+    wanted = [t for t in np.unique(labels.frames[usable]).tolist() if t >= settings.stack and t % settings.step == 0]
+    if not wanted:
+        raise RequestError(f"expected labelled people in {folder.name}, found none with a frame before")
+    rows = np.flatnonzero(usable & np.isin(labels.frames, wanted))
+    rows = rows[np.argsort(labels.frames[rows], kind="stable")]
+    crops: dict[StreamName, list[ImageArray]] = {name: [] for name in STREAMS}
+    for frame, image, flow in _pictures(images, wanted, settings):
+        boxes = labels.boxes[rows[labels.frames[rows] == frame]]
+        for name in STREAMS:
+            scale = (settings.enlargement if name.endswith("global") else 1.0) * (1 + 2 * settings.margin)
+            picture = flow if name.startswith("flow") else image
+            crops[name].append(crop_squares(picture, square_boxes(boxes, scale), settings.stored_size))
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".unfinished", dir=folder.parent))
+    try:
+        for name, parts in crops.items():
+            np.save(work / f"{name}.npy", np.concatenate(parts))
+        np.savez(work / "rows.npz", actions=labels.actions[rows], ids=labels.ids[rows], frames=labels.frames[rows])
+        (work / "settings.json").write_text(_described(settings, labels.class_names), encoding="utf-8")
+        if folder.exists():
+            shutil.rmtree(folder)
+        work.replace(folder)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def _pictures(
+    images: Sequence[Path], wanted: Sequence[int], settings: CropSettings
+) -> Iterator[tuple[int, ImageArray, ImageArray]]:
+    """The wanted frames, each with the stacked flow that leads to it; an image is read once."""
+    held: dict[int, ImageArray] = {}
+    for frame in wanted:
+        before = {t: held[t] if t in held else read_image(images[t]) for t in range(frame - settings.stack, frame + 1)}
+        held = before
+        pairs = [
+            flow_to(before[t - 1], before[t], settings.flow, settings.flow_limit)
+            for t in range(frame - settings.stack + 1, frame + 1)
+        ]
+        yield frame, before[frame], np.concatenate(pairs, axis=2)
+
+
+def has_crops(folder: Path, settings: CropSettings, names: Sequence[str]) -> bool:
+    """Whether ``folder`` holds a clip cut with just these settings and these actions."""
+    try:
+        return (folder / "settings.json").read_text(encoding="utf-8") == _described(settings, names)
+    except OSError:
+        return False
+
+
+def load_crops(folders: Sequence[Path], streams: Sequence[StreamName]) -> ActionCrops:
+    """The crops of several clips; the pictures stay on disk until they are asked for.
+
+    Raises:
+        RequestError: a folder is incomplete.
+    """
+    images: dict[StreamName, list[ImageArray]] = {name: [] for name in streams}
+    actions, people, frames, clip, row = [], [], [], [], []
+    first = 0
+    for number, folder in enumerate(folders):
+        try:
+            for name in streams:
+                images[name].append(np.load(folder / f"{name}.npy", mmap_mode="r"))
+            with np.load(folder / "rows.npz", allow_pickle=False) as rows:
+                names, ids = np.unique(rows["ids"], return_inverse=True)
+                actions.append(rows["actions"])
+                people.append(ids + first)
+                frames.append(rows["frames"])
+        except (OSError, ValueError, KeyError) as error:
+            raise RequestError(f"{folder}: expected crops of a clip, got {error}; delete it to cut it anew") from error
+        first += len(names)
+        clip.append(np.full(len(ids), number))
+        row.append(np.arange(len(ids)))
+    return ActionCrops(
+        images,
+        np.concatenate(actions),
+        np.concatenate(people).astype(np.int64),
+        np.concatenate(frames).astype(np.int64),
+        np.concatenate(clip),
+        np.concatenate(row),
+    )
+
+
+def _described(settings: CropSettings, names: Sequence[str]) -> str:
+    return json.dumps({"version": VERSION, **dataclasses.asdict(settings), "actions": list(names)}, sort_keys=True)

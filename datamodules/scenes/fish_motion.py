@@ -1,0 +1,224 @@
+"""How a fish swims: a driven bend, and the water's answer to it.
+
+The fish bends its tail towards a target (a beat, a steady bend to steer, a sharp bend to turn at once). The tail is a
+plate that the water holds back along its normal, by the square of its speed: that turns the body, pushes it aside, and
+turns a bent tail in the flow into a rudder. The beat pushes forward by the square of the tail's speed sideways
+(Lighthill 1971), and the body slips easily along its axis and hardly across it. So heading, speed and bend are coupled
+as in a real fish, and nothing couples them but the water.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.types import FloatArray
+
+STEPS_PER_SECOND = 120.0
+# A fish minds the wall from here on, and its centre never comes nearer than the second; pixels from the border.
+WALL_MARGIN = 110.0
+NEAREST_WALL = 66.0
+LARGEST_BEND = 1.4
+
+
+@dataclass(frozen=True)
+class Swimming:
+    """How a fish behaves, and how the water answers; lengths in pixels, times in seconds.
+
+    Attributes:
+        arm: from the centre to the root of the tail.
+        tail: length of the tail.
+        beat_frequency: least and greatest beats a second of cruising.
+        beat_bend: least and greatest amplitude of that beat, radians.
+        burst_frequency: beats a second of bursts.
+        burst_bend: amplitude of their beat.
+        burst_seconds: least and greatest length of a burst.
+        bursts: share of the stretches between turns that are bursts.
+        glides: share that are glides without a beat.
+        stretch_seconds: least and greatest length of a stretch of cruising or gliding.
+        lively: share of the fish that turn suddenly at all.
+        turns: probability of a sudden turn at the end of a stretch of a lively fish; 0.9 where it nears a wall.
+        turn_angle: least and greatest angle of a sudden turn, radians.
+        turn_bend: bend of the body in it, radians.
+        stiffness: natural frequency of the bend's answer to its target, radians a second.
+        plate: resistance of the tail along its normal, 1/pixel.
+        thrust: of the tail's speed sideways, 1/pixel.
+        drag: along the body, 1/pixel.
+        side_drag: across the body, 1/pixel.
+        yaw_damping: of the body's turning, 1/second.
+        gyration: radius of gyration of the body with the water it moves along.
+    """
+
+    arm: float = 28.0
+    tail: float = 32.0
+    beat_frequency: tuple[float, float] = (1.2, 2.2)
+    beat_bend: tuple[float, float] = (0.25, 0.5)
+    burst_frequency: float = 3.2
+    burst_bend: float = 0.75
+    burst_seconds: tuple[float, float] = (0.4, 0.9)
+    bursts: float = 0.3
+    glides: float = 0.2
+    stretch_seconds: tuple[float, float] = (0.5, 1.6)
+    lively: float = 0.5
+    turns: float = 0.3
+    turn_angle: tuple[float, float] = (1.2, 2.4)
+    turn_bend: float = 1.3
+    stiffness: float = 24.0
+    plate: float = 0.03
+    thrust: float = 0.006
+    drag: float = 0.009
+    side_drag: float = 0.06
+    yaw_damping: float = 1.5
+    gyration: float = 20.0
+
+
+@dataclass
+class _Fish:
+    """What the next step of one fish needs."""
+
+    place: FloatArray
+    velocity: FloatArray
+    goal: FloatArray
+    heading: float
+    lively: bool
+    turning: float = 0.0
+    bend: float = 0.0
+    bending: float = 0.0
+    phase: float = 0.0
+    frequency: float = 1.5
+    amplitude: float = 0.3
+    until: float = 0.0
+    side: float = 0.0
+    wanted: float = 0.0
+
+
+def swim(
+    frames: int, frame_rate: float, extent: tuple[int, int], way: Swimming, rng: np.random.Generator
+) -> FloatArray:
+    """States ``(frames, 4)`` a, b, theta, phi of one fish in a tank of ``extent`` width and height.
+
+    The heading is continuous: it does not jump by full turns.
+    """
+    size = np.array(extent, dtype=np.float64)
+    fish = _start(size, way, rng)
+    substeps = max(1, round(STEPS_PER_SECOND / frame_rate))
+    dt = 1.0 / (frame_rate * substeps)
+    states = np.empty((frames, 4))
+    clock = -2.0  # two seconds before the clip, so that it starts in full swing
+    while clock < -1e-9:
+        _step(fish, clock, dt, size, way, rng)
+        clock += dt
+    for frame in range(frames):
+        states[frame] = [*fish.place, fish.heading, fish.bend]
+        for _ in range(substeps):
+            _step(fish, clock, dt, size, way, rng)
+            clock += dt
+    return states
+
+
+def _start(size: FloatArray, way: Swimming, rng: np.random.Generator) -> _Fish:
+    place = WALL_MARGIN + (size - 2 * WALL_MARGIN) * rng.random(2)
+    heading = float(rng.uniform(-np.pi, np.pi))
+    velocity = 60.0 * np.array([np.cos(heading), np.sin(heading)])
+    phase = float(rng.uniform(0, 2 * np.pi))
+    lively = bool(rng.random() < way.lively)
+    return _Fish(place, velocity, _new_goal(size, rng), heading, lively, phase=phase, until=-10.0)
+
+
+def _step(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> None:
+    """Decides, bends and moves, in this order."""
+    target = _decide(fish, clock, dt, size, way, rng)
+    pull = way.stiffness**2 * (target - fish.bend) - 1.6 * way.stiffness * fish.bending
+    fish.bending += dt * pull
+    fish.bend = float(np.clip(fish.bend + dt * fish.bending, -LARGEST_BEND, LARGEST_BEND))
+    _push(fish, dt, way)
+    _keep_inside(fish, size)
+
+
+def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> float:
+    """The bend that the fish strives for, radians."""
+    if fish.side:
+        turned = fish.side * (fish.heading - fish.wanted)
+        if turned < 0 and clock < fish.until:
+            return fish.side * way.turn_bend
+        fish.side = 0.0
+        fish.until = clock + float(rng.uniform(*way.burst_seconds))
+        fish.frequency, fish.amplitude = way.burst_frequency, way.burst_bend
+    if clock >= fish.until or np.linalg.norm(fish.goal - fish.place) < 50:
+        fish.goal = _new_goal(size, rng)
+    if clock >= fish.until:
+        _next_stretch(fish, clock, size, way, rng)
+    fish.phase += 2 * np.pi * fish.frequency * dt
+    off = _difference(_direction(fish.goal - fish.place), fish.heading)
+    return fish.amplitude * float(np.sin(fish.phase)) + float(np.clip(0.7 * off, -0.55, 0.55))
+
+
+def _next_stretch(fish: _Fish, clock: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> None:
+    outward = _headed_for_wall(fish, size)
+    if fish.lively and rng.random() < (0.9 if outward else way.turns):
+        inward = _difference(_direction(size / 2 - fish.place), fish.heading)
+        fish.side = float(np.sign(inward)) if outward else float(rng.choice([-1.0, 1.0]))
+        angle = float(rng.uniform(*way.turn_angle))
+        fish.wanted = fish.heading + fish.side * 0.7 * angle
+        direction = fish.heading + fish.side * angle
+        fish.goal = np.clip(
+            fish.place + 250 * np.array([np.cos(direction), np.sin(direction)]), WALL_MARGIN, size - WALL_MARGIN
+        )
+        fish.until = clock + 0.35
+        return
+    kind = rng.random()
+    fish.frequency = float(rng.uniform(*way.beat_frequency))
+    fish.amplitude = float(rng.uniform(*way.beat_bend))
+    fish.until = clock + float(rng.uniform(*way.stretch_seconds))
+    if kind < way.bursts:
+        fish.frequency, fish.amplitude = way.burst_frequency, way.burst_bend
+        fish.until = clock + float(rng.uniform(*way.burst_seconds))
+    elif kind < way.bursts + way.glides:
+        fish.amplitude = 0.05
+
+
+def _push(fish: _Fish, dt: float, way: Swimming) -> None:
+    """Forces of the water on tail and body."""
+    forward = np.array([np.cos(fish.heading), np.sin(fish.heading)])
+    aside = np.array([-forward[1], forward[0]])
+    u, v = float(forward @ fish.velocity), float(aside @ fish.velocity)
+    sin, cos = np.sin(fish.bend), np.cos(fish.bend)
+    half = way.tail / 2
+    x, y = -way.arm - half * cos, half * sin
+    normal_speed = (u - fish.turning * y) * sin + (v + fish.turning * x) * cos + half * fish.bending
+    plate = -way.plate * abs(normal_speed) * normal_speed
+    force_x, force_y = plate * sin, plate * cos
+    torque = x * force_y - y * force_x
+    force_x += way.thrust * (way.tail * fish.bending) ** 2 - way.drag * abs(u) * u
+    force_y -= way.side_drag * abs(v) * v + 4.0 * v
+    fish.velocity = fish.velocity + dt * (force_x * forward + force_y * aside)
+    fish.turning += dt * (torque / way.gyration**2 - way.yaw_damping * fish.turning)
+    fish.place = fish.place + dt * fish.velocity
+    fish.heading += dt * fish.turning
+
+
+def _keep_inside(fish: _Fish, size: FloatArray) -> None:
+    """The glass stops what would leave the tank."""
+    low, high = NEAREST_WALL, size - NEAREST_WALL
+    out = ((fish.place < low) & (fish.velocity < 0)) | ((fish.place > high) & (fish.velocity > 0))
+    fish.velocity = np.where(out, 0.0, fish.velocity)
+    fish.place = np.clip(fish.place, low, high)
+
+
+def _headed_for_wall(fish: _Fish, size: FloatArray) -> bool:
+    ahead = fish.place + 90 * np.array([np.cos(fish.heading), np.sin(fish.heading)])
+    return bool(np.any(ahead < WALL_MARGIN) or np.any(ahead > size - WALL_MARGIN))
+
+
+def _new_goal(size: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Somewhere in the middle part, so that ways cross."""
+    return size * rng.uniform(0.25, 0.75, 2)
+
+
+def _direction(vector: FloatArray) -> float:
+    return float(np.arctan2(vector[1], vector[0]))
+
+
+def _difference(a: float, b: float) -> float:
+    return float((a - b + np.pi) % (2 * np.pi) - np.pi)

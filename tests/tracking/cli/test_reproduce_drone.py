@@ -1,0 +1,59 @@
+"""`tsuiseki reproduce drone-action-features` and `tsuiseki demo --scene drone`, on clips of half a second."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.features.action_inputs import STREAMS
+
+
+def words(models: Path, folder: Path, out: str, *more: str) -> list[str]:
+    streams = ",".join(str(models / f"{name}.onnx") for name in STREAMS)
+    plan = ["--seeds", "1", "--clips", "1", "--frames", "14", "--simulated-detections"]
+    given = ["--actions", streams, "--affinity", str(models), "--work", str(folder / "work")]
+    return ["reproduce", "drone-action-features", "--out", str(folder / out), *plan, *given, *more]
+
+
+@pytest.mark.slow
+def test_all_tables_and_figures_and_what_was_there_is_used_again(
+    drone_models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words(drone_models, tmp_path, "first")) == 0
+    printed = capsys.readouterr()
+    assert "drawing test-3000-14" in printed.err
+    for text in (
+        "Table 5.3",
+        "32.42 73.93 597 21.43 32.99",
+        "Table 5.4",
+        "Table 5.5",
+        "42.88",
+        "switches in 100 frames",
+    ):
+        assert text in printed.out
+    values: dict[str, Any] = json.loads((tmp_path / "first/results.json").read_text())
+    assert set(values["people"]) == {"deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided"}
+    row = values["people"]["flow"]
+    assert row["motp"] + row["motp_as_printed"] == pytest.approx(100)
+    assert [len(curve) for curve in values["iterations"].values()] == [10, 10]
+    assert len(values["actions"]) == 4
+    assert {p.name for p in (tmp_path / "first").iterdir()} >= {"iterations.png", "action_gain.png", "run.json"}
+    assert main(words(drone_models, tmp_path, "second")) == 0
+    assert "drawing" not in capsys.readouterr().err
+    again = json.loads((tmp_path / "second/results.json").read_text())
+    assert again == values
+    kept = tmp_path / "kept"
+    assert main(words(drone_models, tmp_path, "kept", "--keep-camera-motion")) == 0
+    assert not np.isnan(json.loads((kept / "results.json").read_text())["people"]["flow"]["hota"])
+
+
+def test_impossible_plans_are_refused(drone_models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words(drone_models, tmp_path, "out", "--seeds", "0")) == 2
+    assert "--seeds: expected at least 1" in capsys.readouterr().err
+    assert main(words(drone_models, tmp_path, "out", "--affinity", str(tmp_path))) == 2
+    assert "affinity_drone.onnx" in capsys.readouterr().err

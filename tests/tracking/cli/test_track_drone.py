@@ -1,0 +1,187 @@
+"""`tsuiseki track drone` and `tsuiseki evaluate action`, from files to files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
+from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks, write_detections
+from tsuiseki.tracking.types import Detections
+
+
+@pytest.fixture(scope="module")
+def clip(acting_clips: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The validation clip with the detections of somebody who sees all but every seventh box."""
+    folder = tmp_path_factory.mktemp("clip") / "validation-0"
+    shutil.copytree(acting_clips / "validation/validation-0", folder)
+    truth = read_ground_truth(folder / "gt/gt.txt")
+    kept = truth.select(np.arange(len(truth)) % 7 != 3)
+    found = [kept.boxes[kept.frames == frame] for frame in range(22)]
+    (folder / "det").mkdir()
+    write_detections(folder / "det/det.txt", [Detections(b, np.full(len(b), 0.9)) for b in found])
+    return folder
+
+
+def words(clip: Path, streams: list[Path], out: Path, *more: str) -> list[str]:
+    actions = ",".join(map(str, streams))
+    given = ["--detections", str(clip / "det/det.txt"), "--appearance", "none", "--actions", actions]
+    return ["track", "drone", str(clip), "--out", str(out), "--threads", "1", *given, *more]
+
+
+def values(out: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((out / "run.json").read_text())
+    return found
+
+
+@pytest.mark.parametrize("method", ["flow", "flow-saf", "flow-maf"])
+def test_people_are_followed_and_their_actions_named(
+    clip: Path, action_streams: list[Path], tmp_path: Path, method: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(words(clip, action_streams, out, "--method", method)) == 0
+    assert "5 people in 22 frames" in capsys.readouterr().out
+    assert len(read_tracks(out / "tracks.txt")) == 5
+    people, names = read_acting_tracks(out / "tracks.json")
+    if method == "flow":
+        assert all(person.multi is None for person in people)
+        return
+    for person in people:
+        assert person.multi is not None
+        said = names[int(person.multi.mean(axis=0).argmax())]
+        # Who sits stays in place; who runs comes furthest.
+        way = person.track.boxes[-1, 0] - person.track.boxes[0, 0]
+        assert said == ("Sitting" if way < 3 else "Walking" if way < 100 else "Running")
+
+
+def test_report_overlay_and_evaluation(
+    clip: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(words(clip, action_streams, out, "--overlay")) == 0
+    page = (out / "report.html").read_text()
+    assert page.count("person ") >= 5
+    assert "Sitting, frames 1-22" in page
+    assert "data:video/webm" in page
+    assert {"decode", "camera", "actions", "link"} <= values(out)["seconds"].keys()
+    capsys.readouterr()
+    scores = tmp_path / "scores.json"
+    assert main(["evaluate", "action", str(clip), str(out), "--json", str(scores)]) == 0
+    assert "Handshaking" in capsys.readouterr().out
+    found = json.loads(scores.read_text())["out multi"]
+    assert found["actions"]["Handshaking"]["f1"] is None
+    assert found["actions"]["Sitting"]["average_precision"] > 0.95
+    assert found["mean_f1"] > 0.9
+
+
+def test_given_tracks_keep_their_places_and_get_actions(clip: Path, action_streams: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    streams = ",".join(map(str, action_streams))
+    truth = clip / "gt/gt.txt"
+    assert main(["track", "drone", str(clip), "--out", str(out), "--tracks", str(truth), "--actions", streams]) == 0
+    for given, found in zip(read_tracks(truth), read_tracks(out / "tracks.txt"), strict=True):
+        np.testing.assert_array_equal(given.frames, found.frames)
+        np.testing.assert_allclose(given.boxes, found.boxes, atol=0.01)
+    # A stretch of it has the same people.
+    part = tmp_path / "part"
+    more = ["--frames", "8-15", "--tracks", str(truth), "--actions", streams]
+    assert main(["track", "drone", str(clip), "--out", str(part), *more]) == 0
+    assert [t.frames.tolist() for t in read_tracks(part / "tracks.txt")] == [list(range(7, 15))] * 5
+
+
+def test_the_cache_saves_looking_and_survives_damage(
+    clip: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second, third = (tmp_path / name for name in ("first", "second", "third"))
+    cache = tmp_path / "cache"
+    assert main(words(clip, action_streams, first, "--cache", str(cache))) == 0
+    (entry,) = cache.iterdir()
+    assert main(words(clip, action_streams, second, "--cache", str(cache), "--drone.min-detections", "2")) == 0
+    assert "actions" in values(first)["seconds"]
+    assert values(second)["seconds"].keys() == {"link"}
+    assert (second / "tracks.json").read_text() == (first / "tracks.json").read_text()
+    content = bytearray(entry.read_bytes())
+    content[len(content) // 2] ^= 255
+    entry.write_bytes(content)
+    capsys.readouterr()
+    assert main(words(clip, action_streams, third, "--cache", str(cache))) == 0
+    assert "no usable cache entry (its checksum is wrong); made anew" in capsys.readouterr().err
+    assert (third / "tracks.json").read_text() == (first / "tracks.json").read_text()
+    assert main(words(clip, action_streams, third, "--cache", str(cache), "--overwrite")) == 0
+    assert "made anew" not in capsys.readouterr().err
+
+
+def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from importlib import resources
+
+    weights = Path(str(resources.files("tsuiseki.tracking"))) / "weights"
+    other = tmp_path / "other.onnx"
+    cases = {
+        "expected the actions of rgb.onnx": ["--actions", f"{action_streams[0]},{other}"],
+        "expected one file a stream": ["--actions", f"{action_streams[0]},{action_streams[0]}"],
+        "expected a model of kind 'action'": ["--actions", str(weights / "appearance_people.onnx")],
+        "expected costs with the feature action": ["--affinity", str(weights / "affinity_people.onnx")],
+        "--threshold: expected a number from 0 to 1": ["--threshold", "1.5"],
+        "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
+        "--affinity-multi: expected --method flow-maf": ["--method", "flow", "--affinity-multi", str(other)],
+        "odd window": ["--drone.refinement.window", "4"],
+        "expected an overlap above": ["--drone.overlap", "3"],
+    }
+    save_other(other)
+    for message, more in cases.items():
+        assert main(words(clip, action_streams, tmp_path / "out", *more)) == 2, message
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
+        assert not (tmp_path / "out").exists()
+
+
+def save_other(path: Path) -> None:
+    """A stream with other actions."""
+    import onnx
+
+    from tsuiseki.tracking.features.action_inputs import ActionInput
+    from tsuiseki.tracking.onnx import METADATA_KEY
+
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("GlobalAveragePool", ["images"], ["probability"])],
+        "other",
+        [onnx.helper.make_tensor_value_info("images", onnx.TensorProto.FLOAT, ["n", 2, 16, 16])],
+        [onnx.helper.make_tensor_value_info("probability", onnx.TensorProto.FLOAT, ["n", 2, 1, 1])],
+    )
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 18)], ir_version=9)
+    onnx.helper.set_model_props(model, {METADATA_KEY: ActionInput("flow_local", 16).card("x", ("a", "b")).to_json()})
+    onnx.save(model, path)
+
+
+def test_labels_with_other_actions_are_refused(
+    clip: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(words(clip, action_streams, out)) == 0
+    text = (out / "tracks.json").read_text()
+    (out / "tracks.json").write_text(text.replace("Handshaking", "Juggling"))
+    assert main(["evaluate", "action", str(clip), str(out)]) == 2
+    assert "expected the actions of the labels, Handshaking" in capsys.readouterr().err
+    (out / "tracks.json").write_text(text[:200])
+    assert main(["evaluate", "action", str(clip), str(out)]) == 2
+    assert "expected tracks.json of `tsuiseki track drone`" in capsys.readouterr().err
+    (out / "tracks.json").unlink()
+    assert main(["evaluate", "action", str(clip), str(out)]) == 2
+    assert "found none" in capsys.readouterr().err
+
+
+def test_a_camera_that_stands_still_changes_nothing(data_folder: Path, tmp_path: Path) -> None:
+    pets = data_folder / "mot/PETS09-S2L1-first"
+    given = ["--detections", str(pets / "det/det.txt"), "--appearance", "none", "--method", "flow"]
+    for name, more in (("taken", []), ("kept", ["--keep-camera-motion"])):
+        words = ["track", "drone", str(pets), "--out", str(tmp_path / name), "--frames", "1-60", "--threads", "1"]
+        assert main([*words, *given, *more]) == 0
+    assert (tmp_path / "taken/tracks.txt").read_text() == (tmp_path / "kept/tracks.txt").read_text()
+    assert len(read_tracks(tmp_path / "taken/tracks.txt")) >= 3

@@ -1,0 +1,72 @@
+"""Optical flow against pairs whose flow is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsuiseki.datamodules.scenes.flow_pairs import end_point_error, random_flow_pair
+from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, dis_flow, optical_flow, region_pixels
+from tsuiseki.tracking.features.tv_l1 import TvL1Settings, tv_l1
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return random_flow_pair(np.random.default_rng(5), (224, 160), motion=6, people=2)
+
+
+@pytest.mark.parametrize("name", FLOW_METHODS)
+def test_every_method_finds_the_flow(pair, name):
+    still = float(np.linalg.norm(pair.flow, axis=2)[pair.inside].mean())
+    assert end_point_error(optical_flow(pair.first, pair.second, FLOW_METHODS[name]), pair) < 0.25 * still
+
+
+def test_tv_l1_is_finer_than_what_it_starts_from(pair):
+    start = optical_flow(pair.first, pair.second, dis_flow)
+    refined = optical_flow(pair.first, pair.second, lambda a, b: tv_l1(a, b, start=start))
+    assert end_point_error(refined, pair) < end_point_error(start, pair)
+
+
+def test_a_shift_by_whole_pixels_is_found_to_a_fiftieth():
+    rng = np.random.default_rng(1)
+    pair = random_flow_pair(rng, (160, 120), motion=0, people=0, noise=0)
+    shifted = np.roll(pair.first, (2, -3), axis=(0, 1))
+    flow = optical_flow(pair.first, shifted, tv_l1)[20:-20, 20:-20]
+    np.testing.assert_allclose(flow.reshape(-1, 2).mean(axis=0), [-3, 2], atol=0.02)
+
+
+def test_equal_images_do_not_move(pair):
+    for method in (tv_l1, dis_flow):
+        assert np.abs(optical_flow(pair.first, pair.first, method)).max() < 0.05
+    # Farneback's windows run into the border.
+    assert np.abs(optical_flow(pair.first, pair.first, FLOW_METHODS["farneback"])).max() < 0.3
+
+
+def test_a_region_is_as_the_whole_there(pair):
+    box = np.array([60.2, 40, 121.5, 99])
+    whole = optical_flow(pair.first, pair.second, tv_l1)
+    part = optical_flow(pair.first, pair.second, tv_l1, box)
+    x1, y1, x2, y2 = region_pixels(box, 224, 160)
+    assert part.shape == (y2 - y1, x2 - x1, 2)
+    assert np.linalg.norm(part - whole[y1:y2, x1:x2], axis=2).mean() < 0.2
+
+
+@pytest.mark.parametrize("box", [[0, 0, 3, 2], [220, 158, 400, 300]])
+def test_small_and_cut_off_regions_have_a_flow(pair, box):
+    for method in FLOW_METHODS.values():
+        flow = optical_flow(pair.first, pair.second, method, np.array(box, dtype=float))
+        assert flow.size
+        assert np.isfinite(flow).all()
+
+
+def test_regions_outside_and_unlike_images_are_refused(pair):
+    with pytest.raises(ValueError, match="expected a region in an image of 224x160"):
+        optical_flow(pair.first, pair.second, dis_flow, np.array([300.0, 0, 310, 9]))
+    with pytest.raises(ValueError, match="expected two images of one shape"):
+        optical_flow(pair.first, pair.second[:-1])
+
+
+@pytest.mark.parametrize("change", [{"step": 0.5}, {"scale": 1.0}, {"warps": 0}, {"median": 4}, {"attachment": 0}])
+def test_settings_out_of_range_are_refused(change):
+    with pytest.raises(ValueError, match="expected"):
+        TvL1Settings(**change)

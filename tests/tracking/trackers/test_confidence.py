@@ -1,0 +1,52 @@
+"""When the combined tracker doubts its filter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.trackers.single.confidence import Confidence, Running
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
+
+BOX = np.array([30, 20, 50, 40.0])
+
+
+def picture(colour):
+    image = np.full((60, 80, 3), (30, 200, 30), dtype=np.uint8)
+    image[20:40, 30:50] = colour
+    return image
+
+
+def test_a_running_mean_is_plain_at_first():
+    running = Running(rate=0.25)
+    for value in (4.0, 2.0, 3.0):
+        running = running.add(value)
+    assert running.mean == pytest.approx(3.0)
+    for _ in range(10):
+        running = running.add(7.0)
+    # the fourth value still has a plain quarter, the nine others a quarter each
+    assert running.mean == pytest.approx(7 - 4 * 0.75**10)
+
+
+def test_the_thesis_s_switch_is_a_threshold():
+    confidence = Confidence.start(THESIS, picture((200, 20, 20)), BOX)
+    assert confidence.colour is None
+    assert confidence.doubts(THESIS, picture((30, 200, 30)), BOX, 0.2)
+    assert not confidence.doubts(THESIS, picture((30, 200, 30)), BOX, 0.21)
+
+
+def test_a_response_below_the_usual_is_doubted():
+    confidence = Confidence()
+    for _ in range(5):
+        confidence = confidence.learn(picture(0), BOX, 0.8, look=False)
+    settings = replace(THESIS, relative_switch=0.65)
+    assert confidence.doubts(settings, picture(0), BOX, 0.51)
+    assert not confidence.doubts(settings, picture(0), BOX, 0.53)
+
+
+def test_lost_colours_are_doubted_in_frames_of_a_look():
+    red, gone = picture((200, 20, 20)), picture((30, 200, 30))
+    confidence = Confidence.start(ROBUST, red, BOX).learn(red, BOX, 0.5, look=True)
+    assert not confidence.doubts(ROBUST, red, BOX, 0.5)
+    assert confidence.doubts(ROBUST, gone, BOX, 0.5)
+    assert not confidence.doubts(ROBUST, gone, BOX, 0.5, look=False)

@@ -1,0 +1,145 @@
+"""The drone tracker: windows against the whole, and a camera that moves against one that stands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.association.stabilised import SummedMotion, move_boxes
+from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
+from tsuiseki.tracking.types import Detections, FloatArray
+
+SIZE = np.array([10.0, 25.0])
+Frame = tuple[Detections, FloatArray]
+
+
+def walk(seed: int, frames: int = 200, people: int = 5) -> list[Frame]:
+    """People who walk straight on, a third of the detections missing, places, looks and actions noisy."""
+    rng = np.random.default_rng(seed)
+    place, step = rng.uniform(0, 700, (people, 2)), rng.normal(0, 0.8, (people, 2))
+    look, does = rng.normal(0, 1, (people, 12)), rng.integers(0, 4, people)
+    result = []
+    for _ in range(frames):
+        place = place + step
+        seen = np.flatnonzero(rng.random(people) < 0.7)
+        centre = place[seen] + rng.normal(0, 1.5, (len(seen), 2))
+        features = look[seen] + rng.normal(0, 0.5, (len(seen), 12))
+        features /= np.linalg.norm(features, axis=1, keepdims=True)
+        actions = rng.uniform(0, 0.4, (len(seen), 4))
+        actions[np.arange(len(seen)), does[seen]] += 0.6
+        boxes = np.concatenate([centre - SIZE, centre + SIZE], axis=1)
+        result.append((Detections(boxes, np.full(len(seen), 0.9), features), actions))
+    return result
+
+
+def tracked(frames: list[Frame], settings: DroneSettings, *, actions: bool = True) -> DroneTracker:
+    tracker = DroneTracker(settings)
+    for found, said in frames:
+        tracker.update(found, said if actions else None)
+    return tracker
+
+
+@pytest.mark.parametrize("actions", [True, False])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_windows_give_the_tracks_of_the_whole(seed: int, actions: bool) -> None:
+    frames = walk(seed)
+    whole = tracked(frames, DroneSettings(), actions=actions).people()
+    parts = tracked(frames, DroneSettings(chunk=30), actions=actions).people()
+    assert len(whole) == len(parts) == 5
+    for a, b in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(a.track.frames, b.track.frames)
+        np.testing.assert_allclose(a.track.boxes, b.track.boxes, atol=1e-9)
+        assert (a.multi is None) == (not actions)
+        if a.multi is not None and b.multi is not None:
+            np.testing.assert_allclose(a.multi, b.multi, atol=1e-9)
+
+
+def test_what_is_held_does_not_grow_with_the_video() -> None:
+    held = []
+    for frames in (150, 600):
+        tracker = tracked(walk(2, frames), DroneSettings(chunk=30))
+        assert tracker._recent.actions is not None
+        held.append(tracker.held_rows + len(tracker._recent.frames))
+        assert all(part.rows.features is None for part in tracker._done)
+    assert held[1] < 1.3 * held[0]
+
+
+def test_asking_in_between_changes_nothing() -> None:
+    frames = walk(3, 90)
+    asked, quiet = DroneTracker(DroneSettings(chunk=20)), tracked(frames, DroneSettings(chunk=20))
+    for number, (found, said) in enumerate(frames):
+        asked.update(found, said)
+        if number % 25 == 0:
+            asked.tracks()
+    for a, b in zip(asked.tracks(), quiet.tracks(), strict=True):
+        np.testing.assert_array_equal(a.boxes, b.boxes)
+
+
+def similarity(rng: np.random.Generator, step: float) -> FloatArray:
+    """A jerk of a camera: moved by up to so many pixels, turned and scaled a little."""
+    angle, scale = rng.normal(0, 0.02), np.exp(rng.normal(0, 0.02))
+    turn = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return np.column_stack([turn, rng.uniform(-step, step, 2)])
+
+
+def test_a_moving_camera_is_taken_out() -> None:
+    frames = walk(4, 80)
+    rng = np.random.default_rng(0)
+    still, moving = DroneTracker(), DroneTracker()
+    path = np.eye(3)[:2]
+    paths = []
+    for number, (found, said) in enumerate(frames):
+        step = similarity(rng, 60.0) if number else np.eye(3)[:2]
+        path = (np.vstack([step, [0, 0, 1]]) @ np.vstack([path, [0, 0, 1]]))[:2]
+        paths.append(path)
+        boxes = move_boxes(found.boxes, np.repeat(path[None], len(found), axis=0))
+        still.update(found, said)
+        moving.update(Detections(boxes, found.scores, found.features), said, step if number else None)
+    expected, got = still.tracks(), moving.tracks()
+    assert len(expected) == len(got)
+    for a, b in zip(expected, got, strict=True):
+        seen = move_boxes(a.boxes, np.stack(paths)[a.frames])
+        np.testing.assert_allclose(b.boxes, seen, atol=1e-6)
+    # The same boxes without the motion are torn apart.
+    torn = DroneTracker()
+    for (found, said), there in zip(frames, paths, strict=True):
+        boxes = move_boxes(found.boxes, np.repeat(there[None], len(found), axis=0))
+        torn.update(Detections(boxes, found.scores, found.features), said)
+    assert sum(len(t) for t in torn.tracks()) < 0.8 * sum(len(t) for t in expected)
+
+
+def test_a_camera_that_stands_still_changes_no_bit() -> None:
+    motion = SummedMotion()
+    for _ in range(5):
+        motion.append(np.eye(3)[:2])
+    boxes = np.random.default_rng(0).random((10, 4)).cumsum(axis=1)
+    np.testing.assert_array_equal(motion.to_first(boxes, np.arange(10) % 5), boxes)
+
+
+def test_boxes_go_there_and_back() -> None:
+    rng = np.random.default_rng(1)
+    motion = SummedMotion()
+    motion.append(None)
+    for _ in range(7):
+        motion.append(similarity(rng, 20))
+    corner = rng.uniform(0, 500, (30, 2))
+    boxes = np.concatenate([corner, corner + rng.uniform(5, 60, (30, 2))], axis=1)
+    frames = rng.integers(0, 8, 30)
+    np.testing.assert_allclose(motion.from_first(motion.to_first(boxes, frames), frames), boxes, atol=1e-8)
+
+
+def test_actions_for_some_frames_only_are_refused() -> None:
+    (found, said), *_ = walk(0, 1)
+    tracker = DroneTracker()
+    tracker.update(found, said)
+    tracker.update(found)
+    with pytest.raises(ValueError, match="for all frames or for none"):
+        tracker.tracks()
+
+
+def test_the_windows_are_a_setting() -> None:
+    settings = DroneSettings()
+    centred = replace(settings, refinement=replace(settings.refinement, windows="centred"))
+    assert len(tracked(walk(5, 60), centred).people()) == len(tracked(walk(5, 60), settings).people()) == 5

@@ -1,0 +1,96 @@
+"""The thesis-size configurations of chapter 5, each for a step on generated data in its own folder layout."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from tsuiseki.datamodules.scenes.drone import DroneSettings
+from tsuiseki.datamodules.scenes.drone_clip import write_drone
+from tsuiseki.datamodules.scenes.sprites import render_person_sprite
+from tsuiseki.models.backbones import build_trunk
+from tsuiseki.models.detector import people_detector
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.trainers.detector import take_over
+from tsuiseki.trainers.fit import fit_appearance, fit_detector
+
+CONFIGS = Path(str(resources.files("tsuiseki.configs")))
+TINY = ["--trainer.accelerator=cpu", "--trainer.max_epochs=1", "--trainer.limit_val_batches=1", "--data.workers=0"]
+
+
+@pytest.mark.slow
+def test_ssd512_trains_on_okutamas_layout(tmp_path):
+    settings = DroneSettings(width=320, height=180, frames=4, people=3, clutter=0)
+    folder = write_drone(tmp_path / "okutama", settings, seed=0, layout="okutama")
+    sources = f"[{{folder: {folder}}}]"
+    words = ["--config", str(CONFIGS / "detector_okutama.yaml"), "--out", str(tmp_path / "out"), *TINY]
+    words += ["--trainer.precision=32", "--model.weights=null", "--data.train", sources, "--data.val", sources]
+    best = fit_detector([*words, "--data.batch_size=1", "--data.examples_per_epoch=1"])
+    state = torch.load(best, weights_only=True)
+    assert state["global_step"] == 1
+    assert all(torch.isfinite(value).all() for value in state["state_dict"].values())
+
+
+@pytest.mark.slow
+def test_wide_resnet_trains_on_mars(tmp_path):
+    rng = np.random.default_rng(0)
+    for person in ("0001", "0002", "0003", "0000"):
+        for camera in (1, 2):
+            sprite = render_person_sprite(rng, 60)
+            for frame in (1, 2):
+                path = tmp_path / "mars" / person / f"{person}C{camera}T0001F{frame:03d}.jpg"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                cv2.imwrite(str(path), cv2.resize(sprite[..., 2::-1], (32, 64)))
+    words = ["--config", str(CONFIGS / "appearance_mars.yaml"), "--out", str(tmp_path / "out"), *TINY]
+    words += ["--trainer.precision=32", "--model.height=64", "--model.width=32", "--data.batches=1"]
+    words += [f"--data.{part}_folders=[{tmp_path / 'mars'}]" for part in ("train", "validation")]
+    best = fit_appearance([*words, "--data.identities=2", "--data.views=2"])
+    assert torch.load(best, weights_only=True)["global_step"] == 1
+
+
+def test_a_detector_starts_from_what_fits_of_another(tmp_path):
+    torch.manual_seed(0)
+    anchors = [[(9.0, 22.0)], [(25.0, 64.0)], [(52.0, 132.0)]]
+    more = [[(9.0, 22.0), (20.0, 20.0)], [(25.0, 64.0)], [(52.0, 132.0)]]
+    first, second = (people_detector(build_trunk("mobilenet_v3_small", None), (64, 64), a, 16) for a in (anchors, more))
+    path = tmp_path / "a.ckpt"
+    torch.save({"state_dict": {f"network.{k}": v for k, v in first.state_dict().items()}}, path)
+    taken = take_over(second, path)
+    assert taken < len(second.state_dict())  # the finest heads have another shape
+    own, other = second.state_dict(), first.state_dict()
+    same = [k for k in own if own[k].shape == other[k].shape]
+    assert taken == len(same)
+    assert all(torch.equal(own[k], other[k]) for k in same)
+    with pytest.raises(RequestError, match="expected a checkpoint to start from"):
+        take_over(second, tmp_path / "none.ckpt")
+
+
+def test_broken_labels_are_one_line_on_the_command_line(tmp_path, capsys):
+    settings = DroneSettings(width=160, height=90, frames=2, people=2, clutter=0)
+    folder = write_drone(tmp_path / "okutama", settings, seed=0, layout="okutama")
+    labels = folder / "Labels" / "SingleActionTrackingLabels" / "3840x2160" / "1.1.1.txt"
+    text = labels.read_text()
+    words = ["train", "detector", "--config", str(CONFIGS / "detector_okutama.yaml"), "--out", str(tmp_path / "out")]
+    words += [*TINY, "--model.weights=null", "--trainer.precision=32"]
+    words += ["--data.train", f"[{{folder: {folder}}}]", "--data.val", f"[{{folder: {folder}}}]"]
+    for broken, complaint in (
+        (text.replace('"Person"', "Person"), "1.1.1.txt:1: expected names in double quotes"),
+        (text.replace(' "Person"', ' "Person" "Flying"'), "1.1.1.txt:1: unknown action 'Flying'"),
+        (text + text.splitlines()[0].replace(" 0 0 0 0 ", " 700 0 0 0 ") + "\n", "labels reach frame 700"),
+    ):
+        labels.write_text(broken)
+        assert main([*words, "--overwrite=true"]) == 2
+        (line,) = [x for x in capsys.readouterr().err.splitlines() if x.startswith("tsuiseki:")]
+        assert complaint in line
+
+
+def test_an_input_size_comes_whole(tmp_path, capsys):
+    words = ["export", "detector", "--out", str(tmp_path / "a.onnx"), "--checkpoint", "a.ckpt", "--height", "64"]
+    assert main(words) == 2
+    assert "expected --height and --width together" in capsys.readouterr().err

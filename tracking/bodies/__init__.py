@@ -1,0 +1,1 @@
+"""Shapes with a pose: the contour that a state draws into the image."""

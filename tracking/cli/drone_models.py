@@ -1,0 +1,128 @@
+"""The models and costs of `tsuiseki track drone`: those that the user names, or those that ship with the toolkit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from tsuiseki.tracking.association.action_refinement import Prices
+from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.association.costs import HandSetCost
+from tsuiseki.tracking.cli.models import chosen, shipped
+from tsuiseki.tracking.cli.people_run import given_detections
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.action import ActionRecogniser
+from tsuiseki.tracking.features.action_inputs import STREAMS
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.features.observation_cache import file_digest
+from tsuiseki.tracking.features.observations import Observers
+from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
+from tsuiseki.tracking.trackers.given import as_detections
+from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.video import Source
+
+Method = Literal["flow", "flow-saf", "flow-maf"]
+Windows = Literal["centred", "one-sided"]
+
+
+@dataclass(frozen=True)
+class DroneModels:
+    """What looks at the frames, and what that depends on.
+
+    Attributes:
+        observers: networks and estimates.
+        names: of the actions; none where nothing recognises them.
+        key: plain values that say what the observations depend on, the video apart.
+        given: tracks that are right already; None tracks.
+    """
+
+    observers: Observers
+    names: tuple[str, ...]
+    key: Mapping[str, Any]
+    given: Sequence[Track] | None = None
+
+    @classmethod
+    def choose(
+        cls,
+        source: Source,
+        method: Method,
+        detections: Path | None,
+        detector: Path | None,
+        appearance: Path | None,
+        actions: list[Path] | None,
+        tracks: Path | None,
+        score_threshold: float,
+        score_range: tuple[float, float],
+        threads: int,
+        batch_size: int,
+        *,
+        camera_motion: bool,
+    ) -> DroneModels:
+        """The models for a video; see `tsuiseki track drone --help`."""
+        if not source.has_images:
+            raise RequestError(f"{source.name} has no images; looks, actions and camera motion need them")
+        if source.live:
+            raise RequestError("expected a video that can be played again, got a live source; record it first")
+        if sum(value is not None for value in (detections, detector, tracks)) > 1:
+            raise RequestError("expected one of --detections, --detector and --tracks, got several")
+        paths: dict[str, Path | None] = {"detections": detections, "tracks": tracks}
+        given = None if tracks is None else read_tracks(tracks)
+        if given is not None:
+            detect: Detector | list[Detections] = as_detections(given)[0]
+        elif detections is not None:
+            detect = given_detections(detections, source, score_range)
+        else:
+            detector = detector or shipped("detector_drone")
+            detect = Detector(detector, score_threshold, threads=threads)
+            paths["detector"] = detector
+        paths["appearance"] = None if given is not None else chosen("appearance", appearance)
+        describe = None if paths["appearance"] is None else Appearance(paths["appearance"], threads)
+        streams = _streams(method, actions, needed=given is not None)
+        recognise = ActionRecogniser(streams, threads) if streams else None
+        camera = CameraMotionSettings() if camera_motion and given is None else None
+        key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
+        key |= {f"action {n}": file_digest(path) for n, path in enumerate(streams)}
+        key |= {"motion": repr(camera), "score_threshold": str(score_threshold), "score_range": str(score_range)}
+        observers = Observers(detect, describe, recognise, camera, batch_size)
+        return cls(observers, recognise.names if recognise else (), key, given)
+
+
+def prices_of(
+    method: Method,
+    affinity: Path | None,
+    multi: Path | None,
+    threads: int,
+    *,
+    scores_known: bool,
+    windows: Windows,
+) -> Prices:
+    """The costs of a method; hand-set ones where the shipped ones know nothing of the scores."""
+    if multi is not None and method != "flow-maf":
+        raise RequestError(f"--affinity-multi: expected --method flow-maf, which alone uses it, got {method}")
+    if str(affinity) == "none" or (affinity is None and not scores_known):
+        return Prices(HAND_SET_OBSERVATION, HandSetCost())
+    kind = "affinity_drone" if method == "flow" else "affinity_drone_saf"
+    single = Affinity(affinity or shipped(kind), threads)
+    if affinity is None and multi is None and method == "flow-maf":
+        multi = shipped("affinity_drone_maf" if windows == "centred" else "affinity_drone_sided")
+    again = None if multi is None else Affinity(multi, threads)
+    for learnt in (single, again):
+        if learnt is not None and method != "flow" and "action" not in learnt.card.class_names:
+            raise RequestError(
+                f"{learnt.model.path}: expected costs with the feature action for --method {method}, got "
+                f"{', '.join(learnt.card.class_names)}; fit it with --features thesis_action"
+            )
+    return Prices(single.observation, single, again)
+
+
+def _streams(method: Method, actions: list[Path] | None, *, needed: bool) -> list[Path]:
+    """The files of the action streams that a method needs."""
+    if actions is not None:
+        return actions
+    if method == "flow" and not needed:
+        return []
+    return [shipped(f"action_{name}") for name in STREAMS]

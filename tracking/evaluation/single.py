@@ -1,0 +1,157 @@
+"""Scores of a tracker of one target: success and precision curves of the OTB benchmark, one-pass evaluation.
+
+Wu, Lim and Yang, "Object tracking benchmark", PAMI 2015. The rules, as its published scores follow them: a frame is a
+success at a threshold when the overlap is strictly greater; it is precise at a distance when the centres are at most
+so far apart, a centre being ``x + (w - 1) / 2``; the first box is the given one; scores of several sequences are means
+over sequences, each with the same weight; the area under the curve is the mean over its thresholds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.single import ATTRIBUTES, SingleSequence
+from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.types import BoolArray, FloatArray
+
+OVERLAPS = np.linspace(0, 1, 21)
+THESIS_OVERLAPS = np.linspace(0, 1, 11)
+DISTANCES = np.arange(51)
+PRECISION_AT = 20
+
+
+@dataclass(frozen=True)
+class SequenceScores:
+    """One result on one sequence.
+
+    Attributes:
+        success: ``(21,)`` share of frames at each threshold of `OVERLAPS`.
+        precision: ``(51,)`` share of frames at each distance of `DISTANCES`.
+        overlaps: ``(T,)`` of each scored frame.
+        frames: how many frames were scored.
+        note: one line where result and truth differ in length or frames have no box, otherwise empty.
+    """
+
+    success: FloatArray
+    precision: FloatArray
+    overlaps: FloatArray
+    frames: int
+    note: str = ""
+
+    @property
+    def auc(self) -> float:
+        """Area under the success curve with 21 thresholds, in [0, 1]."""
+        return float(self.success.mean())
+
+    @property
+    def thesis_auc(self) -> float:
+        """The same with the 11 thresholds of the thesis."""
+        return float(self.success[::2].mean())
+
+    @property
+    def precision_20(self) -> float:
+        """Share of frames whose centre is at most 20 pixels off."""
+        return float(self.precision[PRECISION_AT])
+
+
+@dataclass(frozen=True)
+class SingleEvaluation:
+    """One tracker on several sequences.
+
+    Attributes:
+        sequences: scores by name.
+        missing: sequences for which there is no result.
+        attributes: by short name, the sequences that show it.
+    """
+
+    sequences: Mapping[str, SequenceScores]
+    missing: tuple[str, ...]
+    attributes: Mapping[str, tuple[str, ...]]
+
+    def mean(self, names: tuple[str, ...] | None = None) -> SequenceScores:
+        """The mean curves over sequences, by default all."""
+        chosen = [self.sequences[name] for name in (names or tuple(self.sequences))]
+        success = np.mean([s.success for s in chosen], axis=0)
+        precision = np.mean([s.precision for s in chosen], axis=0)
+        overlaps = np.concatenate([s.overlaps for s in chosen])
+        return SequenceScores(success, precision, overlaps, sum(s.frames for s in chosen))
+
+
+def evaluate_boxes(truth: FloatArray, result: FloatArray, first_labelled_as_hit: bool = False) -> SequenceScores:
+    """Score the boxes of one sequence.
+
+    Args:
+        truth: ``(T, 4)`` pixels, NaN where there is no box.
+        result: ``(R, 4)`` pixels. A box that is NaN or without area is taken as the one before.
+        first_labelled_as_hit: count a box that starts left of or above the image as precise, as the published
+            precision curves of tracker_benchmark do by a slip; for comparing with them only.
+
+    Where lengths differ, the frames that both have are scored, as the published scores do. Frames without a true box
+    are not scored.
+
+    Raises:
+        RequestError: no frame can be scored.
+    """
+    count = min(len(truth), len(result))
+    notes = []
+    if len(truth) != len(result):
+        notes.append(f"{len(result)} results for {len(truth)} boxes: the {count} frames that both have are scored")
+    truth, result = truth[:count], _filled(result[:count], truth[0] if count else None)
+    labelled = np.isfinite(truth).all(axis=1) & ((truth[:, 2:] - truth[:, :2]) > 0).all(axis=1)
+    if not labelled.any():
+        raise RequestError("expected at least one frame with both a true box and a result, got none")
+    if not labelled.all():
+        notes.append(f"{int((~labelled).sum())} frames without a true box are not scored")
+    truth, result = truth[labelled], result[labelled]
+    overlaps = iou_pairs(truth, result)
+    distances = np.linalg.norm(_centres(truth) - _centres(result), axis=1)
+    if first_labelled_as_hit:
+        slipped = (truth[:, :2] + 1 <= 0).any(axis=1)
+        distances, overlaps = np.where(slipped, -1, distances), np.where(slipped, -1, overlaps)
+    success = (overlaps[None] > OVERLAPS[:, None]).mean(axis=1)
+    precision = (distances[None] <= DISTANCES[:, None]).mean(axis=1)
+    return SequenceScores(success, precision, overlaps, len(truth), "; ".join(notes))
+
+
+def _filled(result: FloatArray, first: FloatArray | None) -> FloatArray:
+    """The result with the given first box, and each unusable box replaced by the one before."""
+    result = result.copy()
+    if first is not None:
+        result[0] = first
+    positive = np.tile(result[:, 2:] > result[:, :2], 2)
+    usable: BoolArray = np.asarray((np.isfinite(result) & positive).all(axis=1))
+    source = np.maximum.accumulate(np.where(usable, np.arange(len(result)), 0))
+    return result[source]
+
+
+def _centres(boxes: FloatArray) -> FloatArray:
+    return np.asarray(boxes[:, :2] + (boxes[:, 2:] - boxes[:, :2] - 1) / 2)
+
+
+def evaluate_single(
+    sequences: list[SingleSequence], results: Mapping[str, FloatArray], first_labelled_as_hit: bool = False
+) -> SingleEvaluation:
+    """Score the results of one tracker, by name of the sequence.
+
+    Raises:
+        RequestError: there is a result for none of the sequences, or see `evaluate_boxes`.
+    """
+    scores = {}
+    for sequence in sequences:
+        if sequence.name in results:
+            try:
+                scores[sequence.name] = evaluate_boxes(sequence.boxes, results[sequence.name], first_labelled_as_hit)
+            except RequestError as error:
+                raise RequestError(f"{sequence.name}: {error}") from error
+    if not scores:
+        raise RequestError("expected a result for at least one of the sequences, found none; are these their names?")
+    shown = {
+        attribute: tuple(s.name for s in sequences if attribute in s.attributes and s.name in scores)
+        for attribute in ATTRIBUTES
+    }
+    missing = tuple(s.name for s in sequences if s.name not in scores)
+    return SingleEvaluation(scores, missing, {a: names for a, names in shown.items() if names})

@@ -1,0 +1,197 @@
+"""Okutama-Action label files: who is where in each frame of a drone's video, and what each is doing.
+
+A row is ``track_id xmin ymin xmax ymax frame lost occluded generated "Person" "Action1" "Action2" …``, separated by
+spaces, with zero to four actions. Frames count from 0. Coordinates are those of 3840x2160 video also where the frames
+are the 1280x720 ones that come with the data. Only ``SingleActionTrackingLabels`` keep a person's id through a video;
+in ``MultiActionLabels`` everybody gets another one every 180 frames.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
+from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.geometry import areas, clip_boxes
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+LABEL_SIZE = (3840, 2160)
+Protocol = Literal["published", "lenient"]
+# As the label files spell what the thesis calls otherwise.
+FILE_NAMES = {"Handshaking": "Hand Shaking"}
+_SPELLINGS = {name.replace(" ", "").lower(): name for name in OKUTAMA_ACTIONS}
+_ROW = re.compile(r"(-?\d+(?: -?\d+(?:\.\d+)?){4} \d+ [01] [01] [01])((?: \"[^\"]*\")*)\s*")
+
+
+@dataclass(frozen=True)
+class ActionLabels:
+    """The rows of a label file, in its order.
+
+    Attributes:
+        frames: ``(N,)`` 0-based.
+        ids: ``(N,)`` one number a person.
+        boxes: ``(N, 4)`` pixels of the frames, cut off at their borders; of lost rows it may be anything with an area.
+        lost: ``(N,)`` the person is out of view.
+        occluded: ``(N,)`` the person is hidden.
+        generated: ``(N,)`` the box was interpolated.
+        actions: ``(N, C)`` what each is doing.
+        class_names: of the C actions.
+    """
+
+    frames: IntArray
+    ids: IntArray
+    boxes: FloatArray
+    lost: BoolArray
+    occluded: BoolArray
+    generated: BoolArray
+    actions: BoolArray
+    class_names: tuple[str, ...] = OKUTAMA_ACTIONS
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def select(self, which: BoolArray | IntArray) -> ActionLabels:
+        """The rows at a mask or at indices."""
+        return ActionLabels(
+            self.frames[which],
+            self.ids[which],
+            self.boxes[which],
+            self.lost[which],
+            self.occluded[which],
+            self.generated[which],
+            self.actions[which],
+            self.class_names,
+        )
+
+
+def read_okutama(
+    path: str | Path, size: tuple[int, int], class_names: tuple[str, ...] = OKUTAMA_ACTIONS
+) -> ActionLabels:
+    """The labels in the file at ``path``.
+
+    Args:
+        path: of the text file.
+        size: width and height of the frames that the boxes are wanted for, pixels.
+        class_names: the actions that are known.
+
+    Raises:
+        RequestError: the file is missing or malformed, quotes are missing, an action is unknown, a box that is not
+            lost lies outside the frame, or an id stands twice in a frame.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RequestError(f"expected Okutama-Action labels at {path}, found no such file")
+    lines = path.read_text(encoding="utf-8", errors="replace").rstrip().splitlines()
+    if not lines:
+        raise RequestError(f"{path} is empty: expected rows of labels")
+    numbers = np.empty((len(lines), 9))
+    actions = np.zeros((len(lines), len(class_names)), dtype=np.bool_)
+    for k, line in enumerate(lines):
+        match = _ROW.fullmatch(line)
+        if match is None:
+            raise RequestError(f"{path}:{k + 1}: {_complaint(line)}")
+        numbers[k] = [float(word) for word in match[1].split()]
+        for name in re.findall(r'"([^"]*)"', match[2])[1:]:
+            actions[k, _index(name, class_names, f"{path}:{k + 1}")] = True
+    labels = ActionLabels(
+        frames=numbers[:, 5].astype(np.int64),
+        ids=numbers[:, 0].astype(np.int64),
+        boxes=numbers[:, 1:5] * np.tile(np.array(size) / LABEL_SIZE, 2),
+        lost=numbers[:, 6] == 1,
+        occluded=numbers[:, 7] == 1,
+        generated=numbers[:, 8] == 1,
+        actions=actions,
+        class_names=class_names,
+    )
+    return _checked(labels, numbers, size, path)
+
+
+def _checked(labels: ActionLabels, numbers: FloatArray, size: tuple[int, int], path: Path) -> ActionLabels:
+    inside = clip_boxes(labels.boxes, *size)
+    empty = ~labels.lost & (areas(inside) <= 0)
+    if empty.any():
+        k = int(np.argmax(empty))
+        box = " ".join(f"{v:g}" for v in numbers[k, 1:5])
+        raise RequestError(
+            f"{path}:{k + 1}: expected xmin ymin xmax ymax of a box in {LABEL_SIZE[0]}x{LABEL_SIZE[1]}, got {box}; "
+            "mark a person out of view as lost"
+        )
+    kept = ~labels.lost
+    _, first = np.unique(np.column_stack([labels.frames, labels.ids])[kept], axis=0, return_index=True)
+    if len(first) < kept.sum():
+        k = int(np.flatnonzero(kept)[np.setdiff1d(np.arange(int(kept.sum())), first)[0]])
+        raise RequestError(f"{path}:{k + 1}: id {labels.ids[k]} stands twice in frame {labels.frames[k]}")
+    boxes = np.where(labels.lost[:, None], np.array([0.0, 0.0, 1.0, 1.0]), inside)
+    return replace(labels, boxes=boxes)
+
+
+def _complaint(line: str) -> str:
+    """What is wrong with a row that does not fit."""
+    words = line.split(" ")
+    shown = line if len(line) < 80 else line[:77] + "..."
+    if len(words) > 9 and all(re.fullmatch(r"-?\d+(\.\d+)?", w) for w in words[:9]):
+        if line.count('"') % 2 or any(not w.startswith('"') for w in words[9:10]):
+            return f'expected names in double quotes, as "Person" "Walking", got {" ".join(words[9:])}'
+        return f"expected lost, occluded and generated as 0 or 1, then names in double quotes, got {shown}"
+    return f'expected track_id xmin ymin xmax ymax frame lost occluded generated "Person" "Action" …, got {shown}'
+
+
+def _index(name: str, class_names: tuple[str, ...], place: str) -> int:
+    known = _SPELLINGS.get(name.replace(" ", "").lower(), name)
+    if known not in class_names:
+        raise RequestError(f"{place}: unknown action {name!r}; known are {', '.join(class_names)}")
+    return class_names.index(known)
+
+
+def write_okutama(path: Path, labels: ActionLabels, size: tuple[int, int]) -> None:
+    """Write ``labels``, whose boxes are in pixels of frames of ``size`` (width, height)."""
+    scaled = labels.boxes * np.tile(np.array(LABEL_SIZE) / size, 2)
+    low, high = np.floor(scaled[:, :2]).astype(int), np.ceil(scaled[:, 2:]).astype(int)
+    rows = []
+    for k in range(len(labels)):
+        flags = " ".join(str(int(f[k])) for f in (labels.lost, labels.occluded, labels.generated))
+        names = [n for n, there in zip(labels.class_names, labels.actions[k], strict=True) if there]
+        quoted = " ".join(f'"{FILE_NAMES.get(n, n)}"' for n in ("Person", *names))
+        rows.append(
+            f"{labels.ids[k]} {low[k, 0]} {low[k, 1]} {high[k, 0]} {high[k, 1]} {labels.frames[k]} {flags} {quoted}\n"
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(rows), encoding="utf-8")
+
+
+def actions_of(names: Sequence[Sequence[str]], class_names: tuple[str, ...] = OKUTAMA_ACTIONS) -> BoolArray:
+    """``(N, C)`` from the names of each row's actions."""
+    result = np.zeros((len(names), len(class_names)), dtype=np.bool_)
+    for k, row in enumerate(names):
+        for name in row:
+            result[k, class_names.index(name)] = True
+    return result
+
+
+def okutama_truth(labels: ActionLabels, protocol: Protocol = "published") -> tuple[GroundTruth, BoolArray]:
+    """What results are scored against, ordered by frame, and the actions ``(N, C)`` of its rows.
+
+    ``published``: lost and occluded rows are removed, and so is frame 0, as in the numbers that are published with the
+    data; a result on a removed row is a false alarm. ``lenient``: lost rows are removed, a result on an occluded one is
+    neither right nor wrong, and all frames count. Both match at an IoU above 0.5.
+    """
+    kept = ~labels.lost
+    if protocol == "published":
+        kept &= ~labels.occluded & (labels.frames > 0)
+    chosen = labels.select(np.flatnonzero(kept)[np.argsort(labels.frames[kept], kind="stable")])
+    truth = GroundTruth(
+        frames=chosen.frames,
+        ids=chosen.ids,
+        boxes=chosen.boxes,
+        evaluated=~chosen.occluded,
+        ignored=chosen.occluded,
+        visibility=np.where(chosen.occluded, 0.3, 1.0),
+    )
+    return truth, chosen.actions

@@ -1,0 +1,234 @@
+"""Sequences with one labelled target: folders of OTB, VOT and UAV123, and folders of label files alone.
+
+Quirks of the data sets that are met here:
+
+* OTB: ``img/`` beside ``groundtruth_rect.txt``; two targets of one video have ``groundtruth_rect.1.txt`` and ``.2.txt``
+  and count as two sequences; David, BlurCar1, BlurCar3 and BlurCar4 have labels from a later frame on; several have
+  more images than boxes: the images without a box at the end are not used;
+* VOT: images in ``color/``, ``imgs/`` or the folder itself, polygons in ``groundtruth.txt``;
+* UAV123: ``data_seq/UAV123/NAME/`` and ``anno/UAV123/NAME.txt``, or both in one folder laid out like OTB.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.boxes import read_boxes
+from tsuiseki.tracking.formats.mot import list_images
+from tsuiseki.tracking.types import FloatArray
+
+ATTRIBUTES = {
+    "IV": "illumination variation",
+    "SV": "scale variation",
+    "OCC": "occlusion",
+    "DEF": "deformation",
+    "MB": "motion blur",
+    "FM": "fast motion",
+    "IPR": "in-plane rotation",
+    "OPR": "out-of-plane rotation",
+    "OV": "out of view",
+    "BC": "background clutter",
+    "LR": "low resolution",
+}
+FIRST_NUMBERS = {"david": 300, "blurcar1": 247, "blurcar3": 3, "blurcar4": 18}
+IMAGE_FOLDERS = ("img", "imgs", "color", "images")
+LABEL_NAMES = re.compile(r"groundtruth(_rect)?(\.\d+)?\.txt")
+
+
+@dataclass(frozen=True)
+class SingleSequence:
+    """A video with one labelled target.
+
+    Attributes:
+        name: of the sequence.
+        images: ``T`` paths, one a box; empty where only labels are there.
+        boxes: ``(T, 4)`` pixels, NaN where the target is not to be seen.
+        attributes: short names of `ATTRIBUTES`.
+        unused_images: how many images have no box.
+    """
+
+    name: str
+    images: tuple[Path, ...]
+    boxes: FloatArray
+    attributes: frozenset[str] = frozenset()
+    unused_images: int = 0
+
+
+def same_name(name: str) -> str:
+    """What the spellings of one sequence's name have in common: BasketBall, Basketball; Human4.2, Human4-2."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def find_single_sequences(folder: str | Path, attributes: Path | None = None) -> list[SingleSequence]:
+    """The sequence that ``folder`` is, or those in it, by name.
+
+    Args:
+        folder: a sequence; a folder with sequences; a folder with label files ``NAME.txt``; or one label file.
+        attributes: a list like OTB's ``tb_50.txt``, ``NAME<tab>IV, OCC`` a line; only sequences in it are taken.
+
+    Raises:
+        RequestError: nothing there, or a file is broken.
+    """
+    folder = Path(folder)
+    listed = read_attributes(attributes) if attributes is not None else None
+    if folder.is_file():
+        found = [SingleSequence(_label_name(folder), (), read_boxes(folder))]
+    elif not folder.is_dir():
+        raise RequestError(f"expected a folder of sequences or a label file at {folder}, found none")
+    else:
+        found = _in_folder(folder) or [
+            s for child in sorted(folder.iterdir()) if child.is_dir() for s in _in_folder(child)
+        ]
+        found = found or _label_files(folder, listed)
+    if listed is not None:
+        found = [_with_attributes(s, listed) for s in found if same_name(s.name) in listed]
+    if not found:
+        raise RequestError(f"{folder}: expected groundtruth_rect.txt, groundtruth.txt or NAME.txt files, found none")
+    return sorted(found, key=lambda sequence: sequence.name.lower())
+
+
+def read_attributes(path: Path) -> dict[str, frozenset[str]]:
+    """Attributes by `same_name`.
+
+    Args:
+        path: a list like OTB's ``tb_50.txt``, or a folder of tracker_benchmark's score files ``IV.json`` and so on,
+            whose lists of sequences differ from it in some names.
+
+    Raises:
+        RequestError: the list is missing, or names an unknown attribute.
+    """
+    if path.is_dir():
+        return _scored_attributes(path)
+    if not path.is_file():
+        raise RequestError(f"expected a list of sequences and attributes at {path}, found none")
+    result = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1):
+        if line.strip():
+            name, _, rest = line.strip().replace("\t", " ").partition(" ")
+            result[same_name(name)] = _attribute_set(rest, f"{path}, line {number}")
+    return result
+
+
+@dataclass(frozen=True)
+class PublishedScores:
+    """What tracker_benchmark published of a tracker: curves alone, no boxes.
+
+    Attributes:
+        success: 21 shares.
+        precision: 51 shares.
+        sequences: names of the sequences behind them.
+    """
+
+    success: tuple[float, ...]
+    precision: tuple[float, ...]
+    sequences: tuple[str, ...]
+
+
+def read_published(folder: Path) -> dict[str, PublishedScores]:
+    """Scores by ``ALL`` and the short names of `ATTRIBUTES`, from a folder of tracker_benchmark's score files.
+
+    Raises:
+        RequestError: a file is broken, or there is no ``ALL.json``.
+    """
+    result = {}
+    for name in ("ALL", *ATTRIBUTES):
+        path = folder / f"{name}.json"
+        if path.is_file():
+            try:
+                content = json.loads(path.read_text(encoding="utf-8"))
+                success, precision = (tuple(map(float, content[k])) for k in ("successRateList", "precisionList"))
+                result[name] = PublishedScores(success, precision, tuple(map(str, content["seqs"])))
+            except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+                raise RequestError(f"{path}: expected scores of tracker_benchmark, cannot read them") from error
+    if "ALL" not in result:
+        raise RequestError(f"expected score files of tracker_benchmark, ALL.json and others, in {folder}")
+    return result
+
+
+def _scored_attributes(folder: Path) -> dict[str, frozenset[str]]:
+    published = read_published(folder)
+    shown = {a: {same_name(name) for name in scores.sequences} for a, scores in published.items()}
+    return {name: frozenset(a for a in ATTRIBUTES if name in shown.get(a, ())) for name in shown["ALL"]}
+
+
+def _attribute_set(text: str, where: str) -> frozenset[str]:
+    names = frozenset(word for word in re.split(r"[\s,]+", text.strip()) if word)
+    if unknown := sorted(names - ATTRIBUTES.keys()):
+        raise RequestError(f"{where}: expected attributes of {', '.join(ATTRIBUTES)}, got {unknown[0]!r}")
+    return names
+
+
+def _with_attributes(sequence: SingleSequence, listed: dict[str, frozenset[str]]) -> SingleSequence:
+    return SingleSequence(
+        sequence.name, sequence.images, sequence.boxes, listed[same_name(sequence.name)], sequence.unused_images
+    )
+
+
+def _in_folder(folder: Path) -> list[SingleSequence]:
+    """The sequences of one folder: none, one, or one a target."""
+    labels = sorted(p for p in folder.iterdir() if LABEL_NAMES.fullmatch(p.name))
+    if not labels:
+        return []
+    images = next((found for name in IMAGE_FOLDERS if (found := _images(folder / name))), _images(folder))
+    attributes = _own_attributes(folder)
+    result = []
+    for path in labels:
+        number = path.name.split(".")[1]
+        name = folder.name + (f"-{number}" if number.isdigit() else "")
+        result.append(_paired(name, images, read_boxes(path), attributes, _first_number(folder)))
+    return result
+
+
+def _images(folder: Path) -> tuple[Path, ...]:
+    return list_images(folder) if folder.is_dir() else ()
+
+
+def _own_attributes(folder: Path) -> frozenset[str]:
+    path = folder / "attrs.txt"
+    return _attribute_set(path.read_text(encoding="utf-8"), str(path)) if path.is_file() else frozenset()
+
+
+def _first_number(folder: Path) -> int | None:
+    """Number of the first labelled image, where the sequence says or is known for it."""
+    try:
+        start = json.loads((folder / "cfg.json").read_text(encoding="utf-8")).get("startFrame")
+    except (OSError, json.JSONDecodeError, UnicodeDecodeError, AttributeError):
+        start = None
+    return start if isinstance(start, int) else FIRST_NUMBERS.get(folder.name.lower())
+
+
+def _paired(
+    name: str, images: tuple[Path, ...], boxes: FloatArray, attributes: frozenset[str], first: int | None
+) -> SingleSequence:
+    if not images:
+        return SingleSequence(name, (), boxes, attributes)
+    used = images
+    if first is not None and len(images) > len(boxes):
+        used = tuple(path for path in images if (number := _number(path)) is None or number >= first)
+    if len(used) < len(boxes):
+        raise RequestError(f"{name}: expected an image for each of its {len(boxes)} boxes, found {len(used)}")
+    used = used[: len(boxes)]
+    return SingleSequence(name, used, boxes, attributes, len(images) - len(used))
+
+
+def _number(path: Path) -> int | None:
+    digits = re.search(r"(\d+)$", path.stem)
+    return int(digits[1]) if digits else None
+
+
+def _label_name(path: Path) -> str:
+    return path.parent.name if LABEL_NAMES.fullmatch(path.name) else path.stem
+
+
+def _label_files(folder: Path, listed: Iterable[str] | None) -> list[SingleSequence]:
+    """``NAME.txt`` files of labels alone; with a list, other text files beside them are passed over."""
+    paths = sorted(folder.glob("*.txt"))
+    if listed is not None:
+        wanted = set(listed)
+        paths = [path for path in paths if same_name(path.stem) in wanted]
+    return [SingleSequence(path.stem, (), read_boxes(path)) for path in paths]

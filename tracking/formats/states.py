@@ -1,0 +1,137 @@
+"""``states.csv``: the state of each body in each frame, as ``frame,id,a,b,theta,...,score,status``.
+
+Frames count from 1 as in the other text files; centres are pixels, angles radians.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import STATUSES, BoolArray, FloatArray, IntArray, Status
+
+LAST_COLUMNS = ("score", "status")
+
+
+@dataclass(frozen=True)
+class BodyTrack:
+    """The states of one body through a video.
+
+    Attributes:
+        id: positive and unique within a file.
+        frames: ``(T,)`` strictly increasing 0-based frame numbers.
+        states: ``(T, D)``.
+        scores: ``(T,)`` how sure the tracker is; 1 where states are exact.
+        statuses: ``T`` of them.
+    """
+
+    id: int
+    frames: IntArray
+    states: FloatArray
+    scores: FloatArray
+    statuses: tuple[Status, ...]
+
+    def __post_init__(self) -> None:
+        lengths = {len(self.frames), len(self.states), len(self.scores), len(self.statuses)}
+        if self.id < 1 or len(lengths) != 1 or np.any(np.diff(self.frames) <= 0):
+            raise ValueError("expected a positive id, increasing frames and arrays of one length")
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def tracking(self) -> BoolArray:
+        """``(T,)`` frames whose status is ``tracking``."""
+        return np.array([status == "tracking" for status in self.statuses], dtype=np.bool_)
+
+    def stretches(self) -> list[FloatArray]:
+        """States ``(T_i, D)`` of the stretches of consecutive frames whose status is ``tracking``."""
+        good = np.flatnonzero(self.tracking)
+        breaks = np.flatnonzero(np.diff(self.frames[good]) != 1) + 1
+        return [self.states[part] for part in np.split(good, breaks.tolist()) if len(part)]
+
+
+def exact_track(identity: int, frames: IntArray, states: FloatArray) -> BodyTrack:
+    """A track of known states ``(T, D)``."""
+    tracking: Status = "tracking"
+    return BodyTrack(identity, frames, states, np.ones(len(frames)), (tracking,) * len(frames))
+
+
+def write_states(path: Path, tracks: Iterable[BodyTrack], fields: Sequence[str]) -> None:
+    """Writes tracks of bodies with state components ``fields``, by frame, then by id."""
+    rows = [
+        (int(frame) + 1, track.id, [*(f"{value:.4f}" for value in state), f"{score:.4g}", status])
+        for track in tracks
+        for frame, state, score, status in zip(track.frames, track.states, track.scores, track.statuses, strict=True)
+    ]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["frame", "id", *fields, *LAST_COLUMNS])
+        writer.writerows([frame, identity, *values] for frame, identity, values in sorted(rows))
+
+
+def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTrack]:
+    """The tracks in a file, by id.
+
+    Args:
+        path: the file; the columns score and status may be missing.
+        fields: components that it must have; by default whatever stands between id and score.
+
+    Raises:
+        RequestError: it is no such file, a column is missing, or a value is not what it should be.
+    """
+    if not path.is_file():
+        raise RequestError(f"expected states at {path}, found no file")
+    with path.open(encoding="utf-8", errors="replace", newline="") as file:
+        reader = csv.DictReader(file, skipinitialspace=True)
+        columns = list(reader.fieldnames or [])
+        wanted = list(fields) if fields else [c for c in columns if c not in ("frame", "id", *LAST_COLUMNS)]
+        missing = [name for name in ("frame", "id", *wanted) if name not in columns]
+        if missing or not wanted:
+            expected = ",".join(("frame", "id", *(wanted or ("a", "b", "theta", "..."))))
+            raise RequestError(f"{path}: expected the columns {expected} in its first line, got {','.join(columns)}")
+        rows = [_row(path, line, row, wanted) for line, row in enumerate(reader, start=2)]
+    if not rows:
+        raise RequestError(f"{path}: expected at least one state, got none")
+    return [_track(path, identity, rows) for identity in sorted({row[1] for row in rows})]
+
+
+Row = tuple[int, int, list[float], float, Status]
+
+
+def _track(path: Path, identity: int, rows: list[Row]) -> BodyTrack:
+    own = sorted((row for row in rows if row[1] == identity), key=lambda row: row[0])
+    frames = np.array([row[0] for row in own], dtype=np.int64)
+    if np.any(np.diff(frames) == 0):
+        twice = int(frames[np.flatnonzero(np.diff(frames) == 0)[0]]) + 1
+        raise RequestError(f"{path}: expected an id once in a frame, got id {identity} twice in frame {twice}")
+    states = np.array([row[2] for row in own], dtype=np.float64)
+    return BodyTrack(identity, frames, states, np.array([row[3] for row in own]), tuple(row[4] for row in own))
+
+
+def _row(path: Path, line: int, row: dict[str, str], fields: Sequence[str]) -> Row:
+    frame, identity = (_number(path, line, name, row[name]) for name in ("frame", "id"))
+    for name, value in (("frame", frame), ("id", identity)):
+        if value < 1 or value != int(value):
+            raise RequestError(f"{path}:{line}: expected a whole number from 1 in column {name}, got {value:g}")
+    status = row.get("status") or "tracking"
+    if status not in STATUSES:
+        raise RequestError(f"{path}:{line}: expected a status of {', '.join(STATUSES)}, got {status!r}")
+    values = [_number(path, line, name, row[name]) for name in fields]
+    score = _number(path, line, "score", row.get("score") or "1")
+    return int(frame) - 1, int(identity), values, score, status
+
+
+def _number(path: Path, line: int, name: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise RequestError(f"{path}:{line}: expected a finite number in column {name}, got {text!r}")
+    return value

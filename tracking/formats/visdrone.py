@@ -1,0 +1,118 @@
+"""VisDrone-MOT: ``annotations/NAME.txt`` and ``sequences/NAME/0000001.jpg …``.
+
+A row is ``frame,id,left,top,width,height,score,category,truncation,occlusion`` with 1-based frames and 0-based pixels.
+Categories are 0 ignored region, 1 pedestrian (standing or walking), 2 people (in other postures), 3 and on vehicles.
+Truncation is 0 none or 1 up to half, occlusion 0 none, 1 up to half, 2 more.
+
+How it is evaluated here: pedestrians and people with score 1 count, both as one class; a result on an ignored region,
+or on any row with score 0, is neither right nor wrong; vehicles are no people, so a result on them is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import GroundTruth, list_images
+from tsuiseki.tracking.geometry import corners_from_xywh
+from tsuiseki.tracking.types import BoolArray, FloatArray
+
+IGNORED_REGION, PEDESTRIAN, PEOPLE, MOST = 0, 1, 2, 11
+VISIBLE = np.array([1.0, 0.75, 0.25])
+
+
+@dataclass(frozen=True)
+class VisDroneSequence:
+    """A clip: its name, its images by frame and its label file."""
+
+    name: str
+    images: tuple[Path, ...]
+    labels: Path
+
+
+def is_visdrone(folder: Path) -> bool:
+    """Whether ``folder`` has the layout."""
+    return (folder / "annotations").is_dir() and (folder / "sequences").is_dir()
+
+
+def find_visdrone(folder: str | Path) -> list[VisDroneSequence]:
+    """The clips of ``folder`` by name.
+
+    Raises:
+        RequestError: the layout is another, a clip has no images, or more frames are labelled than there are.
+    """
+    folder = Path(folder)
+    if not is_visdrone(folder):
+        raise RequestError(f"expected annotations/ and sequences/ of VisDrone-MOT in {folder}, found neither or one")
+    found = []
+    for labels in sorted((folder / "annotations").glob("*.txt")):
+        images = folder / "sequences" / labels.stem
+        if not images.is_dir() or not list_images(images):
+            raise RequestError(f"{labels}: expected images in {images}, found none")
+        found.append(VisDroneSequence(labels.stem, list_images(images), labels))
+    if not found:
+        raise RequestError(f"expected label files NAME.txt in {folder}/annotations, found none")
+    return found
+
+
+def read_visdrone(path: str | Path, length: int | None = None) -> GroundTruth:
+    """The labels in the file at ``path``, ordered by frame.
+
+    Args:
+        path: of the text file.
+        length: frames of the clip, if known.
+
+    Raises:
+        RequestError: the file is missing, malformed, has no person to evaluate, or labels frames beyond the clip.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RequestError(f"expected VisDrone-MOT labels at {path}, found no such file")
+    lines = path.read_text(encoding="utf-8", errors="replace").split()
+    rows = np.empty((len(lines), 10))
+    for k, line in enumerate(lines):
+        cells = line.rstrip(",").split(",")
+        try:
+            rows[k] = [float(c) for c in cells]
+        except ValueError:
+            expected = "frame,id,left,top,width,height,score,category,truncation,occlusion"
+            raise RequestError(f"{path}:{k + 1}: expected {expected}, got {line[:80]}") from None
+    # Crowds are fenced in by regions that may be as thin as a line.
+    wide = (rows[:, 4] > 0) & (rows[:, 5] > 0)
+    _check(path, rows, wide, length)
+    rows = rows[wide]
+    people = np.isin(rows[:, 7], (PEDESTRIAN, PEOPLE))
+    counted = people & (rows[:, 6] != 0)
+    if not counted.any():
+        raise RequestError(f"{path}: no usable box: expected pedestrians (1) or people (2) with score 1")
+    ignored = (rows[:, 7] == IGNORED_REGION) | (rows[:, 6] == 0)
+    order = np.argsort(rows[:, 0], kind="stable")
+    occlusion = np.clip(rows[:, 9], 0, 2).astype(np.int64)
+    return GroundTruth(
+        frames=rows[:, 0].astype(np.int64) - 1,
+        ids=rows[:, 1].astype(np.int64),
+        boxes=corners_from_xywh(rows[:, 2:6]),
+        evaluated=counted,
+        ignored=ignored,
+        visibility=VISIBLE[occlusion],
+    ).select(order)
+
+
+def _check(path: Path, rows: FloatArray, wide: BoolArray, length: int | None) -> None:
+    counts = np.isin(rows[:, 7], (PEDESTRIAN, PEOPLE)) & (rows[:, 6] != 0)
+    for bad, expected in (
+        (rows[:, 0] < 1, "a frame number from 1"),
+        (~np.isin(rows[:, 7], np.arange(MOST + 1)), f"a category of 0-{MOST}"),
+        (counts & ~wide, "a positive width and height"),
+    ):
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise RequestError(f"{path}:{k + 1}: expected {expected}, got {','.join(f'{v:g}' for v in rows[k])}")
+    if length is not None and len(rows) and rows[:, 0].max() > length:
+        raise RequestError(
+            f"{path}: labels reach frame {rows[:, 0].max():g}, but the clip has {length} images; "
+            "are these the labels of another clip?"
+        )

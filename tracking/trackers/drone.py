@@ -1,0 +1,229 @@
+"""People in video from a drone: the flow with action features, and the tracks that improve them (thesis chapter 5).
+
+Three methods, one tracker: without action features it is the flow of 2.3.2, with one iteration that with single-frame
+features (SAF), with several the alternation with multi-frame ones (MAF). Boxes are compared as if the camera had stood
+still, where its motion is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.action_refinement import (
+    Iteration,
+    Past,
+    Prices,
+    RefinementSettings,
+    refine,
+    window_means,
+)
+from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
+from tsuiseki.tracking.association.interpolation import GapSettings, SmoothingSettings
+from tsuiseki.tracking.association.rows import DetectionRows, join_rows, no_rows, rows_of
+from tsuiseki.tracking.association.stabilised import SummedMotion
+from tsuiseki.tracking.formats.acting_tracks import ActingTrack
+from tsuiseki.tracking.trackers.flow import finished_tracks
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
+
+# Of scores that nothing was learnt about: 0.5 is as good as even, and ten good detections are worth a track's ends.
+HAND_SET_OBSERVATION = ObservationCost(alpha=4.4, beta=-8.8, b=-0.5)
+
+
+@dataclass(frozen=True)
+class DroneSettings:
+    """Settings of the drone tracker.
+
+    Attributes:
+        refinement: the flow and its alternation with the action features.
+        min_detections: tracks of fewer detections are dropped.
+        gaps: which gaps are filled; None fills none.
+        smoothing: how far boxes are smoothed; None reports them as detected.
+        chunk: frames that are decided at a time in the sliding-window mode; None solves all frames at once in the end.
+        overlap: frames that stay undecided at the end of a window, for the next one to change.
+    """
+
+    refinement: RefinementSettings = field(default_factory=RefinementSettings)
+    min_detections: int = 4
+    gaps: GapSettings | None = field(default_factory=GapSettings)
+    smoothing: SmoothingSettings | None = None
+    chunk: int | None = None
+    overlap: int = 45
+
+    def __post_init__(self) -> None:
+        if self.chunk is not None and self.chunk < 1:
+            raise ValueError(f"expected a chunk of at least 1 frame, got {self.chunk}")
+        if self.overlap <= self.refinement.gate.window:
+            raise ValueError(
+                f"expected an overlap above the gate's window of {self.refinement.gate.window} frames, got "
+                f"{self.overlap}"
+            )
+
+
+class DroneTracker:
+    """The cheapest set of tracks, refined by the actions along them.
+
+    With ``chunk`` set, windows are solved while the video comes: a window's tracks are final but for its last
+    ``overlap`` frames, and only what is not final is held with looks and network. This is not the optimum of the whole
+    video, but nearly so where the overlap is long against the gaps.
+
+    Args:
+        settings: of the flow and what follows.
+        prices: of detections and pairs; by default set by hand.
+    """
+
+    def __init__(self, settings: DroneSettings | None = None, prices: Prices | None = None) -> None:
+        self.settings = settings or DroneSettings()
+        self.prices = prices or Prices(HAND_SET_OBSERVATION, HandSetCost())
+        self._camera = SummedMotion()
+        self._waiting: list[tuple[Detections, FloatArray | None]] = []
+        self._open = _Described(no_rows(), None)
+        self._continued = np.empty(0, dtype=np.int64)
+        self._done: list[_Described] = []
+        self._done_labels: list[IntArray] = []
+        self._first_open = 0
+        self._next = 0
+        self._recent = _Recent(np.empty(0, np.int64), np.empty(0, np.int64), None)
+
+    @property
+    def held_rows(self) -> int:
+        """Number of detections that are not final."""
+        return len(self._open)
+
+    def update(
+        self, detections: Detections, actions: FloatArray | None = None, motion: FloatArray | None = None
+    ) -> None:
+        """Take the next frame.
+
+        Args:
+            detections: with appearance features where they are known.
+            actions: ``(N, A)`` probabilities of each detection; given for all frames or for none.
+            motion: ``(2, 3)`` similarity of the camera since the frame before; None for none.
+        """
+        self._waiting.append((detections, actions))
+        self._camera.append(motion)
+        chunk = self.settings.chunk
+        if chunk is not None and len(self._camera) - self._first_open >= chunk + self.settings.overlap:
+            self._decide(len(self._camera) - self.settings.overlap)
+
+    def tracks(self) -> list[Track]:
+        """The tracks of all frames so far, by id; as they are if the video ends here."""
+        return [person.track for person in self.people()]
+
+    def people(self) -> list[ActingTrack]:
+        """The same with what each person does."""
+        *_, last = self.iterations()
+        return self.people_with(last.labels)
+
+    def iterations(self) -> Iterator[Iteration]:
+        """The flows over what is not final yet, one after the other."""
+        self._absorb()
+        yield from self._refined(None)
+
+    def _refined(self, goes_on: BoolArray | None) -> Iterator[Iteration]:
+        rows, actions = self._open.rows, self._open.actions
+        return refine(rows, actions, self.prices, self.settings.refinement, self._past(), goes_on)
+
+    def people_with(self, labels: IntArray) -> list[ActingTrack]:
+        """The result if the detections that are not final belong to other tracks.
+
+        Args:
+            labels: ``(N,)`` as those of an `Iteration`, in the order in which the detections came.
+        """
+        self._absorb()
+        every = _joined([*self._done, self._open])
+        labels = np.concatenate([*self._done_labels, labels])
+        settings = self.settings
+        found = finished_tracks(every.rows, labels, settings.min_detections, settings.gaps, settings.smoothing)
+        return [self._acting(track, every, piece) for track, piece in found]
+
+    def _acting(self, track: Track, every: _Described, piece: IntArray) -> ActingTrack:
+        """``track`` where the camera sees it, with the actions of its detections ``piece``."""
+        seen = replace(track, boxes=self._camera.from_first(track.boxes, track.frames))
+        if every.actions is None:
+            return ActingTrack(seen)
+        actions, frames = every.actions[piece], every.rows.frames[piece]
+        single = np.stack([np.interp(track.frames, frames, column) for column in actions.T], axis=1)
+        zeros, at = np.zeros(len(piece), np.int64), np.zeros(len(track), np.int64)
+        half = self.settings.refinement.window // 2
+        multi = window_means(frames, zeros, actions, track.frames, at, (half, half))
+        return ActingTrack(seen, single, np.where(np.isnan(multi), single, multi))
+
+    def _absorb(self) -> None:
+        """Add the waiting frames to what is not final."""
+        if not self._waiting:
+            return
+        first = len(self._camera) - len(self._waiting)
+        number = sum(len(part) for part in (*self._done, self._open))
+        rows = rows_of([found for found, _ in self._waiting], first, number)
+        rows = replace(rows, boxes=self._camera.to_first(rows.boxes, rows.frames))
+        given = [actions for _, actions in self._waiting if actions is not None]
+        if given and len(given) != len(self._waiting):
+            raise ValueError("expected action features for all frames or for none")
+        self._waiting = []
+        self._open = _joined([self._open, _Described(rows, np.concatenate(given) if given else None)])
+        self._continued = np.append(self._continued, np.full(len(rows), -1))
+
+    def _decide(self, before: int) -> None:
+        """Make what lies before the frame ``before`` final."""
+        self._absorb()
+        *_, last = self._refined(self._open.rows.frames >= len(self._camera) - self.settings.refinement.gate.window)
+        done = self._open.rows.frames < before
+        decided, labels = self._open.select(done), last.labels[done]
+        self._done.append(decided.without_looks())
+        self._done_labels.append(labels)
+        self._next = max(self._next, int(labels.max(initial=-1)) + 1)
+        self._remember(decided, labels, before)
+        leaving = np.flatnonzero(done & (last.solution.follower >= 0))
+        self._continued[last.solution.follower[leaving]] = last.labels[leaving]
+        self._open, self._continued = self._open.select(~done), self._continued[~done]
+        self._first_open = before
+
+    def _remember(self, decided: _Described, labels: IntArray, before: int) -> None:
+        """Keep the final detections that the windows of later ones reach back to."""
+        frames = np.append(self._recent.frames, decided.rows.frames)
+        near = frames >= before - self.settings.refinement.window
+        actions = decided.actions
+        if actions is not None and self._recent.actions is not None:
+            actions = np.concatenate([self._recent.actions, actions])
+        self._recent = _Recent(
+            frames[near], np.append(self._recent.tracks, labels)[near], None if actions is None else actions[near]
+        )
+
+    def _past(self) -> Past | None:
+        recent = self._recent
+        return Past(recent.frames, recent.tracks, recent.actions, self._continued, self._next) if self._done else None
+
+
+@dataclass(frozen=True)
+class _Described:
+    """Detections with their action features."""
+
+    rows: DetectionRows
+    actions: FloatArray | None
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def select(self, which: BoolArray) -> _Described:
+        return _Described(self.rows.select(which), None if self.actions is None else self.actions[which])
+
+    def without_looks(self) -> _Described:
+        return _Described(replace(self.rows, features=None), self.actions)
+
+
+@dataclass(frozen=True)
+class _Recent:
+    """Final detections of the last frames, and the tracks they belong to."""
+
+    frames: IntArray
+    tracks: IntArray
+    actions: FloatArray | None
+
+
+def _joined(parts: Sequence[_Described]) -> _Described:
+    """The detections of several parts, one after the other."""
+    actions = [part.actions for part in parts if part.actions is not None]
+    return _Described(join_rows([part.rows for part in parts]), np.concatenate(actions) if actions else None)

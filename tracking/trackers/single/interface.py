@@ -1,0 +1,91 @@
+"""What every tracker of one target can do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.types import Estimate, FloatArray, Frame, ImageArray, Status
+
+CERTAIN = 1.0
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One frame's answer.
+
+    Attributes:
+        box: ``(4,)`` pixels.
+        score: how sure the tracker is; what it measures is said by the tracker.
+        status: ``tracking``, ``searching`` or ``lost``.
+    """
+
+    box: FloatArray
+    score: float
+    status: Status
+
+
+class SingleTracker(Protocol):
+    """Follows one target."""
+
+    def start(self, image: ImageArray, box: FloatArray) -> None:
+        """Take ``box`` ``(4,)`` of the first image ``(H, W, 3)`` as the target."""
+        ...
+
+    def follow(self, image: ImageArray) -> Sighting:
+        """The target in the next image."""
+        ...
+
+
+def box_centre(box: FloatArray) -> FloatArray:
+    """``(2,)`` centre of ``(4,)``."""
+    return np.asarray((box[:2] + box[2:]) / 2)
+
+
+def check_start(box: FloatArray, image: ImageArray) -> FloatArray:
+    """``box`` as ``(4,)`` float64, where a tracker can start with it.
+
+    Raises:
+        RequestError: it has no area, is larger than the image, or lies outside it.
+    """
+    box = np.asarray(box, dtype=np.float64)
+    height, width = image.shape[:2]
+    x, y, w, h = map(float, (*box[:2], *(box[2:] - box[:2])))
+    shown = f"x {x:g}, y {y:g}, width {w:g}, height {h:g}"
+    if not np.isfinite(box).all() or w <= 0 or h <= 0:
+        raise RequestError(f"--box: expected a positive width and height, got {shown}")
+    if w < 2 or h < 2:
+        raise RequestError(f"--box: expected at least 2 x 2 pixels, got {shown}")
+    if w > width or h > height:
+        raise RequestError(f"--box: expected a box that fits into the {width}x{height} image, got {shown}")
+    if x + w <= 0 or y + h <= 0 or x >= width or y >= height:
+        raise RequestError(f"--box: expected a box inside the {width}x{height} image, got {shown}")
+    return box
+
+
+def follow_target(frames: Iterable[Frame], box: FloatArray, tracker: SingleTracker) -> Iterator[Estimate]:
+    """The target in every frame; the first estimate is ``box`` itself.
+
+    Raises:
+        RequestError: see `check_start`.
+        RunError: the video changes its size.
+    """
+    size: tuple[int, ...] | None = None
+    for frame in frames:
+        if size is None:
+            size = frame.image.shape
+            box = check_start(box, frame.image)
+            tracker.start(frame.image, box)
+            yield Estimate(frame.index, box, CERTAIN, "tracking")
+            continue
+        if frame.image.shape != size:
+            raise RunError(
+                f"frame {frame.index + 1}: expected {size[1]}x{size[0]} pixels as before, "
+                f"got {frame.image.shape[1]}x{frame.image.shape[0]}; track the parts one by one"
+            )
+        seen = tracker.follow(frame.image)
+        yield Estimate(frame.index, seen.box, seen.score, seen.status)

@@ -1,0 +1,100 @@
+"""Constants of the combined tracker: the thesis's, and ours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from tsuiseki.tracking.trackers.single import kcf
+
+Past = Literal["uniform", "score"]
+
+
+@dataclass(frozen=True)
+class KcfParticleSettings:
+    """Constants; the defaults are Table 3.2 and the choices of 3.3.3.
+
+    Attributes:
+        kcf: of the correlation filters.
+        switch: epsilon_1, the search starts when the greatest response is at most this.
+        plain_frames: H, frames after a search in which none starts.
+        stored: U, filters of the past.
+        particles: N.
+        divisor: a, of the covariance S of the motion.
+        past_share: mu, probability of a filter of the past.
+        convergence: epsilon_2, the search ends when V / (w1 h1) is below.
+        response_share: alpha of equation (3.4); 1 leaves objectness out.
+        hypotheses: M, maxima of the response.
+        past: filters of the past drawn all alike, or by the response that each had when it was stored.
+
+        spread: factor on the standard deviation of S: 2.7 pixels for a target of 25 is less than people move.
+        reach: windows searched to each side of the one about the target; 0 is the thesis.
+        sharpness: power of the likelihood; responses of right and wrong places differ by less than a factor of two.
+        colour: weight of `ForegroundColour` in the exponent of the likelihood; 0 leaves it out.
+        relative_switch: the search also starts when the response falls below this share of its running mean.
+        drift_switch: likewise for the colour score: a filter that has settled on the background stays confident.
+        drift_interval: frames between looks at the colours.
+        ends_when_sure: the search goes on while there is still a reason to start one.
+        longest_search: frames after which such a search ends all the same, since the target may look different for
+            good; what follows counts as tracked only once there is no doubt.
+        learns_while_searching: whether filters learn before it is known who is right.
+        keeps_first: keep the filter of the first frame, the only one that is surely right, in the store.
+        prefers_near: maxima near the last place are drawn more often, by `particles.jump_prior`, instead of P_J = 1/M.
+        densest: output the place where particles are dense, by `particles.densest`, not the heaviest particle's.
+        climbs: output the maximum of the response uphill from the best particle, not the particle.
+        store_interval: frames between stored filters.
+        lost_after: frames of search after which the target counts as lost.
+        redetect_reach: like ``reach``, once it is lost; 0 leaves ``reach``.
+    """
+
+    kcf: kcf.KcfSettings = field(default_factory=lambda: kcf.THESIS)
+    switch: float = 0.2
+    plain_frames: int = 50
+    stored: int = 20
+    particles: int = 200
+    divisor: float = 10 / 3
+    past_share: float = 0.5
+    convergence: float = 0.03
+    response_share: float = 0.3
+    hypotheses: int = 20
+    past: Past = "uniform"
+
+    spread: float = 1.0
+    reach: int = 0
+    sharpness: float = 1.0
+    colour: float = 0.0
+    relative_switch: float = 0.0
+    drift_switch: float = 0.0
+    drift_interval: int = 5
+    ends_when_sure: bool = False
+    longest_search: int = 30
+    learns_while_searching: bool = True
+    keeps_first: bool = False
+    prefers_near: bool = False
+    climbs: bool = False
+    densest: bool = False
+    store_interval: int = 1
+    lost_after: int = 30
+    redetect_reach: int = 0
+
+
+THESIS = KcfParticleSettings()
+ROBUST = KcfParticleSettings(
+    kcf=kcf.KcfSettings(),
+    plain_frames=3,
+    past="score",
+    spread=3.0,
+    reach=1,
+    sharpness=2.0,
+    colour=6.0,
+    relative_switch=0.65,
+    drift_switch=0.7,
+    ends_when_sure=True,
+    stored=8,
+    store_interval=3,
+    learns_while_searching=False,
+    keeps_first=True,
+    prefers_near=True,
+    climbs=True,
+    densest=True,
+)

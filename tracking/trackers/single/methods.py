@@ -1,0 +1,80 @@
+"""All trackers of one target by the names that the command line takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal, get_args
+
+from tsuiseki.tracking.trackers.single import kcf
+from tsuiseki.tracking.trackers.single.colour_particle import ColourParticle
+from tsuiseki.tracking.trackers.single.gradient import MeanShift, MedianFlow, Mil
+from tsuiseki.tracking.trackers.single.interface import SingleTracker
+from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS, KcfParticleSettings
+from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
+from tsuiseki.tracking.trackers.single.matching import HistogramMatching, TemplateMatching
+from tsuiseki.tracking.trackers.single.mosse import Mosse
+
+Method = Literal[
+    "kcf-particle",
+    "kcf",
+    "csk",
+    "mosse",
+    "template",
+    "template-ssd",
+    "template-sad",
+    "histogram",
+    "kalman",
+    "meanshift",
+    "camshift",
+    "medianflow",
+    "colour-particle",
+    "mil",
+]
+METHODS: tuple[Method, ...] = get_args(Method)
+Preset = Literal["robust", "thesis", "paper"]
+
+
+def make_tracker(
+    method: Method, preset: Preset = "robust", scale_search: bool | None = None, seed: int = 0
+) -> SingleTracker:
+    """A new tracker.
+
+    Args:
+        method: one of `METHODS`.
+        preset: constants of ``kcf`` and ``kcf-particle``: ours, the thesis's, or (``kcf``) those of the KCF paper.
+        scale_search: whether those two try other sizes; by default as the preset says.
+        seed: of its random numbers.
+    """
+    makers: dict[Method, Callable[[], SingleTracker]] = {
+        "kcf-particle": lambda: KcfParticle(_particle_settings(preset, scale_search), seed),
+        "kcf": lambda: KcfTracker(_sized(KCF_PRESETS[preset], scale_search)),
+        "csk": lambda: KcfTracker(kcf.CSK),
+        "mosse": lambda: Mosse(seed),
+        "template": TemplateMatching,
+        "template-ssd": lambda: TemplateMatching("ssd"),
+        "template-sad": lambda: TemplateMatching("sad"),
+        "histogram": HistogramMatching,
+        "kalman": lambda: TemplateMatching("ncc", smoothed=True),
+        "meanshift": MeanShift,
+        "camshift": lambda: MeanShift(adapts_size=True),
+        "medianflow": MedianFlow,
+        "colour-particle": lambda: ColourParticle(seed=seed),
+        "mil": Mil,
+    }
+    return makers[method]()
+
+
+KCF_PRESETS: dict[Preset, kcf.KcfSettings] = {"robust": kcf.KcfSettings(), "thesis": kcf.THESIS, "paper": kcf.KCF_PAPER}
+
+
+def _sized(settings: kcf.KcfSettings, scale_search: bool | None) -> kcf.KcfSettings:
+    if scale_search is None:
+        return settings
+    return replace(settings, scale_step=kcf.KcfSettings().scale_step if scale_search else 1.0)
+
+
+def _particle_settings(preset: Preset, scale_search: bool | None) -> KcfParticleSettings:
+    settings = THESIS if preset == "thesis" else ROBUST
+    return replace(settings, kcf=_sized(settings.kcf, scale_search))
