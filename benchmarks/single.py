@@ -3,7 +3,8 @@
     python benchmarks/single.py --data ../shared/data --peer /path/to/venv/bin/python
 
 The peer's environment holds `opencv-contrib-python-headless`. Rounds are interleaved (ours, peer, ours, peer, ...) and
-the median of each is taken; the image is decoded before the clock starts.
+the median of each is taken; the image is decoded before the clock starts. `plain / KCF` is over the frames without
+search, against a step of KCF from the same place, size and filter; `/ KCF` is against KCF on its own way.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ import platform
 import subprocess
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -31,7 +34,7 @@ from tsuiseki.tracking.video import read_image
 
 SEQUENCES = ("otb/Crossing", "vot/bag")
 PEER_SCRIPT = Path(__file__).with_name("single_peer.py")
-OURS = {
+OURS: dict[str, Callable[[], SingleTracker]] = {
     "KCF fixed": lambda: KcfTracker(kcf.THESIS),
     "KCF scale search": lambda: KcfTracker(kcf.KcfSettings()),
     "combined thesis": lambda: KcfParticle(THESIS),
@@ -47,17 +50,30 @@ BASES = {
 
 def frame_times(
     tracker: SingleTracker, images: list[ImageArray], sequence: SingleSequence
-) -> tuple[np.ndarray, np.ndarray]:
-    """Milliseconds of each frame, and in which the particle filter ran."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Milliseconds of each frame, in which the particle filter ran, and milliseconds of KCF from the same state."""
     tracker.start(images[0], sequence.boxes[0])
-    times, searched = [], []
-    for image in images[1:]:
+    times, searched, alone = [], [], []
+    for count, image in enumerate(images[1:]):
         before = getattr(tracker, "searched_frames", 0)
-        start = time.process_time()
-        tracker.follow(image)
-        times.append(1000 * (time.process_time() - start))
+        follow: Callable[[], object] = partial(tracker.follow, image)
+        if isinstance(tracker, KcfParticle):
+            step = partial(kcf.step, tracker.model, tracker.target, image)
+            first, second = (step, follow) if count % 2 else (follow, step)  # the first one finds the image cold
+            spent = (milliseconds(first), milliseconds(second))
+            alone.append(spent[1 - count % 2])
+            times.append(spent[count % 2])
+        else:
+            times.append(milliseconds(follow))
         searched.append(getattr(tracker, "searched_frames", 0) > before)
-    return np.array(times), np.array(searched)
+    return np.array(times), np.array(searched), np.array(alone)
+
+
+def milliseconds(work: Callable[[], object]) -> float:
+    """CPU time of one call."""
+    start = time.process_time()
+    work()
+    return 1000 * (time.process_time() - start)
 
 
 def peer_time(python: str, name: str, sequence: SingleSequence, folder: Path) -> float:
@@ -77,9 +93,10 @@ def measure(sequence: SingleSequence, python: str, rounds: int, folder: Path) ->
     share: dict[str, float] = {}
     for _ in range(rounds):
         for name, make in OURS.items():
-            times, searched = frame_times(make(), images, sequence)
+            times, searched, alone = frame_times(make(), images, sequence)
             means[name].append(float(times.mean()))
-            plain[name].append(float(times[~searched].mean()))
+            if name in BASES:
+                plain[name].append(float(times[~searched].mean() / alone[~searched].mean()))
             search[name].append(float(times[searched].mean()) if searched.any() else np.nan)
             share[name] = float(searched.mean())
         means["CSRT"].append(peer_time(python, "CSRT", sequence, folder))
@@ -90,9 +107,7 @@ def measure(sequence: SingleSequence, python: str, rounds: int, folder: Path) ->
         mean = float(np.median(means[name]))
         base = float(np.median(means[BASES[name]])) if name in BASES else np.nan
         ratio = (
-            [f"{mean / base:7.2f}", f"{np.median(plain[name]) / base:13.2f}"]
-            if name in BASES
-            else [f"{'-':>7}", f"{'-':>13}"]
+            [f"{mean / base:7.2f}", f"{np.median(plain[name]):13.2f}"] if name in BASES else [f"{'-':>7}", f"{'-':>13}"]
         )
         print(
             f"{name:22}{mean:7.2f}{mean / peer:8.3f}{ratio[0]}{ratio[1]}"

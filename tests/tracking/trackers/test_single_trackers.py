@@ -273,6 +273,8 @@ def test_a_wrong_first_box_is_refused(box, said):
 
 
 def test_a_video_that_changes_its_size_is_refused():
-    frames = [Frame(t, 0.0, np.zeros((*shape, 3), dtype=np.uint8)) for t, shape in enumerate([(60, 80), (60, 90)])]
+    rng = np.random.default_rng(0)
+    shapes = [(60, 80, 3), (60, 90, 3)]
+    frames = [Frame(t, 0.0, rng.integers(0, 256, shape, dtype=np.uint8)) for t, shape in enumerate(shapes)]
     with pytest.raises(RunError, match="frame 2: expected 80x60 pixels as before, got 90x60"):
         list(follow_target(frames, np.array([5, 5, 30, 30.0]), make_tracker("kcf")))

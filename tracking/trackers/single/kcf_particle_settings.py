@@ -90,6 +90,7 @@ ROBUST = KcfParticleSettings(
     relative_switch=0.65,
     drift_switch=0.7,
     ends_when_sure=True,
+    longest_search=10,
     stored=8,
     store_interval=3,
     learns_while_searching=False,
