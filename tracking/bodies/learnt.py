@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from tsuiseki.tracking.bodies.body import Contours, Stroke, placed, turning_basis, unlimited
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.learnt import read_learnt
 from tsuiseki.tracking.types import FloatArray
 
 FORMAT = "tsuiseki-body-1"
@@ -104,14 +104,7 @@ def read_body(path: Path) -> LearntBody:
     Raises:
         RequestError: it is no such file, or is broken.
     """
-    try:
-        values: Any = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise RequestError(f"found no {path}; make it with tsuiseki train body") from error
-    except (OSError, ValueError) as error:
-        raise RequestError(f"{path}: expected a file of tsuiseki train body, got something else") from error
-    if not isinstance(values, dict) or values.get("format") != FORMAT:
-        raise RequestError(f"{path}: expected a file of tsuiseki train body ({FORMAT}), got something else")
+    values = read_learnt(path, "train body", FORMAT)
     try:
         parts = [np.array(values[part], dtype=np.float64) for part in ("mean", "modes", "curves", "bends")]
         return LearntBody(str(values["name"]), *parts)

@@ -55,7 +55,7 @@ COMMANDS: Tree = {
         {
             "street": Command("people on a street before a fixed camera", "simulate", "street"),
             "sphere": Command("a ball carried through a room before several cameras", "simulate_sphere", "sphere"),
-            "blobs": Command("coloured objects over natural clutter", "blobs", "simulate"),
+            "blobs": Command("coloured objects over natural clutter", "simulate", "blobs"),
             "goldfish": Command("fish that bend, or balls that squash", "goldfish", "simulate"),
             "drone": Command("people who act, before a drone's camera", "simulate", "drone"),
         },

@@ -1,4 +1,4 @@
-"""`tsuiseki simulate blobs` and `track blobs`: several targets that are coloured regions or measured points."""
+"""`tsuiseki track blobs`: several targets that are coloured regions or measured points."""
 
 from __future__ import annotations
 
@@ -18,41 +18,6 @@ if TYPE_CHECKING:
 Preset = Literal["calibrated", "paper", "single"]
 Method = Literal["labelled", "phd"]
 Followed: TypeAlias = "tuple[list[Track], dict[str, list[Any]]]"
-
-
-def simulate(
-    out: Path,
-    frames: int = 150,
-    width: int = 640,
-    height: int = 480,
-    frame_rate: float = 25.0,
-    objects: int = 5,
-    colour: str = "red",
-    purity: tuple[float, float] = (0.45, 0.95),
-    clutter: int = 12,
-    seed: int = 0,
-    overwrite: bool = False,
-) -> None:
-    """Make a clip of coloured objects moving over natural clutter, as a MOTChallenge sequence.
-
-    Args:
-        out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
-        frames: length of the clip.
-        width: of the images, pixels.
-        height: of the images, pixels.
-        frame_rate: frames per second.
-        objects: how many appear in all.
-        colour: of the objects: red, orange, yellow, green, cyan, blue or magenta.
-        purity: least and greatest share of an object's pixels that has the colour.
-        clutter: patches of the same colour, smaller than objects, in the background.
-        seed: of all random numbers; the same seed makes the same clip.
-        overwrite: replace what is in the folder.
-    """
-    from tsuiseki.datamodules.scenes.blobs import BlobSettings, write_blobs
-
-    settings = BlobSettings(frames, width, height, frame_rate, objects, colour, purity, clutter=clutter)
-    folder = write_blobs(out, settings, seed, overwrite)
-    print(f"{frames} frames of {width}x{height}: {folder}")
 
 
 def track(

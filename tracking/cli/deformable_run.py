@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.cli.interrupt import graceful_interrupt
+from tsuiseki.tracking.cli.interrupt import graceful_interrupt, report_partial
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.evaluation.state_plots import plot_states
@@ -96,12 +95,7 @@ def _columns(run: DeformableRun) -> dict[str, list[object]]:
 def report_end(run: DeformableRun, folder: Path, source: Source) -> int:
     """Say what came out; returns the exit status."""
     if run.stopped and not source.live:
-        print(
-            f"tsuiseki: interrupted after frame {run.frames[-1] + 1}; the partial result is in {folder}, "
-            "marked in its run.json",
-            file=sys.stderr,
-        )
-        return 130
+        return report_partial(run.frames[-1], folder)
     bodies = "body" if len(run.tracks) == 1 else "bodies"
     seen = sum(int(track.tracking.sum()) for track in run.tracks)
     share = seen / max(sum(map(len, run.tracks)), 1)

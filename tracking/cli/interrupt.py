@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import TypeVar
+
+from tsuiseki.tracking.cli import INTERRUPTED
 
 T = TypeVar("T")
 
@@ -44,3 +48,12 @@ def graceful_interrupt() -> Iterator[Interrupt]:
         yield interrupt
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def report_partial(last: int, folder: Path) -> int:
+    """Say that the run ended with the 0-based frame ``last`` and what is left of it; returns the exit status."""
+    print(
+        f"tsuiseki: interrupted after frame {last + 1}; the partial result is in {folder}, marked in its run.json",
+        file=sys.stderr,
+    )
+    return INTERRUPTED

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from tsuiseki.tracking.association.affinity import Affinity
-from tsuiseki.tracking.cli.interrupt import graceful_interrupt
+from tsuiseki.tracking.cli.interrupt import graceful_interrupt, report_partial
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.camera_motion import CameraPath
@@ -218,12 +217,7 @@ def report_end(run: PeopleRun, tracks: Sequence[Track], folder: Path, source: So
     """Say what came out; returns the exit status."""
     count, frames = len(tracks), len(run.log.frames)
     if run.stopped and not source.live:
-        print(
-            f"tsuiseki: interrupted after frame {run.log.frames[-1] + 1}; the partial result is in {folder}, "
-            "marked in its run.json",
-            file=sys.stderr,
-        )
-        return 130
+        return report_partial(run.log.frames[-1], folder)
     people, length = "person" if count == 1 else "people", "frame" if frames == 1 else "frames"
     print(f"{count} {people} in {frames} {length}: {folder / TRACKS_FILE}")
     return 0

@@ -22,6 +22,7 @@ from tsuiseki.tracking.filters.body_motion import (
     RandomWalk,
     conditions,
 )
+from tsuiseki.tracking.formats.learnt import read_learnt
 from tsuiseki.tracking.types import FloatArray
 
 FORMAT = "tsuiseki-motion-1"
@@ -170,14 +171,7 @@ def read_motion(path: Path, body: str, dimension: int) -> LearntMotion:
     Raises:
         RequestError: it is no such file, is broken, or was learnt from another body or dimension.
     """
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise RequestError(f"found no {path}; make it with tsuiseki train motion") from error
-    except (OSError, ValueError) as error:
-        raise RequestError(f"{path}: expected a file of tsuiseki train motion, got something else") from error
-    if not isinstance(values, dict) or values.get("format") != FORMAT:
-        raise RequestError(f"{path}: expected a file of tsuiseki train motion ({FORMAT}), got something else")
+    values = read_learnt(path, "train motion", FORMAT)
     if values.get("body") != body:
         raise RequestError(f"{path}: expected motion of the body {body}, got that of {values.get('body')}")
     columns = values.get("columns")
