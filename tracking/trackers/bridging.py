@@ -3,8 +3,9 @@
 Thesis 6.2 wishes to join the tracking of one and of many targets: the frame of many people stays, and a detector whose
 parameters are updated as in the tracking of one person comes into it; when to update matters, it says. How is left
 open. Here that detector is the kernelised correlation filter (2.2.4) of one person: it learns from a detection and
-looks for the person in the frames in which the general detector misses them. What it finds are further detections, of
-a low score, that the flow may use or not.
+looks for the person in the frames in which the general detector misses them. What it finds are further detections that
+the flow may use or not. No detector has scored them, and none is counted for or against a person: they cost nothing
+and so serve where links over them are cheaper than the link over the gap.
 
 * *When to learn*: from detections alone. A filter that learns from its own boxes in a gap drifts with them, and a gap
   ends before looks change.
@@ -38,32 +39,29 @@ class BridgingSettings:
     Attributes:
         longest: frames that a filter follows at most, at least 1.
         least_peak: greatest response under which the person is lost, in [0, 1].
-        score: of what a filter finds, as a share of the score of the detection that it started at, in [0, 1].
         overlap: IoU from which two boxes show the same person, in (0, 1).
     """
 
     longest: int = 5
-    least_peak: float = 0.2
-    score: float = 0.15
+    least_peak: float = 0.3
     overlap: float = 0.3
 
     def __post_init__(self) -> None:
         if self.longest < 1:
             raise ValueError(f"expected longest from 1 frame, got {self.longest}")
-        if not (0 <= self.least_peak <= 1 and 0 <= self.score <= 1 and 0 < self.overlap < 1):
+        if not (0 <= self.least_peak <= 1 and 0 < self.overlap < 1):
             raise ValueError(
-                "expected least_peak and score from 0 to 1 and overlap between them, got "
-                f"{self.least_peak}, {self.score} and {self.overlap}"
+                "expected least_peak from 0 to 1 and overlap between them, got "
+                f"{self.least_peak:g} and {self.overlap:g}"
             )
 
 
 @dataclass(frozen=True)
 class _Followed:
-    """A person whom a filter follows: its box, the score of the detection, and frames since then."""
+    """A person whom a filter follows, and frames since the detection."""
 
     model: kcf.Kcf
     state: kcf.KcfState
-    score: float
     age: int = 0
 
     def step(self, image: ImageArray, motion: FloatArray) -> _Followed:
@@ -91,7 +89,7 @@ class Bridge:
         self._before: tuple[ImageArray, Detections] | None = None
 
     def step(self, image: ImageArray, found: Detections, motion: FloatArray | None) -> Detections:
-        """People in the next frame whom its detections miss.
+        """People in the next frame whom its detections miss; their scores are NaN.
 
         Args:
             image: ``(H, W, 3)`` uint8 RGB.
@@ -105,8 +103,7 @@ class Bridge:
         if not self.followed:
             return Detections.empty()
         boxes = clip_boxes(np.stack([one.box() for one in self.followed]), image.shape[1], image.shape[0])
-        scores = np.array([one.score for one in self.followed])
-        return Detections(boxes, np.minimum(self.settings.score * scores, scores))
+        return Detections(boxes, np.full(len(boxes), np.nan))
 
     def _just_missed(self, found: Detections, motion: FloatArray) -> list[_Followed]:
         """Filters for the detections of the frame before that none of ``found`` continues."""
@@ -116,7 +113,7 @@ class Bridge:
         overlaps = iou_matrix(moved_boxes(before.boxes, motion), found.boxes)
         continued, _ = assign_overlaps(overlaps, self.settings.overlap)
         missed = np.setdiff1d(np.arange(len(before)), continued)
-        return [_start(image, before.boxes[n], float(before.scores[n])) for n in missed]
+        return [_start(image, before.boxes[n]) for n in missed]
 
     def _kept(self, missed: list[_Followed], image: ImageArray, found: Detections) -> list[_Followed]:
         """Those of ``missed`` that are still found, each person once."""
@@ -126,7 +123,7 @@ class Bridge:
             for one in missed
             if one.state.peak >= self.settings.least_peak
             and one.age <= self.settings.longest
-            and ((one.state.centre >= 0) & (one.state.centre < size)).all()
+            and bool(np.all((one.state.centre >= 0) & (one.state.centre < size)))
         ]
         if not seen:
             return []
@@ -134,12 +131,12 @@ class Bridge:
         # Who was detected last comes first, so that no filter depends on what began before its own detection.
         rank = [min(one.state.peak, 1.0) / 2 - one.age for one in seen]
         best = suppress(boxes, np.array(rank), self.settings.overlap)
-        again = (iou_matrix(boxes, found.boxes) >= self.settings.overlap).any(axis=1)
+        again = np.any(iou_matrix(boxes, found.boxes) >= self.settings.overlap, axis=1)
         return [seen[n] for n in sorted(best.tolist()) if not again[n]]
 
 
-def _start(image: ImageArray, box: FloatArray, score: float) -> _Followed:
+def _start(image: ImageArray, box: FloatArray) -> _Followed:
     """A filter that has learnt what is in ``box`` ``(4,)``."""
     width, height = (box[2:] - box[:2]).tolist()
     model = kcf.Kcf.of(FILTER, width, height)
-    return _Followed(model, kcf.start(model, image, centres(box)), score)
+    return _Followed(model, kcf.start(model, image, centres(box)))

@@ -149,7 +149,7 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "odd window": ["--drone.refinement.window", "4"],
         "expected an overlap above": ["--drone.overlap", "3"],
         "expected longest from 1 frame, got 0": ["--bridging.longest", "0"],
-        "expected least_peak and score from 0 to 1": ["--bridging.least-peak", "1.5"],
+        "expected least_peak from 0 to 1": ["--bridging.least-peak", "1.5"],
     }
     save_other(other)
     for message, more in cases.items():
