@@ -92,7 +92,10 @@ def observe(
         if bridge is not None:
             with times.measure("bridge"):
                 missed = bridge.step(frame.image, found, motion)
-                found = _joined(found, missed, frame.image, observers.describe)
+            if observers.describe is not None and len(missed):
+                with times.measure("describe"):
+                    missed = missed.with_features(observers.describe.describe(frame.image, missed.boxes))
+            found = _joined(found, missed)
         if frame.index < first:
             continue
         actions = None
@@ -102,12 +105,10 @@ def observe(
         yield Observation(frame.index, found, actions, motion)
 
 
-def _joined(found: Detections, missed: Detections, image: ImageArray, describe: Describe | None) -> Detections:
-    """``found`` and, after them, ``missed``, whose looks are described likewise."""
+def _joined(found: Detections, missed: Detections) -> Detections:
+    """``found`` and, after them, ``missed``."""
     if not len(missed):
         return found
-    if describe is not None:
-        missed = missed.with_features(describe.describe(image, missed.boxes))
     features = None if found.features is None or missed.features is None else [found.features, missed.features]
     return Detections(
         np.concatenate([found.boxes, missed.boxes]),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.action_refinement import RefinementSettings
+from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.features.observations import Observation, Observers, observe
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.trackers.bridging import Bridge, BridgingSettings
@@ -90,7 +92,8 @@ def test_without_the_cameras_motion_jerks_lose_them() -> None:
         seen = clip.seen({0: range(8, 13)})
         for compensate in right:
             found = bridged(clip, seen, Bridge(BridgingSettings()), compensate=compensate)
-            right[compensate] += sum((iou_pairs(found[t].boxes, clip.boxes[t, 0]) > 0.5).any() for t in range(8, 13))
+            hits = [(iou_pairs(found[t].boxes, clip.boxes[t, 0]) > 0.5).any() for t in range(8, 13)]
+            right[compensate] += int(np.sum(hits))
     assert right[True] == 20
     assert right[False] <= 10
 
@@ -173,6 +176,21 @@ def test_windows_link_bridged_people_as_the_whole_does() -> None:
         assert whole.observed.all()
         assert len(whole) == 60
         np.testing.assert_allclose(whole.boxes, windowed.boxes, atol=1e-9)
+
+
+def test_boxes_of_filters_cost_nothing_and_make_no_track() -> None:
+    cost = ObservationCost(alpha=2.0, beta=-4.0, b=-1.0)
+    np.testing.assert_array_equal(cost(np.array([0.5, np.nan])), [-1.0, 0.0])
+    cheap = replace(RefinementSettings(), entry=1.0, exit=1.0)
+    for detected, tracks in ((3, 0), (4, 1)):
+        tracker = DroneTracker(DroneSettings(refinement=cheap, min_detections=4))
+        for t in range(8):
+            box = np.array([[10.0 + t, 10, 22 + t, 40]])
+            tracker.update(Detections(box, np.array([0.9 if t in range(detected - 1) or t == 7 else np.nan])))
+        found = tracker.tracks()
+        assert [len(track) for track in found] == [8] * tracks
+        for track in found:
+            np.testing.assert_array_equal(track.scores, [0.9] * 3 + [0.0] * 4 + [0.9])
 
 
 def test_impossible_settings_are_refused() -> None:
