@@ -45,6 +45,7 @@ class RefinementSettings:
         entry: cost of a track's start, c_entr.
         exit: cost of a track's end, c_exit.
         miss: cost of every frame between two linked detections.
+        bridged: cost of a detection that no detector scored but a correlation filter found (see `trackers.bridging`).
         window: λ, frames that an action feature is averaged over; odd.
         windows: ``centred`` compares eq. 5.3 at both detections of a pair, as the thesis does; ``one-sided`` the half
             of the window up to the earlier one with the half from the later one on.
@@ -55,13 +56,14 @@ class RefinementSettings:
     entry: float = 10.0
     exit: float = 10.0
     miss: float = 0.1
+    bridged: float = 0.4
     window: int = 15
     windows: Literal["centred", "one-sided"] = "one-sided"
     iterations: int = 6
 
     def __post_init__(self) -> None:
-        if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf and 0 <= self.miss < np.inf):
-            raise ValueError("expected finite entry, exit and miss costs of 0 or more")
+        if not all(0 <= cost < np.inf for cost in (self.entry, self.exit, self.miss, self.bridged)):
+            raise ValueError("expected finite entry, exit, miss and bridged costs of 0 or more")
         if self.window < 1 or self.window % 2 == 0:
             raise ValueError(f"expected an odd window of at least 1 frame, got {self.window}")
         if self.iterations < 1:
@@ -138,7 +140,7 @@ def refine(
     i, j, gap = candidate_pairs(rows.frames, rows.boxes, settings.gate)
     pairs = pair_features(rows.boxes, rows.features, i, j, gap)
     waiting = settings.miss * (gap - 1)
-    observation = prices.observation(rows.scores)
+    observation = np.where(np.isnan(rows.scores), settings.bridged, prices.observation(rows.scores))
     distance = None if actions is None else action_distances(actions, actions, i, j)
     costs = prices.single(replace(pairs, action=distance))
     seen: set[bytes] = set()

@@ -145,8 +145,6 @@ class ObservationCost:
     With p = 1 / (1 + exp(alpha + beta * score)) the logit of p is -(alpha + beta * score), so the cost
     b - log(p / (1 - p)) is ``b + alpha + beta * score``: negative for a detection worth explaining.
 
-    A detection that no detector scored, NaN, speaks neither for nor against a person and costs nothing.
-
     Attributes:
         alpha: offset of the logistic function.
         beta: slope of the logistic function, negative where a higher score means a likelier person.
@@ -161,8 +159,8 @@ class ObservationCost:
     b: float = 0.0
 
     def __call__(self, scores: FloatArray) -> FloatArray:
-        """``(N,)`` costs of ``(N,)`` detector scores, or NaN."""
-        return np.nan_to_num(self.b + self.alpha + self.beta * np.asarray(scores, dtype=np.float64), nan=0.0)
+        """``(N,)`` costs of ``(N,)`` detector scores."""
+        return self.b + self.alpha + self.beta * np.asarray(scores, dtype=np.float64)
 
 
 @dataclass(frozen=True)

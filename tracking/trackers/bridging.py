@@ -4,8 +4,8 @@ Thesis 6.2 wishes to join the tracking of one and of many targets: the frame of 
 parameters are updated as in the tracking of one person comes into it; when to update matters, it says. How is left
 open. Here that detector is the kernelised correlation filter (2.2.4) of one person: it learns from a detection and
 looks for the person in the frames in which the general detector misses them. What it finds are further detections that
-the flow may use or not. No detector has scored them, and none is counted for or against a person: they cost nothing
-and so serve where links over them are cheaper than the link over the gap.
+the flow may use or not. No detector has scored them, so each costs a little: they serve where links over them are
+cheaper than the link over the gap by more than that, and never make a track of their own.
 
 * *When to learn*: from detections alone. A filter that learns from its own boxes in a gap drifts with them, and a gap
   ends before looks change.

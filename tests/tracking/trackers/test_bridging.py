@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.action_refinement import RefinementSettings
-from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.features.observations import Observation, Observers, observe
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.trackers.bridging import Bridge, BridgingSettings
@@ -162,26 +161,25 @@ def test_a_stretch_looked_at_alone_says_the_same(first: int) -> None:
         np.testing.assert_array_equal(a.detections.scores, b.detections.scores)
 
 
-def test_windows_link_bridged_people_as_the_whole_does() -> None:
+@pytest.mark.parametrize(("cost", "used"), [(0.0, True), (5.0, False)])
+def test_windows_link_bridged_people_as_the_whole_does(cost: float, used: bool) -> None:
     clip = draw(12, frames=60, jerk=2)
     seen = looked_at(clip, clip.seen({0: range(20, 25), 1: range(40, 44)}), BridgingSettings(), 0)
-    results = []
+    refinement, results = replace(RefinementSettings(), bridged=cost), []
     for chunk in (None, 10):
-        tracker = DroneTracker(DroneSettings(chunk=chunk, overlap=20))
+        tracker = DroneTracker(DroneSettings(refinement, chunk=chunk, overlap=20))
         for one, step in zip(seen, clip.steps, strict=True):
             tracker.update(one.detections, None, step)
         results.append(tracker.tracks())
     assert len(results[0]) == len(results[1]) == 2
     for whole, windowed in zip(*results, strict=True):
-        assert whole.observed.all()
+        assert whole.observed.all() == used
         assert len(whole) == 60
         np.testing.assert_allclose(whole.boxes, windowed.boxes, atol=1e-9)
 
 
-def test_boxes_of_filters_cost_nothing_and_make_no_track() -> None:
-    cost = ObservationCost(alpha=2.0, beta=-4.0, b=-1.0)
-    np.testing.assert_array_equal(cost(np.array([0.5, np.nan])), [-1.0, 0.0])
-    cheap = replace(RefinementSettings(), entry=1.0, exit=1.0)
+def test_boxes_of_filters_make_no_track() -> None:
+    cheap = replace(RefinementSettings(), entry=1.0, exit=1.0, bridged=0.0)
     for detected, tracks in ((3, 0), (4, 1)):
         tracker = DroneTracker(DroneSettings(refinement=cheap, min_detections=4))
         for t in range(8):
