@@ -24,7 +24,7 @@ from tsuiseki.trainers.experiments.drone_clips import (
     Networks,
     prepare_clips,
 )
-from tsuiseki.trainers.experiments.drone_pictures import draw_pictures
+from tsuiseki.trainers.experiments.drone_pictures import draw_pictures, draw_second
 from tsuiseki.trainers.experiments.drone_plots import plot_gains, plot_iterations
 from tsuiseki.trainers.experiments.drone_rows import (
     METHODS,
@@ -116,10 +116,17 @@ def reproduce_drone(
     say("recognising actions")
     actions = recognition(every)
     gains = _gains(every, iterations["flow-maf"])
-    second = _second_set(work, plan, networks, costs, say, compensate=compensate)
+    others = _second_set(work, plan, networks, say)
+    second = {
+        method: people_row(people_scores(others, track_all(others, method, costs, compensate=compensate)))
+        for method in METHODS
+    }
     plot_iterations(curves, out / "iterations.png")
     plot_gains(gains, out / "action_gain.png")
-    draw_pictures(every, iterations["flow-maf, one-sided"], costs, out, compensate=compensate)
+    say("drawing pictures")
+    flow = track_all(every, "flow", costs, compensate=compensate)
+    repeated = by_iteration(others, "flow-maf, one-sided", costs, compensate=compensate, count=2)
+    pictures = draw_pictures(every, flow, iterations["flow-maf, one-sided"], out) | draw_second(others, repeated, out)
     return {
         "plan": asdict(plan),
         "conditions": _conditions(people, plan),
@@ -128,6 +135,7 @@ def reproduce_drone(
         "second": second,
         "actions": action_values(actions),
         "action_gain": gains,
+        "pictures": pictures,
         "faults": None if networks.detector else asdict(FAULTS),
     }
 
@@ -150,17 +158,11 @@ def _gains(clips: Sequence[Clip], results: Sequence[Any]) -> dict[str, float | N
     return {n: None if np.isnan(c) else float(c) for n, c in zip(first.names, change.tolist(), strict=True)}
 
 
-def _second_set(
-    work: Path, plan: Plan, networks: Networks, costs: Costs, say: Callable[[str], None], *, compensate: bool
-) -> dict[str, dict[str, float]]:
-    """Table 5.4: everything learnt carried over to other clips."""
+def _second_set(work: Path, plan: Plan, networks: Networks, say: Callable[[str], None]) -> list[Clip]:
+    """The other clips of Table 5.4, to which everything learnt is carried over."""
     scene = replace(SECOND_SCENE, frames=min(SECOND_SCENE.frames, plan.frames))
     names = [(f"second-{SECOND_SEED + k}-{scene.frames}", scene, SECOND_SEED + k) for k in range(plan.clips)]
-    clips = prepare_clips(work, names, networks, say)
-    return {
-        method: people_row(people_scores(clips, track_all(clips, method, costs, compensate=compensate)))
-        for method in METHODS
-    }
+    return prepare_clips(work, names, networks, say)
 
 
 def _conditions(people: Mapping[str, Mapping[str, Any]], plan: Plan) -> dict[str, Any]:
