@@ -123,7 +123,7 @@ def reproduce_drone(
     }
     plot_iterations(curves, out / "iterations.png")
     plot_gains(gains, out / "action_gain.png")
-    say("drawing pictures")
+    say("showing switches")
     flow = track_all(every, "flow", costs, compensate=compensate)
     repeated = by_iteration(others, "flow-maf, one-sided", costs, compensate=compensate, count=2)
     pictures = draw_pictures(every, flow, iterations["flow-maf, one-sided"], out) | draw_second(others, repeated, out)
