@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -21,7 +22,7 @@ QUIET = ActionAugmentation(0, 0, 0)
 
 def test_crops_show_the_labelled_people(acting_clips: Path, tmp_path: Path) -> None:
     clip = okutama_sequences(acting_clips / "train")[0]
-    cut_clip(clip.images, clip.labels, SETTINGS, tmp_path / "c")
+    cut_clip(clip, SETTINGS, tmp_path / "c")
     crops = load_crops([tmp_path / "c"], STREAMS)
     labels = clip.labels
     wanted = (labels.frames % 2 == 0) & (labels.frames > 0) & ~labels.occluded
@@ -47,15 +48,18 @@ def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path
     other = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, size=24, cutting=SETTINGS)
     other.prepare_data()
     assert (folder / "rows.npz").stat().st_mtime_ns != first
-    assert not has_crops(folder, SETTINGS, data.names)
+    (clip, _) = okutama_sequences(acting_clips / "train")
+    assert not has_crops(folder, clip, SETTINGS)
 
 
 def test_a_clip_that_breaks_off_leaves_nothing(acting_clips: Path, tmp_path: Path) -> None:
     clip = okutama_sequences(acting_clips / "train")[0]
-    images = (*clip.images[:3], tmp_path / "missing.jpg", *clip.images[4:])
-    with pytest.raises(RequestError, match="missing"):
-        cut_clip(images, clip.labels, SETTINGS, tmp_path / "c")
-    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "crops").mkdir()
+    (tmp_path / "broken.jpg").write_bytes(b"no image")
+    files = (*clip.files[:3], tmp_path / "broken.jpg", *clip.files[4:])
+    with pytest.raises(RequestError, match=r"broken.jpg: expected an image"):
+        cut_clip(replace(clip, files=files), SETTINGS, tmp_path / "crops" / "c")
+    assert list((tmp_path / "crops").iterdir()) == []
 
 
 def loaded(acting_clips: Path, folder: Path, **more: object) -> ActionBatches:
