@@ -53,10 +53,10 @@ class Report:
         length: number of frames.
         frame_rate: frames per second.
         overlay: WebM video of the last method's tracks; None leaves it out.
-        overlay_note: what is drawn in it.
         seconds: per stage of the run.
         facts: names and values for the foot of the page: models, versions, seed.
         more: HTML of further sections, before those about time and origin.
+        overlay_note: what is drawn in the overlay.
     """
 
     title: str
@@ -66,10 +66,10 @@ class Report:
     length: int
     frame_rate: float
     overlay: Path | None = None
-    overlay_note: str = f"{BOXES_NOTE} Lines show where they walked."
     seconds: Mapping[str, float] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
     more: Sequence[str] = ()
+    overlay_note: str = f"{BOXES_NOTE} Lines show where they walked."
 
 
 def write_report(path: Path, report: Report) -> None:
