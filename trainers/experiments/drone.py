@@ -21,6 +21,7 @@ from tsuiseki.trainers.experiments.drone_clips import (
     SECOND_SEED,
     TEST_SCENE,
     Clip,
+    ClipPlan,
     Networks,
     prepare_clips,
 )
@@ -98,12 +99,10 @@ def reproduce_drone(
         say: gets a line of progress.
         compensate: take the camera's motion out of the places.
     """
-    scene = replace(TEST_SCENE, frames=plan.frames)
-    sets = []
-    for seed in range(plan.seeds):
-        first = FIRST_SEED + 100 * seed
-        names = [(f"test-{first + k}-{plan.frames}", scene, first + k) for k in range(plan.clips)]
-        sets.append(prepare_clips(work, names, networks, say))
+    # All clips in one go, so that every core has one to draw until the end.
+    clips = prepare_clips(work, [*_test_plans(plan), *_second_plans(plan)], networks, say)
+    sets = [clips[first : first + plan.clips] for first in range(0, plan.seeds * plan.clips, plan.clips)]
+    carried = clips[plan.seeds * plan.clips :]
     say("tracking")
     people = _people(sets, costs, compensate=compensate)
     every = [clip for clips in sets for clip in clips]
@@ -116,7 +115,10 @@ def reproduce_drone(
     say("recognising actions")
     actions = recognition(every)
     gains = _gains(every, iterations["flow-maf"])
-    second = _second_set(work, plan, networks, costs, say, compensate=compensate)
+    second = {
+        str(method): people_row(people_scores(carried, track_all(carried, method, costs, compensate=compensate)))
+        for method in METHODS
+    }
     plot_iterations(curves, out / "iterations.png")
     plot_gains(gains, out / "action_gain.png")
     draw_pictures(every, iterations["flow-maf, one-sided"], costs, out, compensate=compensate)
@@ -130,6 +132,19 @@ def reproduce_drone(
         "action_gain": gains,
         "faults": None if networks.detector else asdict(FAULTS),
     }
+
+
+def _test_plans(plan: Plan) -> list[ClipPlan]:
+    """The clips of Table 5.3, set by set."""
+    scene = replace(TEST_SCENE, frames=plan.frames)
+    seeds = [FIRST_SEED + 100 * number + k for number in range(plan.seeds) for k in range(plan.clips)]
+    return [(f"test-{seed}-{plan.frames}", scene, seed) for seed in seeds]
+
+
+def _second_plans(plan: Plan) -> list[ClipPlan]:
+    """The clips of Table 5.4, to which everything learnt is carried over."""
+    scene = replace(SECOND_SCENE, frames=min(SECOND_SCENE.frames, plan.frames))
+    return [(f"second-{seed}-{scene.frames}", scene, seed) for seed in range(SECOND_SEED, SECOND_SEED + plan.clips)]
 
 
 def _people(sets: Sequence[Sequence[Clip]], costs: Costs, *, compensate: bool) -> dict[str, dict[str, Any]]:
@@ -148,19 +163,6 @@ def _gains(clips: Sequence[Clip], results: Sequence[Any]) -> dict[str, float | N
     first, last = (action_scores(clips, results[k], "multi") for k in (0, MOST_ITERATIONS - 1))
     change = 100 * (last.average_precision - first.average_precision)
     return {n: None if np.isnan(c) else float(c) for n, c in zip(first.names, change.tolist(), strict=True)}
-
-
-def _second_set(
-    work: Path, plan: Plan, networks: Networks, costs: Costs, say: Callable[[str], None], *, compensate: bool
-) -> dict[str, dict[str, float]]:
-    """Table 5.4: everything learnt carried over to other clips."""
-    scene = replace(SECOND_SCENE, frames=min(SECOND_SCENE.frames, plan.frames))
-    names = [(f"second-{SECOND_SEED + k}-{scene.frames}", scene, SECOND_SEED + k) for k in range(plan.clips)]
-    clips = prepare_clips(work, names, networks, say)
-    return {
-        method: people_row(people_scores(clips, track_all(clips, method, costs, compensate=compensate)))
-        for method in METHODS
-    }
 
 
 def _conditions(people: Mapping[str, Mapping[str, Any]], plan: Plan) -> dict[str, Any]:

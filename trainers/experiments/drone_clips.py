@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeAlias
 
+import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.drone import DroneSettings as SceneSettings
@@ -75,46 +81,50 @@ class Clip:
     given_labels: IntArray
 
 
-def prepare_clips(
-    work: Path, names: Sequence[tuple[str, SceneSettings, int]], networks: Networks, say: Callable[[str], None]
-) -> list[Clip]:
-    """Make or load clips; what is there from an earlier run is not made again.
+ClipPlan: TypeAlias = tuple[str, SceneSettings, int]
+
+
+def prepare_clips(work: Path, plans: Sequence[ClipPlan], networks: Networks, say: Callable[[str], None]) -> list[Clip]:
+    """Make or load clips, on all cores; what is there from an earlier run is not made again.
 
     Args:
         work: folder that keeps clips and observations.
-        names: name, scene and seed of each.
+        plans: name, scene and seed of each.
         networks: that look at them.
         say: gets a line for each clip.
     """
-    folders = []
-    for name, scene, seed in names:
-        folder = work / "clips" / name
-        if not (folder / "seqinfo.ini").is_file():
-            say(f"drawing {name}")
-            write_drone(folder, scene, seed, overwrite=True)
-        folders.append(folder)
-    return look_at(folders, work / "observations", networks, say)
+    clips = []
+    # Started afresh: a copy of a process that runs threads can lock up.
+    with ProcessPoolExecutor(min(len(plans), os.cpu_count() or 1), mp_context=get_context("spawn")) as pool:
+        for clip, drawn in pool.map(partial(_prepare, work, networks), plans):
+            clips.append(clip)
+            say(f"{clip.folder.name}: {'drawn and ' if drawn else ''}looked at, {len(clips)} of {len(plans)} clips")
+    return clips
 
 
-def look_at(
-    folders: Sequence[Path], cache: Path, networks: Networks, say: Callable[[str], None] | None = None
-) -> list[Clip]:
+def _prepare(work: Path, networks: Networks, plan: ClipPlan) -> tuple[Clip, bool]:
+    """The clip, and whether it had to be drawn."""
+    cv2.setNumThreads(1)
+    name, scene, seed = plan
+    folder = work / "clips" / name
+    missing = not (folder / "seqinfo.ini").is_file()
+    if missing:
+        write_drone(folder, scene, seed, overwrite=True)
+    (clip,) = look_at([folder], work / "observations", networks)
+    return clip, missing
+
+
+def look_at(folders: Sequence[Path], cache: Path, networks: Networks) -> list[Clip]:
     """Labelled clips with what detector and networks say of them.
 
     Args:
         folders: of the clips.
         cache: folder that keeps observations.
         networks: that look at them.
-        say: gets a line for each clip.
     """
     streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
     found = None if networks.detector is None else Detector(networks.detector, threads=1)
-    clips = []
-    for folder in folders:
-        if say is not None:
-            say(f"looking at {folder.name}")
-        clips.append(_look(folder, cache, networks, streams, appearance, found))
-    return clips
+    return [_look(folder, cache, networks, streams, appearance, found) for folder in folders]
 
 
 def _look(

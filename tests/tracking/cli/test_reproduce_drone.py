@@ -26,7 +26,7 @@ def test_all_tables_and_figures_and_what_was_there_is_used_again(
 ) -> None:
     assert main(words(drone_models, tmp_path, "first")) == 0
     printed = capsys.readouterr()
-    assert "drawing test-3000-14" in printed.err
+    assert "test-3000-14: drawn and looked at, 1 of 2 clips" in printed.err
     for text in (
         "Table 5.3",
         "32.42 73.93 597 21.43 32.99",
@@ -44,7 +44,7 @@ def test_all_tables_and_figures_and_what_was_there_is_used_again(
     assert len(values["actions"]) == 4
     assert {p.name for p in (tmp_path / "first").iterdir()} >= {"iterations.png", "action_gain.png", "run.json"}
     assert main(words(drone_models, tmp_path, "second")) == 0
-    assert "drawing" not in capsys.readouterr().err
+    assert "drawn" not in capsys.readouterr().err
     again = json.loads((tmp_path / "second/results.json").read_text())
     assert again == values
     kept = tmp_path / "kept"
