@@ -38,12 +38,14 @@ class DroneModels:
         names: of the actions; none where nothing recognises them.
         key: plain values that say what the observations depend on, the video apart.
         given: tracks that are right already; None tracks.
+        richer: where actions are not asked for, the key of the observations that have them besides.
     """
 
     observers: Observers
     names: tuple[str, ...]
     key: Mapping[str, Any]
     given: Sequence[Track] | None = None
+    richer: Mapping[str, Any] | None = None
 
     @classmethod
     def choose(
@@ -85,10 +87,12 @@ class DroneModels:
         recognise = ActionRecogniser(streams, threads) if streams else None
         camera = CameraMotionSettings() if camera_motion and given is None else None
         key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
-        key |= {f"action {n}": file_digest(path) for n, path in enumerate(streams)}
+        key |= _streams_key(streams)
         key |= {"motion": repr(camera), "score_threshold": str(score_threshold), "score_range": str(score_range)}
         observers = Observers(detect, describe, recognise, camera, batch_size)
-        return cls(observers, recognise.names if recognise else (), key, given)
+        spare = [] if streams else _streams("flow-maf", actions, needed=True)
+        richer = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
+        return cls(observers, recognise.names if recognise else (), key, given, richer)
 
 
 def prices_of(
@@ -126,3 +130,7 @@ def _streams(method: Method, actions: list[Path] | None, *, needed: bool) -> lis
     if method == "flow" and not needed:
         return []
     return actions if actions is not None else [shipped(f"action_{name}") for name in STREAMS]
+
+
+def _streams_key(streams: Sequence[Path]) -> dict[str, str]:
+    return {f"action {number}": file_digest(path) for number, path in enumerate(streams)}

@@ -119,6 +119,18 @@ def test_the_cache_saves_looking_and_survives_damage(
     assert "made anew" not in capsys.readouterr().err
 
 
+def test_a_flow_without_actions_takes_what_is_kept_with_them(
+    clip: Path, action_streams: list[Path], tmp_path: Path
+) -> None:
+    cache = ["--cache", str(tmp_path / "cache")]
+    assert main(words(clip, action_streams, tmp_path / "maf", *cache)) == 0
+    for name, more in (("kept", cache), ("fresh", [])):
+        assert main(words(clip, action_streams, tmp_path / name, "--method", "flow", *more)) == 0
+    assert values(tmp_path / "kept")["seconds"].keys() == {"link"}
+    assert len(list((tmp_path / "cache").iterdir())) == 1
+    assert (tmp_path / "kept/tracks.txt").read_text() == (tmp_path / "fresh/tracks.txt").read_text()
+
+
 def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from importlib import resources
 
