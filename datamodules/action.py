@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
 
 import lightning
@@ -82,12 +83,21 @@ class ActionData(lightning.LightningDataModule):
         self.clips: dict[str, list[ActionSequence]] = {}
 
     def prepare_data(self) -> None:
-        """Cut the clips whose crops are missing."""
+        """Cut the clips whose crops are missing, and with a warning those whose crops are damaged."""
         for clips in self._find().values():
             for clip in clips:
-                folder = self._folder(clip)
-                if not has_crops(folder, clip, self.cutting):
-                    cut_clip(clip, self.cutting, folder)
+                if not self._has_crops(clip):
+                    cut_clip(clip, self.cutting, self._folder(clip))
+
+    def _has_crops(self, clip: ActionSequence) -> bool:
+        if not has_crops(self._folder(clip), clip, self.cutting):
+            return False
+        try:
+            load_crops([self._folder(clip)], STREAMS)
+        except RequestError as error:
+            print(f"tsuiseki: warning: {error}; cut anew", file=sys.stderr)
+            return False
+        return True
 
     def setup(self, stage: str) -> None:
         """Open the crops."""

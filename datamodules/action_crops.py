@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -160,8 +161,8 @@ def load_crops(folders: Sequence[Path], streams: Sequence[StreamName]) -> Action
                 actions.append(rows["actions"])
                 people.append(ids + first)
                 frames.append(rows["frames"])
-        except (OSError, ValueError, KeyError) as error:
-            raise RequestError(f"{folder}: expected crops of a clip, got {error}; delete it to cut it anew") from error
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise RequestError(f"{folder}: expected crops of a clip, got {error}") from error
         first += len(names)
         clip.append(np.full(len(ids), number))
         row.append(np.arange(len(ids)))

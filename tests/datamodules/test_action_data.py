@@ -52,6 +52,25 @@ def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path
     assert not has_crops(folder, clip, SETTINGS)
 
 
+@pytest.mark.parametrize("part", ["rows.npz", "flow_global.npy"])
+def test_damaged_crops_are_cut_anew_with_a_warning(
+    acting_clips: Path, tmp_path: Path, part: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, size=16, cutting=SETTINGS)
+    data.prepare_data()
+    damaged = tmp_path / "train-1" / part
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[: len(whole) // 2])
+    data.prepare_data()
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert f"{tmp_path / 'train-1'}: expected crops of a clip" in error
+    assert error.endswith("; cut anew\n")
+    data.setup("fit")
+    # Frames 2, 4, … 20 of five people in either clip, one of whom is hidden in frame 4.
+    assert len(data.train_crops) == 2 * (10 * 5 - 1)
+
+
 def test_a_clip_that_breaks_off_leaves_nothing(acting_clips: Path, tmp_path: Path) -> None:
     clip = okutama_sequences(acting_clips / "train")[0]
     (tmp_path / "crops").mkdir()
