@@ -132,5 +132,5 @@ def _streams(method: Method, actions: list[Path] | None, *, needed: bool) -> lis
     return actions if actions is not None else [shipped(f"action_{name}") for name in STREAMS]
 
 
-def _streams_key(streams: Sequence[Path]) -> dict[str, str]:
+def _streams_key(streams: Sequence[Path]) -> dict[str, str | None]:
     return {f"action {number}": file_digest(path) for number, path in enumerate(streams)}
