@@ -19,9 +19,8 @@ from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks import Appearance, Detector
 from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observers
-from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
-from tsuiseki.tracking.trackers.given import as_detections
+from tsuiseki.tracking.trackers.given import as_detections, read_given_tracks
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.video import Source
 
@@ -72,7 +71,7 @@ class DroneModels:
         if sum(value is not None for value in (detections, detector, tracks)) > 1:
             raise RequestError("expected one of --detections, --detector and --tracks, got several")
         paths: dict[str, Path | None] = {"detections": detections, "tracks": tracks}
-        given = None if tracks is None else read_tracks(tracks)
+        given = None if tracks is None else read_given_tracks(tracks, source)
         if given is not None:
             detect: Detector | list[Detections] = as_detections(given)[0]
         elif detections is not None:
