@@ -8,11 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from tsuiseki.datamodules.action import ActionData
 from tsuiseki.datamodules.action_crops import CropSettings
 from tsuiseki.datamodules.action_frames import ForwardVideo, frame_reader
 from tsuiseki.datamodules.readers.actions import action_sequences
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 
@@ -80,6 +82,24 @@ def test_drone_action_trains_an_action_network(drone_action: Path, tmp_path: Pat
     assert data.train_crops.frames.tolist() == [2, 6, 2, 6]
     middle = data.train_crops.crops("rgb_local", np.arange(4))[:, 9:11, 9:11].mean(axis=(1, 2))
     np.testing.assert_allclose(middle, np.tile([230, 0, 0], (4, 1)), atol=12)
+
+
+@pytest.mark.slow
+def test_the_command_line_trains_on_drone_action(
+    drone_action: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = {
+        "out": tmp_path / "out", "overwrite": "true", "data.train_folders": f"[{drone_action}]",
+        "data.validation_folders": f"[{tmp_path / 'other'}]", "data.cache": tmp_path / "cache", "data.batches": 1,
+        "data.batch_size": 2, "data.cutting": "{step: 2}", "trainer.max_epochs": 1, "trainer.accelerator": "cpu",
+        "model.trunk": "mobilenet_v3_small", "model.size": 32, "model.streams": "[rgb_local]",
+    }  # fmt: skip
+    words = ["train", "action", *(f"--{name}={value}" for name, value in values.items())]
+    assert main(words) == 2
+    assert "expected clips with 12 actions, got 13: clapping, hitting_bottle" in capsys.readouterr().err
+    assert main([*words, "--model.actions=13"]) == 0
+    state = torch.load(tmp_path / "out/checkpoints/best.ckpt", weights_only=True)
+    assert tuple(state["action_names"]) == DRONE_ACTION_CLASSES
 
 
 def test_another_clip_of_the_same_name_is_cut_anew(drone_action: Path, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from tsuiseki.tracking.formats.okutama_folders import (
     is_okutama_file,
     read_okutama_video,
 )
-from tsuiseki.tracking.formats.visdrone import find_visdrone, is_visdrone, read_visdrone
+from tsuiseki.tracking.formats.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 
 
@@ -62,13 +62,15 @@ def read_truths(
     if path.is_dir() and has_okutama_layout(path):
         truths = [_of_okutama(video, protocol, size) for video in find_okutama(path)]
     elif path.is_dir() and is_visdrone(path):
-        truths = [Truth(s.name, read_visdrone(s.labels, len(s.images)), len(s.images)) for s in find_visdrone(path)]
+        truths = [_of_visdrone(sequence) for sequence in find_visdrone(path)]
     elif path.is_dir() and has_drone_action_layout(path):
         truths = _of_drone_action(path)
     elif path.is_dir():
         truths = [Truth(s.name, read_ground_truth(s.ground_truth_path), s.length or None) for s in find_sequences(path)]
     elif path.is_file() and is_okutama_file(path):
         truths = [_of_okutama(OkutamaVideo(path.stem, (), path), protocol, size)]
+    elif path.is_file() and is_visdrone(path.parent.parent) and path.parent.name == "annotations":
+        truths = [_of_visdrone(s) for s in find_visdrone(path.parent.parent) if s.labels.name == path.name]
     elif path.is_file():
         truths = [_of_file(path)]
     else:
@@ -82,6 +84,11 @@ def _of_okutama(video: OkutamaVideo, protocol: Protocol, size: tuple[int, int] |
     if not truth.evaluated.any():
         raise RequestError(f"{video.labels}: expected a person who is neither lost nor occluded, got none")
     return Truth(video.name, truth, len(video.images) or None, counted_from(protocol))
+
+
+def _of_visdrone(sequence: VisDroneSequence) -> Truth:
+    length = len(sequence.images)
+    return Truth(sequence.name, read_visdrone(sequence.labels, length), length)
 
 
 def _of_drone_action(folder: Path) -> list[Truth]:

@@ -155,8 +155,9 @@ def test_visdrone_folders_are_scored(tmp_path: Path) -> None:
     (tmp_path / "uav1.txt").write_text(
         "1,1,11,21,30,40,1,-1,-1,-1\n2,1,12,21,30,40,1,-1,-1,-1\n2,2,301,301,99,99,1,-1,-1,-1\n2,3,601,10,50,40,1,-1,-1,-1\n"
     )
-    combined = scores("people", tmp_path, folder, tmp_path / "uav1.txt")["uav1"]["combined"]
-    assert (combined["labelled"], combined["false_positives"], combined["recall"]) == (2, 1, 1)
+    for truth in (folder, folder / "annotations" / "uav1.txt"):
+        combined = scores("people", tmp_path, truth, tmp_path / "uav1.txt")["uav1"]["combined"]
+        assert (combined["labelled"], combined["false_positives"], combined["recall"]) == (2, 1, 1)
 
 
 def test_drone_action_folders_are_scored(tmp_path: Path) -> None:
