@@ -33,6 +33,7 @@ class ActionData(lightning.LightningDataModule):
         flow_limit: flow is clipped to this many pixels a frame.
         stack: pairs of frames whose flow is stacked.
         flow: how flow is estimated.
+        compensate: whether the camera's motion is taken out of the flow; it is not in the thesis.
         cutting: how crops are cut; the values above win over those in it.
         batch_size: samples of a batch; the thesis has 16.
         batches: of an epoch.
@@ -56,6 +57,7 @@ class ActionData(lightning.LightningDataModule):
         flow_limit: float = 20.0,
         stack: int = 1,
         flow: FlowName = "dis",
+        compensate: bool = False,
         cutting: CropSettings | None = None,
         batch_size: int = 16,
         batches: int = 100,
@@ -75,7 +77,13 @@ class ActionData(lightning.LightningDataModule):
         self.cache, self.streams, self.size = cache, tuple(streams), size
         self.multiple_actions = multiple_actions
         self.cutting = dataclasses.replace(
-            cutting or CropSettings(), size=size, enlargement=enlargement, flow_limit=flow_limit, stack=stack, flow=flow
+            cutting or CropSettings(),
+            size=size,
+            enlargement=enlargement,
+            flow_limit=flow_limit,
+            stack=stack,
+            flow=flow,
+            compensate=compensate,
         )
         self.batch_size, self.batches, self.workers, self.seed = batch_size, batches, workers, seed
         self.segments, self.span, self.rarity = segments, span, rarity

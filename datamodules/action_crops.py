@@ -39,6 +39,7 @@ class CropSettings:
         flow_limit: flow is clipped to this many pixels a frame.
         stack: pairs of frames whose flow is stacked.
         flow: how it is estimated.
+        compensate: whether the camera's motion is taken out of it.
         step: every how many frames people are cut out.
     """
 
@@ -48,6 +49,7 @@ class CropSettings:
     flow_limit: float = 20.0
     stack: int = 1
     flow: FlowName = "dis"
+    compensate: bool = False
     step: int = 5
 
     @property
@@ -129,7 +131,7 @@ def _pictures(
         before = {t: held[t] if t in held else read(t) for t in range(frame - settings.stack, frame + 1)}
         held = before
         pairs = [
-            flow_to(before[t - 1], before[t], settings.flow, settings.flow_limit)
+            flow_to(before[t - 1], before[t], settings.flow, settings.flow_limit, compensate=settings.compensate)
             for t in range(frame - settings.stack + 1, frame + 1)
         ]
         yield frame, before[frame], np.concatenate(pairs, axis=2)

@@ -102,7 +102,7 @@ def export_action(
 def labelled_crops(folders: Sequence[Path], module: ActionTraining) -> ActionCrops:
     """The crops of labelled clips, cut as the network wants them; kept for this call only."""
     one: ActionInput = next(iter(module.inputs.values()))
-    settings = CropSettings(one.size, 0.0, one.enlargement, one.flow_limit, one.stack, one.flow)
+    settings = CropSettings(one.size, 0.0, one.enlargement, one.flow_limit, one.stack, one.flow, one.compensate)
     clips = [clip for folder in folders for clip in action_sequences(folder)]
     for clip in clips:
         if clip.labels.class_names != module.names:
