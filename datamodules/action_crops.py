@@ -23,6 +23,7 @@ from tsuiseki.datamodules.readers.action_sequence import ActionSequence
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName, crop_squares, flow_to, square_boxes
 from tsuiseki.tracking.features.optical_flow import FlowName
+from tsuiseki.tracking.formats.okutama import ActionLabels
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 
 VERSION = 2
@@ -91,16 +92,16 @@ class ActionCrops:
 def cut_clip(clip: ActionSequence, settings: CropSettings, folder: Path) -> None:
     """Cut the labelled people of a clip out and keep them in ``folder``, which appears when it is complete.
 
+    Args:
+        clip: with at least one of `rows_to_cut`.
+        settings: how they are cut.
+        folder: for the crops.
+
     Raises:
-        RequestError: nobody is labelled in a frame that is cut, or a frame cannot be read.
+        RequestError: a frame cannot be read.
     """
-    labels = clip.labels
-    usable = ~(labels.lost | labels.occluded)
-    wanted = [t for t in np.unique(labels.frames[usable]).tolist() if t >= settings.stack and t % settings.step == 0]
-    if not wanted:
-        raise RequestError(f"expected labelled people in {folder.name}, found none with a frame before")
-    rows = np.flatnonzero(usable & np.isin(labels.frames, wanted))
-    rows = rows[np.argsort(labels.frames[rows], kind="stable")]
+    labels, rows = clip.labels, rows_to_cut(clip.labels, settings)
+    wanted = np.unique(labels.frames[rows]).tolist()
     crops: dict[StreamName, list[ImageArray]] = {name: [] for name in STREAMS}
     for frame, image, flow in _pictures(frame_reader(clip), wanted, settings):
         boxes = labels.boxes[rows[labels.frames[rows] == frame]]
@@ -120,6 +121,13 @@ def cut_clip(clip: ActionSequence, settings: CropSettings, folder: Path) -> None
         work.replace(folder)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def rows_to_cut(labels: ActionLabels, settings: CropSettings) -> IntArray:
+    """``(N,)`` labels of people who can be seen, in frames of which every so many are taken, in the order of time."""
+    early = labels.frames < settings.stack
+    rows = np.flatnonzero(~(labels.lost | labels.occluded | early) & (labels.frames % settings.step == 0))
+    return np.asarray(rows[np.argsort(labels.frames[rows], kind="stable")])
 
 
 def _pictures(

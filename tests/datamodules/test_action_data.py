@@ -52,6 +52,25 @@ def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path
     assert not has_crops(folder, clip, SETTINGS)
 
 
+def test_clips_without_people_are_left_out_by_name(
+    acting_clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [line.split(" ") for line in (acting_clips / "train/train-0/gt/actions.txt").read_text().splitlines()]
+    for name, lost in (("seen", "0"), ("empty", "1")):
+        (tmp_path / name / "gt").mkdir(parents=True)
+        (tmp_path / name / "img1").symlink_to(acting_clips / "train/train-0/img1")
+        text = "\n".join(" ".join([*row[:6], lost, *row[7:]]) for row in rows)
+        (tmp_path / name / "gt/actions.txt").write_text(text)
+    data = ActionData([tmp_path], [acting_clips / "validation"], tmp_path / "cut", size=16, cutting=SETTINGS)
+    data.prepare_data()
+    data.setup("fit")
+    assert "left out, since nobody is labelled there: empty" in capsys.readouterr().err
+    assert len(data.train_crops.images["rgb_local"]) == 1
+    nobody = ActionData([tmp_path / "empty"], [acting_clips / "validation"], tmp_path / "cut", cutting=SETTINGS)
+    with pytest.raises(RequestError, match="expected labelled people with a frame before in the train clips"):
+        nobody.prepare_data()
+
+
 @pytest.mark.parametrize("part", ["rows.npz", "flow_global.npy"])
 def test_damaged_crops_are_cut_anew_with_a_warning(
     acting_clips: Path, tmp_path: Path, part: str, capsys: pytest.CaptureFixture[str]
