@@ -60,8 +60,9 @@ def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bo
             )
         source = open_source(clip)
         models: DroneModels = DroneModels.choose(
-            source, "flow-maf", None, None, None, None, None, 0.3, (0.0, 1.0), threads, 4, camera_motion=True
-        )
+            source, "flow-maf", None, None, None, None, None, 0.3, (0.0, 1.0), threads, 4, camera_motion=True,
+            bridging=None,
+        )  # fmt: skip
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         settings = DroneSettings()
         runs, scores = {}, {}

@@ -19,6 +19,7 @@ from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks import Appearance, Detector
 from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observers
+from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
 from tsuiseki.tracking.trackers.given import as_detections, read_given_tracks
 from tsuiseki.tracking.types import Detections, Track
@@ -62,6 +63,7 @@ class DroneModels:
         batch_size: int,
         *,
         camera_motion: bool,
+        bridging: BridgingSettings | None,
     ) -> DroneModels:
         """The models for a video; see `tsuiseki track drone --help`."""
         if not source.has_images:
@@ -86,9 +88,10 @@ class DroneModels:
         recognise = ActionRecogniser(streams, threads) if streams else None
         camera = CameraMotionSettings() if camera_motion and given is None else None
         key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
-        key |= _streams_key(streams)
-        key |= {"motion": repr(camera), "score_threshold": str(score_threshold), "score_range": str(score_range)}
-        observers = Observers(detect, describe, recognise, camera, batch_size)
+        bridging = bridging if given is None else None
+        key |= _streams_key(streams) | {"motion": repr(camera), "bridging": repr(bridging)}
+        key |= {"score_threshold": str(score_threshold), "score_range": str(score_range)}
+        observers = Observers(detect, describe, recognise, camera, batch_size, bridging)
         spare = [] if streams else _streams("flow-maf", actions, needed=True)
         richer = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
         return cls(observers, recognise.names if recognise else (), key, given, richer)

@@ -148,6 +148,19 @@ def test_the_cache_saves_looking_and_survives_damage(
     assert "made anew" not in capsys.readouterr().err
 
 
+def test_bridged_boxes_are_kept_beside_the_others(clip: Path, action_streams: list[Path], tmp_path: Path) -> None:
+    cache = ["--cache", str(tmp_path / "cache")]
+    on = ["--bridging.longest", "5"]
+    for name, more in (("with", on), ("without", []), ("again", on)):
+        assert main(words(clip, action_streams, tmp_path / name, *cache, *more)) == 0
+    found = {name: sum(values(tmp_path / name)["frames"]["detections"]) for name in ("with", "without", "again")}
+    assert found["with"] == found["again"] > found["without"]
+    assert "bridge" in values(tmp_path / "with")["seconds"]
+    assert values(tmp_path / "again")["seconds"].keys() == {"link"}
+    assert values(tmp_path / "without")["settings"]["bridging"] is None
+    assert (tmp_path / "again/tracks.json").read_text() == (tmp_path / "with/tracks.json").read_text()
+
+
 def test_a_flow_without_actions_takes_what_is_kept_with_them(
     clip: Path, action_streams: list[Path], tmp_path: Path
 ) -> None:
@@ -177,6 +190,8 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "these costs ask for actions; choose": ["--method", "flow", "--affinity", acting],
         "odd window": ["--drone.refinement.window", "4"],
         "expected an overlap above": ["--drone.overlap", "3"],
+        "expected longest from 1 frame, got 0": ["--bridging.longest", "0"],
+        "expected least_peak from 0 to 1": ["--bridging.least-peak", "1.5"],
     }
     save_other(other)
     for message, more in cases.items():
