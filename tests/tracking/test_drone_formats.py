@@ -58,6 +58,14 @@ def test_okutama_rows_become_pixels_of_the_frames(okutama):
     assert labels.lost.tolist() == [False, False, False, True, False, False]
 
 
+def test_the_frames_that_come_with_the_data_are_taken_of_several_sizes(okutama):
+    for size in ("3840x2160", "1920x1080"):
+        for frame in range(12):
+            picture(okutama / "Drone1" / "Morning" / f"Extracted-Frames-{size}" / "1.1.1" / f"{frame}.jpg")
+    (sequence,) = okutama_sequences(okutama)
+    assert {path.parent.parent.name for path in sequence.files} == {"Extracted-Frames-1280x720"}
+
+
 def test_the_published_protocol_drops_lost_and_occluded_rows_and_the_first_frame(okutama):
     labels = okutama_sequences(okutama)[0].labels
     published, actions = okutama_truth(labels)

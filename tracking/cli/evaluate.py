@@ -55,6 +55,7 @@ def people(
         if path is not None:
             check_output_file(path, overwrite)
     _check_plot(plot)
+    _check_size(size)
     truths = read_truths(truth, stretch, protocol, size)
     scores = {name: evaluate_people(match_results(truths, result)) for name, result in zip(shown, results, strict=True)}
     show(people_table(scores))
@@ -106,6 +107,7 @@ def detection(
     stretch = parse_frames(frames) if frames else None
     if json is not None:
         check_output_file(json, overwrite)
+    _check_size(size)
     truths = read_truths(truth, stretch, protocol, size)
     scores = {
         name: evaluate_detection_files(truths, result, iou, score_range)
@@ -163,6 +165,7 @@ def action(
     shown = _result_names(results, names)
     if json is not None:
         check_output_file(json, overwrite)
+    _check_size(size)
     truths = read_labelled_actions(truth, protocol, size, multiple_actions, parse_frames(frames))
     scores = {}
     for name, result in zip(shown, results, strict=True):
@@ -194,6 +197,11 @@ def _telling_parts(path: Path) -> tuple[str, ...]:
     if path.is_file():
         path = path.parent if path.name in USUAL_NAMES else path.with_suffix("")
     return path.parts
+
+
+def _check_size(size: tuple[int, int] | None) -> None:
+    if size is not None and min(size) < 1:
+        raise RequestError(f"--size: expected a width and height from 1 pixel on, got {size[0]},{size[1]}")
 
 
 def _check_plot(plot: Path | None) -> None:

@@ -74,8 +74,8 @@ def read_labelled_actions(
     """The labels at ``path``.
 
     Args:
-        path: a sequence folder with ``gt/actions.txt`` or a folder of such; a label file or the folder of
-            Okutama-Action; the folder of Drone-Action.
+        path: a sequence folder with ``gt/actions.txt``, that file, or a folder of such folders; a label file or the
+            folder of Okutama-Action; the folder of Drone-Action.
         protocol: by which labels count, see `okutama_truth`; all of Drone-Action's do.
         size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
             frames that lie with them, or else of those that come with the data.
@@ -92,6 +92,8 @@ def read_labelled_actions(
 def _every_frame(
     path: Path, protocol: Protocol, size: tuple[int, int] | None, multiple_actions: bool
 ) -> list[LabelledActions]:
+    if path.is_file() and path.match(f"*/{ACTIONS_FILE}"):
+        path = path.parent.parent
     if path.is_file():
         return [_labelled(path.stem, read_okutama(path, size or EXTRACTED_SIZE), protocol)]
     if path.is_dir() and has_okutama_layout(path):

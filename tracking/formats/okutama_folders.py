@@ -64,10 +64,15 @@ def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[Oku
     folder = Path(folder)
     if not has_okutama_layout(folder):
         clips = [folder] if (folder / GENERATED_LABELS).is_file() else sorted(folder.glob("*/"))
-        found = [(clip.name, clip / "img1", clip / GENERATED_LABELS) for clip in clips]
-        videos = [OkutamaVideo(name, _images(images), labels) for name, images, labels in found if labels.is_file()]
+        clips = [clip for clip in clips if (clip / GENERATED_LABELS).is_file()]
+        videos = [OkutamaVideo(clip.name, _images(clip / "img1"), clip / GENERATED_LABELS) for clip in clips]
     else:
-        videos = [_published(folder, labels) for labels in _label_files(folder / "Labels", multiple_actions)]
+        # Walking through the folders takes a while where there are a hundred thousand frames: once for all videos.
+        # Of frames in several sizes the 1280x720 ones come last, and stay.
+        found = sorted(folder.glob("**/Extracted-Frames-*/*"), key=str, reverse=True)
+        places = {place.name: place for place in found if place.is_dir()}
+        files = _label_files(folder / "Labels", multiple_actions)
+        videos = [_published(labels, places.get(labels.stem)) for labels in files]
     if not videos:
         raise RequestError(
             f"expected Labels/ and Drone1/…/Extracted-Frames-1280x720/ of Okutama-Action in {folder}, or generated "
@@ -130,10 +135,9 @@ def _label_files(folder: Path, multiple_actions: bool) -> list[Path]:
     return []
 
 
-def _published(folder: Path, labels: Path) -> OkutamaVideo:
+def _published(labels: Path, frames: Path | None) -> OkutamaVideo:
     """The video of a label file, with its frames where they are there; their names are their numbers, from 0."""
-    places = [p for p in sorted(folder.glob(f"**/Extracted-Frames-*/{labels.stem}")) if p.is_dir()]
-    images = _images(places[0]) if places else ()
+    images = () if frames is None else _images(frames)
     for number, image in enumerate(images):
         if image.stem.isdecimal() and int(image.stem) != number:
             raise RequestError(

@@ -119,12 +119,17 @@ def test_a_stretch_is_scored_alone(
     assert "expected a labelled person who counts in frames 9-, got none" in capsys.readouterr().err
 
 
-def test_tracks_of_frames_of_another_size_are_compared_in_their_pixels(okutama: Path, tmp_path: Path) -> None:
+def test_tracks_of_frames_of_another_size_are_compared_in_their_pixels(
+    okutama: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     large = write_found(tmp_path / "large", OKUTAMA_ACTIONS, ("Walking", "Sitting"), scale=1.5)
     labels = next(okutama.glob("Labels/Single*/*/*.txt"))
     for size, recall in (("1920,1080", 1), ("1280,720", 0)):
         values = scores("people", tmp_path, labels, large, "--size", size)["large"]["combined"]
         assert values["recall"] == recall
+    for kind in ("people", "action"):
+        assert main(["evaluate", kind, str(labels), str(large), "--size", "0,720"]) == 2
+        assert "--size: expected a width and height from 1 pixel on, got 0,720" in capsys.readouterr().err
 
 
 def test_detections_are_scored_against_okutama(okutama: Path, found: Path, tmp_path: Path) -> None:

@@ -94,4 +94,7 @@ def test_labels_come_from_clip_folders(acting_clips: Path) -> None:
     assert clip.truth.ignored.sum() == 1
     (published,) = read_labelled_actions(acting_clips / "validation/validation-0")
     assert published.truth.frames.min() == 1
+    (by_file,) = read_labelled_actions(acting_clips / "validation/validation-0/gt/actions.txt")
+    np.testing.assert_array_equal(by_file.truth.boxes, published.truth.boxes)
+    assert by_file.name == "validation-0"
     assert not published.truth.ignored.any()
