@@ -48,7 +48,7 @@ class Detections:
 
     Attributes:
         boxes: ``(N, 4)`` pixels, x1 < x2 and y1 < y2.
-        scores: ``(N,)``, any finite number; a network's scores lie in [0, 1].
+        scores: ``(N,)``, any finite number; a network's scores lie in [0, 1]. NaN where no detector gave one.
         features: ``(N, D)`` unit-length appearance features, or None when nothing described them.
     """
 
@@ -59,7 +59,7 @@ class Detections:
     def __post_init__(self) -> None:
         object.__setattr__(self, "boxes", check_boxes(self.boxes))
         object.__setattr__(self, "scores", np.asarray(self.scores, dtype=np.float64))
-        if self.scores.shape != (len(self.boxes),) or not np.isfinite(self.scores).all():
+        if self.scores.shape != (len(self.boxes),) or np.isinf(self.scores).any():
             raise ValueError(f"expected {len(self.boxes)} finite scores, got shape {self.scores.shape}")
         if self.features is not None:
             object.__setattr__(self, "features", np.asarray(self.features, dtype=np.float64))

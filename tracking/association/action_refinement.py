@@ -43,6 +43,7 @@ class RefinementSettings:
         entry: cost of a track's start, c_entr.
         exit: cost of a track's end, c_exit.
         miss: cost of every frame between two linked detections.
+        bridged: cost of a detection that no detector scored but a correlation filter found (see `trackers.bridging`).
         window: λ, frames that an action feature is averaged over; odd.
         windows: ``centred`` compares eq. 5.3 at both detections of a pair, as the thesis does; ``one-sided`` the half
             of the window up to the earlier one with the half from the later one on.
@@ -53,13 +54,14 @@ class RefinementSettings:
     entry: float = 10.0
     exit: float = 10.0
     miss: float = 0.1
+    bridged: float = 0.4
     window: int = 15
     windows: Literal["centred", "one-sided"] = "one-sided"
     iterations: int = 6
 
     def __post_init__(self) -> None:
-        if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf and 0 <= self.miss < np.inf):
-            raise ValueError("expected finite entry, exit and miss costs of 0 or more")
+        if not all(0 <= cost < np.inf for cost in (self.entry, self.exit, self.miss, self.bridged)):
+            raise ValueError("expected finite entry, exit, miss and bridged costs of 0 or more")
         if self.window < 1 or self.window % 2 == 0:
             raise ValueError(f"expected an odd window of at least 1 frame, got {self.window}")
         if self.iterations < 1:
@@ -133,7 +135,7 @@ def refine(
         past: what is already decided.
         goes_on: ``(N,)`` detections after which the video goes on beyond the rows: a track may end there for nothing.
     """
-    observation = prices.observation(rows.scores)
+    observation = np.where(np.isnan(rows.scores), settings.bridged, prices.observation(rows.scores))
     priced = price_pairs(rows, actions, prices.single, settings.gate, settings.miss)
     seen: set[bytes] = set()
     for number in range(1 if actions is None else settings.iterations):

@@ -18,7 +18,7 @@ class DetectionRows:
         numbers: ``(N,)`` increasing, counted over the whole video.
         frames: ``(N,)``.
         boxes: ``(N, 4)`` pixels.
-        scores: ``(N,)``.
+        scores: ``(N,)``, NaN where no detector gave one.
         features: ``(N, D)`` of unit length, NaN where not known; None where nothing was described.
     """
 

@@ -60,8 +60,9 @@ def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bo
             )
         source = open_source(clip)
         models: DroneModels = DroneModels.choose(
-            source, "flow-maf", None, None, None, None, None, 0.3, (0.0, 1.0), threads, 4, camera_motion=True
-        )
+            source, "flow-maf", None, None, None, None, None, 0.3, (0.0, 1.0), threads, 4, camera_motion=True,
+            bridging=None,
+        )  # fmt: skip
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         settings = DroneSettings()
         runs, scores = {}, {}
@@ -80,7 +81,7 @@ def _write(work: Path, demo: _Demo) -> None:
     from tsuiseki.tracking.cli.drone_run import OVERLAY_FILE, write_drone_run
     from tsuiseki.tracking.output import RunRecord, versions
     from tsuiseki.tracking.render import write_overlay
-    from tsuiseki.tracking.report import Report, ReportedMethod, write_report
+    from tsuiseki.tracking.report import BOXES_NOTE, Report, ReportedMethod, write_report
 
     command = ["tsuiseki", "demo", "--scene", "drone"]
     best = demo.runs[list(METHODS.values())[-1]]
@@ -109,6 +110,7 @@ def _write(work: Path, demo: _Demo) -> None:
         length=demo.frames,
         frame_rate=demo.source.frame_rate,
         overlay=work / OVERLAY_FILE,
+        overlay_note=BOXES_NOTE,
         seconds=demo.times.seconds,
         facts={"seed": str(demo.seed)} | versions(),
         more=[timelines],

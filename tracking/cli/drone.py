@@ -7,6 +7,7 @@ from typing import Literal
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.frame_range import parse_frames
+from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import DroneSettings
 
 DroneMethod = Literal["flow", "flow-saf", "flow-maf"]
@@ -36,6 +37,7 @@ def track(
     overwrite: bool = False,
     seed: int = 0,
     drone: DroneSettings = DRONE,
+    bridging: BridgingSettings | None = None,
 ) -> int:
     """Track the people in a video from a drone, and name what each is doing.
 
@@ -56,7 +58,8 @@ def track(
         affinity: exported link costs; by default the shipped ones of the method after a detector, and hand-set ones
             after --detections, whose scores they do not know; none takes hand-set ones always.
         affinity_multi: exported link costs of the repetitions of flow-maf; by default those of --affinity, or shipped.
-        tracks: MOTChallenge tracks (gt.txt, tracks.txt) that are right already; only actions are named.
+        tracks: MOTChallenge tracks (gt.txt, tracks.txt) or an Okutama-Action label file that are right already; only
+            actions are named.
         frames: track this stretch only, counted from 1 with both ends, such as 301-400.
         keep_camera_motion: compare places as they are in the pictures, not as if the camera had stood still.
         threshold: an action is named where its probability is above, from 0 to 1.
@@ -70,6 +73,8 @@ def track(
         overwrite: replace an earlier result in the folder.
         seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of flow, alternation and output.
+        bridging: when a correlation filter follows people whom the detector misses for some frames; by default
+            never.
     """
     given = dict(locals())
     from tsuiseki.tracking.cli.drone_models import DroneModels, prices_of
@@ -89,7 +94,7 @@ def track(
     opened = open_source(source, parse_frames(frames))
     models = DroneModels.choose(
         opened, method, detections, detector, appearance, actions, tracks, score_threshold, score_range, threads,
-        batch_size, camera_motion=not keep_camera_motion,
+        batch_size, camera_motion=not keep_camera_motion, bridging=bridging,
     )  # fmt: skip
     prices = prices_of(
         method,

@@ -67,7 +67,7 @@ def action_features(
         values = reproduce_drone(folder, work, plan, networks, costs, _say, compensate=not keep_camera_motion)
         settings: dict[str, Any] = {"seeds": plan.seeds, "clips": plan.clips, "frames": plan.frames}
         finish(folder, values, "drone-action-features", settings)
-    _show(values)
+    _show(values, compensate=not keep_camera_motion)
     print(f"plots, pictures and results.json: {out}")
 
 
@@ -75,7 +75,7 @@ def _say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def _show(values: Mapping[str, Any]) -> None:
+def _show(values: Mapping[str, Any], *, compensate: bool) -> None:
     from tsuiseki.tracking.cli.reproduce_phd import show_rows
     from tsuiseki.trainers.experiments.drone import PAPER_ACTIONS, PAPER_PEOPLE, PAPER_SECOND
 
@@ -90,6 +90,8 @@ def _show(values: Mapping[str, Any]) -> None:
     )
     print("Table 5.4, everything learnt carried over to other clips")
     show_rows(heading, [_person_row(name, row, PAPER_SECOND) for name, row in values["second"].items()])
+    print(f"Ablation, costs of places with the camera's motion {'taken out' if compensate else 'left in'} in all rows")
+    show_rows(("", "motion taken out", "bridging", *columns[1:]), [_ablation_row(row) for row in values["ablation"]])
     print("Table 5.5, F1 at 0.4 of every action, tracks given; percent")
     actions = values["actions"]
     first = next(iter(actions.values()))
@@ -105,6 +107,11 @@ def _person_row(name: str, row: Mapping[str, float], paper: Mapping[Any, Sequenc
     switches = f"{row['id_switches']:.0f}"
     printed = " ".join(f"{value:g}" for value in paper[name]) if name in paper else ""
     return [name, *cells[:2], switches, *cells[2:], printed]
+
+
+def _ablation_row(row: Mapping[str, Any]) -> list[str]:
+    chosen = ["yes" if row[name] else "no" for name in ("camera_motion", "bridging")]
+    return [row["method"], *chosen, *_person_row(row["method"], row, {})[1:-1]]
 
 
 def _percent(value: float | None) -> str:

@@ -16,6 +16,7 @@ from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings, CameraPath
 from tsuiseki.tracking.features.networks import Describe, Detect, stream
 from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.trackers.bridging import Bridge, BridgingSettings
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
 
 
@@ -25,7 +26,8 @@ class Observation:
 
     Attributes:
         frame: 0-based number.
-        detections: people, with appearance features where something describes them.
+        detections: people, with appearance features where something describes them; last those whom the detector missed
+            and a correlation filter found, where there are any.
         actions: ``(S, N, A)`` float32 probabilities by stream; None where nothing recognises actions.
         motion: ``(2, 3)`` similarity of the camera: where pixels of the frame before lie in this one. None at the
             start, or where it is not estimated.
@@ -47,6 +49,7 @@ class Observers:
         recognise: recognises their actions.
         camera: how the camera's motion is estimated; None does without.
         batch_size: frames of one call of the detector.
+        bridging: when a correlation filter follows people whom the detector misses; None never.
     """
 
     detect: Detect | Sequence[Detections]
@@ -54,11 +57,13 @@ class Observers:
     recognise: ActionRecogniser | None = None
     camera: CameraMotionSettings | None = None
     batch_size: int = 4
+    bridging: BridgingSettings | None = None
 
     @property
     def history(self) -> int:
         """Frames before the current one that are looked at."""
-        return max(0 if self.recognise is None else self.recognise.history, 0 if self.camera is None else 1)
+        flow = 0 if self.recognise is None else self.recognise.history
+        return max(flow, 0 if self.camera is None else 1, 0 if self.bridging is None else self.bridging.longest)
 
 
 def observe(
@@ -69,18 +74,28 @@ def observe(
     Args:
         frames: consecutive; those before ``first`` only serve as history.
         observers: what looks at them.
-        times: gets the seconds of the stages ``decode``, ``detect``, ``describe``, ``camera`` and ``actions``.
+        times: gets the seconds of the stages ``decode``, ``detect``, ``describe``, ``camera``, ``bridge`` and
+            ``actions``.
         first: number of the first frame to say something about.
     """
     times = times or StageTimes()
     path = None if observers.camera is None else CameraPath(observers.camera)
-    before: deque[ImageArray] = deque(maxlen=observers.history + 1)
+    bridge = None if observers.bridging is None else Bridge(observers.bridging)
+    kept = 0 if observers.recognise is None else observers.recognise.history
+    before: deque[ImageArray] = deque(maxlen=kept + 1)
     for frame, found in stream(frames, observers.detect, observers.describe, observers.batch_size, times):
         before.append(frame.image)
         motion = None
         if path is not None:
             with times.measure("camera"):
                 motion = _step(path, frame.image, found.boxes)
+        if bridge is not None:
+            with times.measure("bridge"):
+                missed = bridge.step(frame.image, found, motion)
+            if observers.describe is not None and len(missed):
+                with times.measure("describe"):
+                    missed = missed.with_features(observers.describe.describe(frame.image, missed.boxes))
+            found = _joined(found, missed)
         if frame.index < first:
             continue
         actions = None
@@ -88,6 +103,18 @@ def observe(
             with times.measure("actions"):
                 actions = observers.recognise.recognise(list(before), found.boxes)
         yield Observation(frame.index, found, actions, motion)
+
+
+def _joined(found: Detections, missed: Detections) -> Detections:
+    """``found`` and, after them, ``missed``."""
+    if not len(missed):
+        return found
+    features = None if found.features is None or missed.features is None else [found.features, missed.features]
+    return Detections(
+        np.concatenate([found.boxes, missed.boxes]),
+        np.concatenate([found.scores, missed.scores]),
+        None if features is None else np.concatenate(features),
+    )
 
 
 def _step(path: CameraPath, image: ImageArray, people: FloatArray) -> FloatArray | None:

@@ -201,7 +201,7 @@ def finished_tracks(
     Args:
         rows: the detections.
         labels: ``(N,)`` number of the track of each, -1 for none.
-        min_detections: tracks of fewer are dropped.
+        min_detections: tracks of fewer that a detector scored are dropped; what it did not score gets 0.
         gaps: which gaps are filled; None fills none.
         smoothing: how far boxes are smoothed; None leaves them as they were detected.
 
@@ -211,10 +211,11 @@ def finished_tracks(
     used = np.flatnonzero(labels >= 0)
     order = used[np.lexsort((rows.frames[used], labels[used]))]
     pieces = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
-    long = [piece for piece in pieces if len(piece) >= max(min_detections, 1)]
+    scored = ~np.isnan(rows.scores)
+    long = [piece for piece in pieces if scored[piece].sum() >= max(min_detections, 1)]
     tracks = []
     for number, piece in enumerate(sorted(long, key=lambda piece: int(piece[0])), start=1):
-        track = Track(number, rows.frames[piece], rows.boxes[piece], rows.scores[piece])
+        track = Track(number, rows.frames[piece], rows.boxes[piece], np.nan_to_num(rows.scores[piece]))
         if gaps is not None:
             track = fill_gaps(track, gaps)
         tracks.append((smooth(track, smoothing) if smoothing is not None else track, piece))

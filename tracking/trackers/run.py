@@ -20,7 +20,7 @@ class FrameLog:
     Attributes:
         frames: 0-based numbers.
         detections: number of detections.
-        scores: mean score of the detections, NaN where there are none.
+        scores: mean of the detections' scores, NaN where there are none.
     """
 
     frames: list[int] = field(default_factory=list)
@@ -31,7 +31,8 @@ class FrameLog:
         """Note a frame and its detections."""
         self.frames.append(frame)
         self.detections.append(len(found))
-        self.scores.append(float(found.scores.mean()) if len(found) else float("nan"))
+        scores = found.scores[~np.isnan(found.scores)]
+        self.scores.append(float(scores.mean()) if len(scores) else float("nan"))
 
     def columns(self, tracks: Sequence[Track]) -> dict[str, list[Any]]:
         """One list a column: frame from 1, detections and their mean score, people tracked and their mean score."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.evaluation.action_table import action_values
+from tsuiseki.trainers.experiments.drone_ablation import ablation
 from tsuiseki.trainers.experiments.drone_clips import (
     FAULTS,
     FIRST_SEED,
@@ -131,6 +132,7 @@ def reproduce_drone(
         "people": people,
         "iterations": curves,
         "second": second,
+        "ablation": ablation(sets, work / "observations", networks, costs, say),
         "actions": action_values(actions),
         "action_gain": gains,
         "pictures": pictures,

@@ -42,6 +42,7 @@ def test_all_tables_and_figures_and_what_was_there_is_used_again(
         "Table 5.3",
         "32.42 73.93 597 21.43 32.99",
         "Table 5.4",
+        "Ablation, costs of places with the camera's motion taken out",
         "Table 5.5",
         "42.88",
         "switches in 100 frames",
@@ -51,6 +52,13 @@ def test_all_tables_and_figures_and_what_was_there_is_used_again(
     assert set(values["people"]) == {"deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided"}
     row = values["people"]["flow"]
     assert row["motp"] + row["motp_as_printed"] == pytest.approx(100)
+    both = [(False, False), (False, True), (True, False), (True, True)]
+    assert [(row["camera_motion"], row["bridging"]) for row in values["ablation"]] == both * 2
+    same = {
+        row["method"]: row for row in values["ablation"] if (row["camera_motion"], row["bridging"]) == (True, False)
+    }
+    for method, row in same.items():
+        assert row["hota"] == values["people"][method]["hota"]
     assert [len(curve) for curve in values["iterations"].values()] == [10, 10]
     assert len(values["actions"]) == 4
     assert {p.name for p in (tmp_path / "first").iterdir()} >= {"iterations.png", "action_gain.png", "run.json"}

@@ -1,0 +1,93 @@
+"""What camera-motion compensation and bridging of missed detections add, on the clips of the drone experiment."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tsuiseki.tracking.features.action import ActionRecogniser
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.networks import Appearance
+from tsuiseki.tracking.features.observation_cache import file_digest
+from tsuiseki.tracking.features.observations import Observers
+from tsuiseki.tracking.features.video_observations import video_observations
+from tsuiseki.tracking.trackers.bridging import BridgingSettings
+from tsuiseki.trainers.experiments.drone_clips import Clip, Networks, on_all_cores
+from tsuiseki.trainers.experiments.drone_rows import Costs, Method, mean_rows, people_row, people_scores, track_all
+
+METHODS: tuple[Method, ...] = ("flow", "flow-maf, one-sided")
+
+
+def ablation(
+    sets: Sequence[Sequence[Clip]], cache: Path, networks: Networks, costs: Costs, say: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """A row for each method, with and without either: means over the sets, switches added up.
+
+    All rows pay the same costs, which are fitted to one of the two kinds of places; without the camera's motion the
+    filters look where they looked in the frame before.
+
+    Args:
+        sets: of clips, as detector and networks see them.
+        cache: folder that keeps observations.
+        networks: that look at the bridged boxes.
+        costs: of all rows.
+        say: gets a line of progress.
+    """
+    rows = []
+    for compensate in (False, True):
+        for bridging in (None, BridgingSettings()):
+            seen = sets
+            if bridging is not None:
+                say(f"bridging missed detections, the camera's motion {'taken out' if compensate else 'left in'}")
+                seen = bridged(sets, cache, networks, bridging, compensate=compensate)
+            for method in METHODS:
+                found = [
+                    people_row(people_scores(clips, track_all(clips, method, costs, compensate=compensate)))
+                    for clips in seen
+                ]
+                by_set = [row["id_switches"] for row in found]
+                rows.append(
+                    {
+                        "method": method,
+                        "camera_motion": compensate,
+                        "bridging": bridging is not None,
+                        **mean_rows(found),
+                        "by_seed": by_set,
+                    }
+                )
+    return sorted(rows, key=lambda row: METHODS.index(row["method"]))
+
+
+def bridged(
+    sets: Sequence[Sequence[Clip]], cache: Path, networks: Networks, settings: BridgingSettings, *, compensate: bool
+) -> list[list[Clip]]:
+    """The clips with what correlation filters find of those whom the detector misses.
+
+    Args:
+        sets: of clips.
+        cache: folder that keeps observations.
+        networks: that look at the bridged boxes.
+        settings: of the filters.
+        compensate: move the filters with the camera.
+    """
+    every = [clip for clips in sets for clip in clips]
+    seen = on_all_cores(
+        partial(_bridge, cache, networks, settings, CameraMotionSettings() if compensate else None), every
+    )
+    return [[next(seen) for _ in clips] for clips in sets]
+
+
+def _bridge(
+    cache: Path, networks: Networks, settings: BridgingSettings, camera: CameraMotionSettings | None, clip: Clip
+) -> Clip:
+    streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
+    found = [one.detections for one in clip.seen]
+    key = {f"model {n}": file_digest(path) for n, path in enumerate((*networks.actions, networks.appearance))}
+    key |= {"bridging": repr(settings), "camera": repr(camera)}
+    key["found"] = hashlib.sha256(b"|".join(one.boxes.tobytes() for one in found)).hexdigest()
+    observers = Observers(found, appearance, streams, camera, bridging=settings)
+    return replace(clip, seen=list(video_observations(clip.folder, observers, key, cache)))
