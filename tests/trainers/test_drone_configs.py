@@ -40,9 +40,9 @@ def test_ssd512_trains_on_okutamas_layout(tmp_path):
     exported = tmp_path / "ssd512.onnx"
     assert main(["export", "detector", "--checkpoint", str(best), "--out", str(exported)]) == 0
     assert Detector(exported).model.card.input_height == 512
-    # After one step from scratch it finds nobody; with a low threshold its boxes go all the way.
+    # One step from scratch teaches little; what it finds goes all the way.
     frames = folder / "Drone1/Morning/Extracted-Frames-1280x720/1.1.1"
-    given = ["--detector", str(exported), "--score-threshold", "0.3", "--keep-camera-motion"]
+    given = ["--detector", str(exported), "--score-threshold", "0.3", "--frames", "1-2", "--keep-camera-motion"]
     track(frames, tmp_path / "tracks", "flow", *given)
 
 
@@ -84,7 +84,7 @@ def test_action_networks_train_on_okutamas_layout(name, streams, acting_clips, t
     assert main(["export", "action", "--checkpoint", str(best), "--out", str(exported)]) == 0
     files = ",".join(str(tmp_path / f"a_{stream}.onnx") for stream in streams)
     clip = acting_clips / "validation/validation-0"
-    given = ["--detections", str(clip / "gt/gt.txt"), "--actions", files, "--frames", "1-8", "--keep-camera-motion"]
+    given = ["--detections", str(clip / "gt/gt.txt"), "--actions", files, "--frames", "1-3", "--keep-camera-motion"]
     people = track(clip, tmp_path / "tracks", "flow-maf", *given)
     assert len(people) == 5
     assert np.isfinite([probability for one in people for row in one["multi"] for probability in row]).all()
