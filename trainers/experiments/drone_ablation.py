@@ -38,31 +38,26 @@ def ablation(
     """
     rows = []
     for compensate in (False, True):
-        for bridging in (None, BridgingSettings()):
-            seen = sets
-            if bridging is not None:
-                say(f"bridging missed detections, the camera's motion {'taken out' if compensate else 'left in'}")
-                seen = bridged(sets, cache, networks, bridging, compensate=compensate)
+        with_bridges = bridged(sets, cache, networks, BridgingSettings(), say, compensate=compensate)
+        for bridging, seen in ((False, sets), (True, with_bridges)):
             for method in METHODS:
                 found = [
                     people_row(people_scores(clips, track_all(clips, method, costs, compensate=compensate)))
                     for clips in seen
                 ]
-                by_set = [row["id_switches"] for row in found]
-                rows.append(
-                    {
-                        "method": method,
-                        "camera_motion": compensate,
-                        "bridging": bridging is not None,
-                        **mean_rows(found),
-                        "by_seed": by_set,
-                    }
-                )
+                chosen = {"method": method, "camera_motion": compensate, "bridging": bridging}
+                rows.append({**chosen, **mean_rows(found), "by_seed": [row["id_switches"] for row in found]})
     return sorted(rows, key=lambda row: METHODS.index(row["method"]))
 
 
 def bridged(
-    sets: Sequence[Sequence[Clip]], cache: Path, networks: Networks, settings: BridgingSettings, *, compensate: bool
+    sets: Sequence[Sequence[Clip]],
+    cache: Path,
+    networks: Networks,
+    settings: BridgingSettings,
+    say: Callable[[str], None],
+    *,
+    compensate: bool,
 ) -> list[list[Clip]]:
     """The clips with what correlation filters find of those whom the detector misses.
 
@@ -71,6 +66,7 @@ def bridged(
         cache: folder that keeps observations.
         networks: that look at the bridged boxes.
         settings: of the filters.
+        say: gets a line for each clip.
         compensate: move the filters with the camera.
     """
     streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
@@ -80,8 +76,11 @@ def bridged(
 
     def look(clip: Clip) -> Clip:
         found = [one.detections for one in clip.seen]
-        digest = hashlib.sha256(b"|".join(one.boxes.tobytes() for one in found)).hexdigest()
+        content = b"|".join(one.boxes.tobytes() + one.scores.tobytes() for one in found)
         observers = Observers(found, appearance, streams, camera, bridging=settings)
-        return replace(clip, seen=list(video_observations(clip.folder, observers, {**key, "found": digest}, cache)))
+        whole = {**key, "found": hashlib.sha256(content).hexdigest()}
+        seen = list(video_observations(clip.folder, observers, whole, cache))
+        say(f"{clip.folder.name}: missed people followed, camera motion {'taken out' if compensate else 'left in'}")
+        return replace(clip, seen=seen)
 
     return [[look(clip) for clip in clips] for clips in sets]
