@@ -48,6 +48,7 @@ def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bo
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.output import output_folder
     from tsuiseki.tracking.timing import StageTimes
+    from tsuiseki.tracking.trackers.bridging import BridgingSettings
     from tsuiseki.tracking.trackers.drone import DroneSettings
     from tsuiseki.tracking.video import open_source
 
@@ -61,7 +62,7 @@ def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bo
         source = open_source(clip)
         models: DroneModels = DroneModels.choose(
             source, "flow-maf", None, None, None, None, None, 0.3, (0.0, 1.0), threads, 4, camera_motion=True,
-            bridging=None,
+            bridging=BridgingSettings(),
         )  # fmt: skip
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         settings = DroneSettings()

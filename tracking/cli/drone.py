@@ -11,7 +11,7 @@ from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import DroneSettings
 
 DroneMethod = Literal["flow", "flow-saf", "flow-maf"]
-DRONE = DroneSettings()
+DRONE, BRIDGING = DroneSettings(), BridgingSettings()
 
 
 def track(
@@ -37,7 +37,7 @@ def track(
     overwrite: bool = False,
     seed: int = 0,
     drone: DroneSettings = DRONE,
-    bridging: BridgingSettings | None = None,
+    bridging: BridgingSettings | None = BRIDGING,
 ) -> int:
     """Track the people in a video from a drone, and name what each is doing.
 
@@ -73,8 +73,7 @@ def track(
         overwrite: replace an earlier result in the folder.
         seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of flow, alternation and output.
-        bridging: when a correlation filter follows people whom the detector misses for some frames; by default
-            never.
+        bridging: when a correlation filter follows people whom the detector misses for some frames; null never.
     """
     given = dict(locals())
     from tsuiseki.tracking.cli.drone_models import DroneModels, prices_of

@@ -39,31 +39,26 @@ def ablation(
     """
     rows = []
     for compensate in (False, True):
-        for bridging in (None, BridgingSettings()):
-            seen = sets
-            if bridging is not None:
-                say(f"bridging missed detections, the camera's motion {'taken out' if compensate else 'left in'}")
-                seen = bridged(sets, cache, networks, bridging, compensate=compensate)
+        with_bridges = bridged(sets, cache, networks, BridgingSettings(), say, compensate=compensate)
+        for bridging, seen in ((False, sets), (True, with_bridges)):
             for method in METHODS:
                 found = [
                     people_row(people_scores(clips, track_all(clips, method, costs, compensate=compensate)))
                     for clips in seen
                 ]
-                by_set = [row["id_switches"] for row in found]
-                rows.append(
-                    {
-                        "method": method,
-                        "camera_motion": compensate,
-                        "bridging": bridging is not None,
-                        **mean_rows(found),
-                        "by_seed": by_set,
-                    }
-                )
+                chosen = {"method": method, "camera_motion": compensate, "bridging": bridging}
+                rows.append({**chosen, **mean_rows(found), "by_seed": [row["id_switches"] for row in found]})
     return sorted(rows, key=lambda row: METHODS.index(row["method"]))
 
 
 def bridged(
-    sets: Sequence[Sequence[Clip]], cache: Path, networks: Networks, settings: BridgingSettings, *, compensate: bool
+    sets: Sequence[Sequence[Clip]],
+    cache: Path,
+    networks: Networks,
+    settings: BridgingSettings,
+    say: Callable[[str], None],
+    *,
+    compensate: bool,
 ) -> list[list[Clip]]:
     """The clips with what correlation filters find of those whom the detector misses.
 
@@ -72,13 +67,17 @@ def bridged(
         cache: folder that keeps observations.
         networks: that look at the bridged boxes.
         settings: of the filters.
+        say: gets a line for each clip.
         compensate: move the filters with the camera.
     """
-    every = [clip for clips in sets for clip in clips]
-    seen = on_all_cores(
-        partial(_bridge, cache, networks, settings, CameraMotionSettings() if compensate else None), every
-    )
-    return [[next(seen) for _ in clips] for clips in sets]
+    camera = CameraMotionSettings() if compensate else None
+    found = on_all_cores(partial(_bridge, cache, networks, settings, camera), [c for clips in sets for c in clips])
+    seen = []
+    for clip in found:
+        seen.append(clip)
+        say(f"{clip.folder.name}: missed people followed, camera motion {'taken out' if compensate else 'left in'}")
+    rest = iter(seen)
+    return [[next(rest) for _ in clips] for clips in sets]
 
 
 def _bridge(
@@ -86,8 +85,8 @@ def _bridge(
 ) -> Clip:
     streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
     found = [one.detections for one in clip.seen]
+    content = b"|".join(one.boxes.tobytes() + one.scores.tobytes() for one in found)
     key = {f"model {n}": file_digest(path) for n, path in enumerate((*networks.actions, networks.appearance))}
-    key |= {"bridging": repr(settings), "camera": repr(camera)}
-    key["found"] = hashlib.sha256(b"|".join(one.boxes.tobytes() for one in found)).hexdigest()
+    key |= {"bridging": repr(settings), "camera": repr(camera), "found": hashlib.sha256(content).hexdigest()}
     observers = Observers(found, appearance, streams, camera, bridging=settings)
     return replace(clip, seen=list(video_observations(clip.folder, observers, key, cache)))
