@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
 
 import lightning
 from torch.utils.data import DataLoader
 
 from tsuiseki.datamodules.action_batches import ActionAugmentation, ActionBatch, ActionBatches, ValidationBatches
-from tsuiseki.datamodules.action_crops import CropSettings, cut_clip, has_crops, load_crops
-from tsuiseki.datamodules.readers.okutama import ActionSequence, okutama_sequences
+from tsuiseki.datamodules.action_crops import CropSettings, cut_clip, has_crops, load_crops, rows_to_cut
+from tsuiseki.datamodules.readers.action_sequence import ActionSequence
+from tsuiseki.datamodules.readers.actions import action_sequences
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName
 from tsuiseki.tracking.features.optical_flow import FlowName
@@ -20,15 +22,18 @@ class ActionData(lightning.LightningDataModule):
     """Crops of people from clips labelled with actions, cut once and kept on disk.
 
     Args:
-        train_folders: clips, or folders of clips; see `okutama_sequences` for the layout.
+        train_folders: of Okutama-Action, Drone-Action or generated clips; see `action_sequences` for the layouts.
         validation_folders: likewise; other clips than those trained on.
-        cache: folder that keeps the crops; a clip is cut anew where they are missing or were cut otherwise.
+        cache: folder that keeps the crops; a clip is cut anew where they are missing, or clip or cutting have changed.
+        multiple_actions: of Okutama-Action, take the labels with all actions of a person instead of the one of the
+            tracking labels.
         streams: that are trained.
         size: side of the network's input, pixels.
         enlargement: of the global crop, μ.
         flow_limit: flow is clipped to this many pixels a frame.
         stack: pairs of frames whose flow is stacked.
         flow: how flow is estimated.
+        compensate: whether the camera's motion is taken out of the flow; it is not in the thesis.
         cutting: how crops are cut; the values above win over those in it.
         batch_size: samples of a batch; the thesis has 16.
         batches: of an epoch.
@@ -45,12 +50,14 @@ class ActionData(lightning.LightningDataModule):
         train_folders: list[Path],
         validation_folders: list[Path],
         cache: Path = Path("out/cache/actions"),
+        multiple_actions: bool = False,
         streams: tuple[StreamName, ...] = STREAMS,
         size: int = 64,
         enlargement: float = 3.0,
         flow_limit: float = 20.0,
         stack: int = 1,
         flow: FlowName = "dis",
+        compensate: bool = False,
         cutting: CropSettings | None = None,
         batch_size: int = 16,
         batches: int = 100,
@@ -68,8 +75,15 @@ class ActionData(lightning.LightningDataModule):
             raise RequestError("nothing to learn from or to validate on: give train_folders and validation_folders")
         self.folders = {"train": train_folders, "validation": validation_folders}
         self.cache, self.streams, self.size = cache, tuple(streams), size
+        self.multiple_actions = multiple_actions
         self.cutting = dataclasses.replace(
-            cutting or CropSettings(), size=size, enlargement=enlargement, flow_limit=flow_limit, stack=stack, flow=flow
+            cutting or CropSettings(),
+            size=size,
+            enlargement=enlargement,
+            flow_limit=flow_limit,
+            stack=stack,
+            flow=flow,
+            compensate=compensate,
         )
         self.batch_size, self.batches, self.workers, self.seed = batch_size, batches, workers, seed
         self.segments, self.span, self.rarity = segments, span, rarity
@@ -77,12 +91,21 @@ class ActionData(lightning.LightningDataModule):
         self.clips: dict[str, list[ActionSequence]] = {}
 
     def prepare_data(self) -> None:
-        """Cut the clips whose crops are missing."""
+        """Cut the clips whose crops are missing, and with a warning those whose crops are damaged."""
         for clips in self._find().values():
             for clip in clips:
-                folder = self._folder(clip)
-                if not has_crops(folder, self.cutting, clip.labels.class_names):
-                    cut_clip(clip.images, clip.labels, self.cutting, folder)
+                if not self._has_crops(clip):
+                    cut_clip(clip, self.cutting, self._folder(clip))
+
+    def _has_crops(self, clip: ActionSequence) -> bool:
+        if not has_crops(self._folder(clip), clip, self.cutting):
+            return False
+        try:
+            load_crops([self._folder(clip)], STREAMS)
+        except RequestError as error:
+            print(f"tsuiseki: warning: {error}; cut anew", file=sys.stderr)
+            return False
+        return True
 
     def setup(self, stage: str) -> None:
         """Open the crops."""
@@ -100,12 +123,22 @@ class ActionData(lightning.LightningDataModule):
     def _find(self) -> dict[str, list[ActionSequence]]:
         if not self.clips:
             found = {
-                part: [clip for folder in folders for clip in okutama_sequences(folder)]
+                part: [clip for folder in folders for clip in action_sequences(folder, self.multiple_actions)]
                 for part, folders in self.folders.items()
             }
             _check_apart(found)
-            self.clips = found
+            self.clips = {part: self._with_people(part, clips) for part, clips in found.items()}
         return self.clips
+
+    def _with_people(self, part: str, clips: list[ActionSequence]) -> list[ActionSequence]:
+        """The clips in which there is somebody to cut out: a drone may look away all through a short one."""
+        used = [clip for clip in clips if len(rows_to_cut(clip.labels, self.cutting))]
+        if not used:
+            raise RequestError(f"expected labelled people with a frame before in the {part} clips, got none")
+        if len(used) < len(clips):
+            empty = ", ".join(clip.name for clip in clips if clip not in used)
+            print(f"tsuiseki: warning: left out, since nobody is labelled there: {empty}", file=sys.stderr)
+        return used
 
     def _folder(self, clip: ActionSequence) -> Path:
         return self.cache / clip.name

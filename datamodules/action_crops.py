@@ -14,17 +14,19 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.action_frames import ReadFrame, frame_reader
+from tsuiseki.datamodules.readers.action_sequence import ActionSequence
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName, crop_squares, flow_to, square_boxes
 from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.formats.okutama import ActionLabels
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class CropSettings:
         flow_limit: flow is clipped to this many pixels a frame.
         stack: pairs of frames whose flow is stacked.
         flow: how it is estimated.
+        compensate: whether the camera's motion is taken out of it.
         step: every how many frames people are cut out.
     """
 
@@ -47,6 +50,7 @@ class CropSettings:
     flow_limit: float = 20.0
     stack: int = 1
     flow: FlowName = "dis"
+    compensate: bool = False
     step: int = 5
 
     @property
@@ -85,16 +89,21 @@ class ActionCrops:
         return np.stack(chosen)
 
 
-def cut_clip(images: Sequence[Path], labels: ActionLabels, settings: CropSettings, folder: Path) -> None:
-    """Cut the labelled people of a clip out and keep them in ``folder``, which appears when it is complete."""
-    usable = ~(labels.lost | labels.occluded)
-    wanted = [t for t in np.unique(labels.frames[usable]).tolist() if t >= settings.stack and t % settings.step == 0]
-    if not wanted:
-        raise RequestError(f"expected labelled people in {folder.name}, found none with a frame before")
-    rows = np.flatnonzero(usable & np.isin(labels.frames, wanted))
-    rows = rows[np.argsort(labels.frames[rows], kind="stable")]
+def cut_clip(clip: ActionSequence, settings: CropSettings, folder: Path) -> None:
+    """Cut the labelled people of a clip out and keep them in ``folder``, which appears when it is complete.
+
+    Args:
+        clip: with at least one of `rows_to_cut`.
+        settings: how they are cut.
+        folder: for the crops.
+
+    Raises:
+        RequestError: a frame cannot be read.
+    """
+    labels, rows = clip.labels, rows_to_cut(clip.labels, settings)
+    wanted = np.unique(labels.frames[rows]).tolist()
     crops: dict[StreamName, list[ImageArray]] = {name: [] for name in STREAMS}
-    for frame, image, flow in _pictures(images, wanted, settings):
+    for frame, image, flow in _pictures(frame_reader(clip), wanted, settings):
         boxes = labels.boxes[rows[labels.frames[rows] == frame]]
         for name in STREAMS:
             scale = (settings.enlargement if name.endswith("global") else 1.0) * (1 + 2 * settings.margin)
@@ -106,7 +115,7 @@ def cut_clip(images: Sequence[Path], labels: ActionLabels, settings: CropSetting
         for name, parts in crops.items():
             np.save(work / f"{name}.npy", np.concatenate(parts))
         np.savez(work / "rows.npz", actions=labels.actions[rows], ids=labels.ids[rows], frames=labels.frames[rows])
-        (work / "settings.json").write_text(_described(settings, labels.class_names), encoding="utf-8")
+        (work / "settings.json").write_text(_described(clip, settings), encoding="utf-8")
         if folder.exists():
             shutil.rmtree(folder)
         work.replace(folder)
@@ -114,25 +123,32 @@ def cut_clip(images: Sequence[Path], labels: ActionLabels, settings: CropSetting
         shutil.rmtree(work, ignore_errors=True)
 
 
+def rows_to_cut(labels: ActionLabels, settings: CropSettings) -> IntArray:
+    """``(N,)`` labels of people who can be seen, in frames of which every so many are taken, in the order of time."""
+    early = labels.frames < settings.stack
+    rows = np.flatnonzero(~(labels.lost | labels.occluded | early) & (labels.frames % settings.step == 0))
+    return np.asarray(rows[np.argsort(labels.frames[rows], kind="stable")])
+
+
 def _pictures(
-    images: Sequence[Path], wanted: Sequence[int], settings: CropSettings
+    read: ReadFrame, wanted: Sequence[int], settings: CropSettings
 ) -> Iterator[tuple[int, ImageArray, ImageArray]]:
     """The wanted frames, each with the stacked flow that leads to it; an image is read once."""
     held: dict[int, ImageArray] = {}
     for frame in wanted:
-        before = {t: held[t] if t in held else read_image(images[t]) for t in range(frame - settings.stack, frame + 1)}
+        before = {t: held[t] if t in held else read(t) for t in range(frame - settings.stack, frame + 1)}
         held = before
         pairs = [
-            flow_to(before[t - 1], before[t], settings.flow, settings.flow_limit)
+            flow_to(before[t - 1], before[t], settings.flow, settings.flow_limit, compensate=settings.compensate)
             for t in range(frame - settings.stack + 1, frame + 1)
         ]
         yield frame, before[frame], np.concatenate(pairs, axis=2)
 
 
-def has_crops(folder: Path, settings: CropSettings, names: Sequence[str]) -> bool:
-    """Whether ``folder`` holds a clip cut with just these settings and these actions."""
+def has_crops(folder: Path, clip: ActionSequence, settings: CropSettings) -> bool:
+    """Whether ``folder`` holds just this clip, cut with just these settings."""
     try:
-        return (folder / "settings.json").read_text(encoding="utf-8") == _described(settings, names)
+        return (folder / "settings.json").read_text(encoding="utf-8") == _described(clip, settings)
     except OSError:
         return False
 
@@ -155,8 +171,8 @@ def load_crops(folders: Sequence[Path], streams: Sequence[StreamName]) -> Action
                 actions.append(rows["actions"])
                 people.append(ids + first)
                 frames.append(rows["frames"])
-        except (OSError, ValueError, KeyError) as error:
-            raise RequestError(f"{folder}: expected crops of a clip, got {error}; delete it to cut it anew") from error
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise RequestError(f"{folder}: expected crops of a clip, got {error}") from error
         first += len(names)
         clip.append(np.full(len(ids), number))
         row.append(np.arange(len(ids)))
@@ -170,5 +186,6 @@ def load_crops(folders: Sequence[Path], streams: Sequence[StreamName]) -> Action
     )
 
 
-def _described(settings: CropSettings, names: Sequence[str]) -> str:
-    return json.dumps({"version": VERSION, **dataclasses.asdict(settings), "actions": list(names)}, sort_keys=True)
+def _described(clip: ActionSequence, settings: CropSettings) -> str:
+    facts = {"version": VERSION, "clip": clip.digest(), "actions": list(clip.labels.class_names)}
+    return json.dumps({**facts, **dataclasses.asdict(settings)}, sort_keys=True)

@@ -13,7 +13,7 @@ import numpy as np
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.render import track_colour
-from tsuiseki.tracking.report import PAGE, STYLE, frame_ticks, seconds_table
+from tsuiseki.tracking.report import BOXES_NOTE, PAGE, STYLE, frame_ticks, seconds_table
 
 ROW, LEFT, WIDTH = 15, 150, 750
 MOST_NAMED = 3
@@ -74,7 +74,7 @@ def _video(path: Path | None) -> str:
     return (
         "<section><h2>Tracks and actions</h2>"
         f'<video controls loop muted playsinline src="data:video/webm;base64,{data}"></video>'
-        "<p class=note>Each colour and number is one person. A dashed box is filled in: no detection supports it.</p>"
+        f"<p class=note>{BOXES_NOTE}</p>"
         "</section>"
     )
 
@@ -83,7 +83,7 @@ def action_timelines(report: ActionReport) -> str:
     note = (
         "<p class=note>A block is a person. Its first row is the time they were followed, pale where no detection "
         "supports it; each other row is an action, drawn where its probability over the window exceeds "
-        f"{report.threshold:g}.</p>"
+        f"{report.threshold:g}. Numbers count frames.</p>"
     )
     blocks = "".join(_timeline(person, report) for person in report.people)
     return f"<section><h2>Who does what when</h2>{note}{blocks or '<p>Nobody was followed.</p>'}</section>"

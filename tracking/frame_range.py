@@ -38,6 +38,9 @@ class FrameRange:
         return FrameRange(self.first, last)
 
 
+EVERY_FRAME = FrameRange()
+
+
 def parse_frames(text: str | None) -> FrameRange:
     """The range that ``301-400``, ``301-`` or ``-400`` names; None is the whole video.
 

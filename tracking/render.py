@@ -36,7 +36,7 @@ class Overlay:
         tracks: what to draw.
         frame_rate: of the video, for the length of the trails.
         captions: by track id, a text for each of its boxes, beside the id.
-        trail_seconds: length of the trails; under a camera that moves they say nothing.
+        trail_seconds: length of the trails, 0 for none; under a camera that moves they say nothing.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Overlay:
     ) -> None:
         self.tracks = list(tracks)
         self.captions = captions or {}
-        self.trail = max(1, round(trail_seconds * frame_rate))
+        self.trail = max(1, round(trail_seconds * frame_rate)) if trail_seconds > 0 else 0
         frames = [track.frames for track in self.tracks]
         numbers = [np.full(len(track), n) for n, track in enumerate(self.tracks)]
         rows = [np.arange(len(track)) for track in self.tracks]
@@ -62,7 +62,7 @@ class Overlay:
         image = frame.image.copy()
         first, last = np.searchsorted(self._frames, [frame.index, frame.index + 1])
         present = list(zip(self._numbers[first:last].tolist(), self._rows[first:last].tolist(), strict=True))
-        for number, row in present:
+        for number, row in present if self.trail else ():
             self._draw_trail(image, self.tracks[number], row)
         for number, row in present:
             track = self.tracks[number]

@@ -23,6 +23,9 @@ LOWER_IS_BETTER = {"id_switches", "false_positives", "false_negatives"}
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
 
 
+BOXES_NOTE = "Each colour and number is one person. A dashed box is filled in: no detection supports it."
+
+
 @dataclass(frozen=True)
 class ReportedMethod:
     """One way to track, and what came of it.
@@ -53,6 +56,7 @@ class Report:
         seconds: per stage of the run.
         facts: names and values for the foot of the page: models, versions, seed.
         more: HTML of further sections, before those about time and origin.
+        overlay_note: what is drawn in the overlay.
     """
 
     title: str
@@ -65,6 +69,7 @@ class Report:
     seconds: Mapping[str, float] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
     more: Sequence[str] = ()
+    overlay_note: str = f"{BOXES_NOTE} Lines show where they walked."
 
 
 def write_report(path: Path, report: Report) -> None:
@@ -137,8 +142,7 @@ def _overlay(report: Report) -> str:
     return _section(
         f"Tracks by {report.methods[-1].name}",
         f'<video controls loop muted playsinline aria-label="Tracks by {name}" src="data:video/webm;base64,{video}">'
-        "</video><p class=note>Each colour and number is one person; lines show where they walked. A dashed box is "
-        "filled in: no detection supports it.</p>",
+        f"</video><p class=note>{escape(report.overlay_note)}</p>",
     )
 
 

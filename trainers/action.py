@@ -40,6 +40,7 @@ class ActionTraining(lightning.LightningModule):
         flow_limit: flow is clipped to this many pixels a frame.
         stack: pairs of frames whose flow is stacked.
         flow: how flow is estimated.
+        compensate: whether the camera's motion is taken out of the flow; it is not in the thesis.
         learning_rate: at the end of the warm-up; the thesis has 0.0001.
         weight_decay: of matrices and kernels; normalisations and biases have none.
         warmup_steps: of linear rise.
@@ -60,6 +61,7 @@ class ActionTraining(lightning.LightningModule):
         flow_limit: float = 20.0,
         stack: int = 1,
         flow: FlowName = "dis",
+        compensate: bool = False,
         learning_rate: float = 1e-4,
         weight_decay: float = 0.02,
         warmup_steps: int = 100,
@@ -70,7 +72,7 @@ class ActionTraining(lightning.LightningModule):
         super().__init__()
         self.save_hyperparameters()
         try:
-            self.inputs = {name: ActionInput(name, size, enlargement, flow_limit, stack, flow) for name in streams}
+            self.inputs = {n: ActionInput(n, size, enlargement, flow_limit, stack, flow, compensate) for n in streams}
             self.network = ActionNetwork(
                 {n: ActionStream(actions, i.channels, trunk, weights, dropout) for n, i in self.inputs.items()}
             )

@@ -16,8 +16,8 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantTy
 from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from tsuiseki.datamodules.action_batches import centre_crops
-from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, cut_clip, has_crops, load_crops
-from tsuiseki.datamodules.readers.okutama import okutama_sequences
+from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, cut_clip, load_crops
+from tsuiseki.datamodules.readers.actions import action_sequences
 from tsuiseki.models.action import StreamProbability
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import ActionInput, StreamName
@@ -102,8 +102,8 @@ def export_action(
 def labelled_crops(folders: Sequence[Path], module: ActionTraining) -> ActionCrops:
     """The crops of labelled clips, cut as the network wants them; kept for this call only."""
     one: ActionInput = next(iter(module.inputs.values()))
-    settings = CropSettings(one.size, 0.0, one.enlargement, one.flow_limit, one.stack, one.flow)
-    clips = [clip for folder in folders for clip in okutama_sequences(folder)]
+    settings = CropSettings(one.size, 0.0, one.enlargement, one.flow_limit, one.stack, one.flow, one.compensate)
+    clips = [clip for folder in folders for clip in action_sequences(folder)]
     for clip in clips:
         if clip.labels.class_names != module.names:
             raise RequestError(
@@ -111,10 +111,9 @@ def labelled_crops(folders: Sequence[Path], module: ActionTraining) -> ActionCro
                 f"{', '.join(clip.labels.class_names)}"
             )
     with tempfile.TemporaryDirectory() as folder:
-        places = [Path(folder) / clip.name for clip in clips]
+        places = [Path(folder) / str(number) for number in range(len(clips))]
         for clip, place in zip(clips, places, strict=True):
-            if not has_crops(place, settings, clip.labels.class_names):
-                cut_clip(clip.images, clip.labels, settings, place)
+            cut_clip(clip, settings, place)
         # The pictures are held in memory, for the folder goes away.
         found = load_crops(places, tuple(module.inputs))
         return dataclasses.replace(

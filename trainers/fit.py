@@ -61,7 +61,7 @@ def fit_action(arguments: Sequence[str]) -> Path:
     from tsuiseki.datamodules.action import ActionData
     from tsuiseki.trainers.action import ActionTraining
 
-    links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow")
+    links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow", "compensate")
     return fit(Task("action", ActionTraining, ActionData, "val/map", links), arguments)
 
 

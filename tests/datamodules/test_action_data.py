@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -21,7 +22,7 @@ QUIET = ActionAugmentation(0, 0, 0)
 
 def test_crops_show_the_labelled_people(acting_clips: Path, tmp_path: Path) -> None:
     clip = okutama_sequences(acting_clips / "train")[0]
-    cut_clip(clip.images, clip.labels, SETTINGS, tmp_path / "c")
+    cut_clip(clip, SETTINGS, tmp_path / "c")
     crops = load_crops([tmp_path / "c"], STREAMS)
     labels = clip.labels
     wanted = (labels.frames % 2 == 0) & (labels.frames > 0) & ~labels.occluded
@@ -47,15 +48,56 @@ def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path
     other = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, size=24, cutting=SETTINGS)
     other.prepare_data()
     assert (folder / "rows.npz").stat().st_mtime_ns != first
-    assert not has_crops(folder, SETTINGS, data.names)
+    (clip, _) = okutama_sequences(acting_clips / "train")
+    assert not has_crops(folder, clip, SETTINGS)
+
+
+def test_clips_without_people_are_left_out_by_name(
+    acting_clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [line.split(" ") for line in (acting_clips / "train/train-0/gt/actions.txt").read_text().splitlines()]
+    for name, lost in (("seen", "0"), ("empty", "1")):
+        (tmp_path / name / "gt").mkdir(parents=True)
+        (tmp_path / name / "img1").symlink_to(acting_clips / "train/train-0/img1")
+        text = "\n".join(" ".join([*row[:6], lost, *row[7:]]) for row in rows)
+        (tmp_path / name / "gt/actions.txt").write_text(text)
+    data = ActionData([tmp_path], [acting_clips / "validation"], tmp_path / "cut", size=16, cutting=SETTINGS)
+    data.prepare_data()
+    data.setup("fit")
+    assert "left out, since nobody is labelled there: empty" in capsys.readouterr().err
+    assert len(data.train_crops.images["rgb_local"]) == 1
+    nobody = ActionData([tmp_path / "empty"], [acting_clips / "validation"], tmp_path / "cut", cutting=SETTINGS)
+    with pytest.raises(RequestError, match="expected labelled people with a frame before in the train clips"):
+        nobody.prepare_data()
+
+
+@pytest.mark.parametrize("part", ["rows.npz", "flow_global.npy"])
+def test_damaged_crops_are_cut_anew_with_a_warning(
+    acting_clips: Path, tmp_path: Path, part: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, size=16, cutting=SETTINGS)
+    data.prepare_data()
+    damaged = tmp_path / "train-1" / part
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[: len(whole) // 2])
+    data.prepare_data()
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert f"{tmp_path / 'train-1'}: expected crops of a clip" in error
+    assert error.endswith("; cut anew\n")
+    data.setup("fit")
+    # Frames 2, 4, … 20 of five people in either clip, one of whom is hidden in frame 4.
+    assert len(data.train_crops) == 2 * (10 * 5 - 1)
 
 
 def test_a_clip_that_breaks_off_leaves_nothing(acting_clips: Path, tmp_path: Path) -> None:
     clip = okutama_sequences(acting_clips / "train")[0]
-    images = (*clip.images[:3], tmp_path / "missing.jpg", *clip.images[4:])
-    with pytest.raises(RequestError, match="missing"):
-        cut_clip(images, clip.labels, SETTINGS, tmp_path / "c")
-    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "crops").mkdir()
+    (tmp_path / "broken.jpg").write_bytes(b"no image")
+    files = (*clip.files[:3], tmp_path / "broken.jpg", *clip.files[4:])
+    with pytest.raises(RequestError, match=r"broken.jpg: expected an image"):
+        cut_clip(replace(clip, files=files), SETTINGS, tmp_path / "crops" / "c")
+    assert list((tmp_path / "crops").iterdir()) == []
 
 
 def loaded(acting_clips: Path, folder: Path, **more: object) -> ActionBatches:

@@ -10,12 +10,13 @@ import pytest
 
 from tsuiseki.datamodules.identity_crops import crops_from_folder
 from tsuiseki.datamodules.readers.mars import training_crops
-from tsuiseki.datamodules.readers.okutama import check_frames, okutama_sequences
+from tsuiseki.datamodules.readers.okutama import okutama_sequences
 from tsuiseki.datamodules.readers.video import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone_action import find_drone_action, read_drone_action_boxes
 from tsuiseki.tracking.formats.mars import read_mars
 from tsuiseki.tracking.formats.okutama import okutama_truth, read_okutama, write_okutama
+from tsuiseki.tracking.formats.okutama_folders import check_frames
 from tsuiseki.tracking.formats.visdrone import read_visdrone
 
 ROWS = """\
@@ -47,7 +48,7 @@ def okutama(tmp_path: Path) -> Path:
 def test_okutama_rows_become_pixels_of_the_frames(okutama):
     (sequence,) = okutama_sequences(okutama)
     assert sequence.name == "1.1.1"
-    assert [p.name for p in sequence.images[8:12]] == ["8.jpg", "9.jpg", "10.jpg", "11.jpg"]
+    assert [p.name for p in sequence.files[8:12]] == ["8.jpg", "9.jpg", "10.jpg", "11.jpg"]
     labels = sequence.labels
     assert labels.frames.tolist() == [0, 1, 1, 2, 2, 2]
     np.testing.assert_allclose(labels.boxes[0], [20, 10, 21.5, 13.5])
@@ -88,6 +89,7 @@ def test_written_labels_are_read_back(okutama, tmp_path):
     ("row", "complaint"),
     [
         ("0 1 1 9 9 0 0 0 0 Person Walking", "expected names in double quotes"),
+        ('0 1 1 9 9 0 0 0 0 "Person" Walking', "expected names in double quotes"),
         ('0 1 1 9 9 0 0 0 0 "Person" "Walking', "expected names in double quotes"),
         ('0 1 1 9 9 0 0 0 0 "Person" "Flying"', "unknown action 'Flying'; known are Handshaking, Hugging"),
         ('0 5000 10 5050 90 0 0 0 0 "Person" "Walking"', "expected xmin ymin xmax ymax of a box in 3840x2160"),
@@ -199,6 +201,9 @@ def test_drone_action_clips_carry_their_class(tmp_path):
     assert truth.boxes[0].tolist() == [10, 20, 40, 60]
     with pytest.raises(RequestError, match="expected a row for each of 4 frames, got 3"):
         read_drone_action_boxes(labels, 4)
+    labels.write_text("11,21,30,40\n11\n")
+    with pytest.raises(RequestError, match=r"HD.txt:2: expected x,y,width,height, got 11"):
+        read_drone_action_boxes(labels)
     (tmp_path / "dancing").mkdir()
     with pytest.raises(RequestError, match="dancing: unknown action; expected a folder of clapping"):
         find_drone_action(tmp_path)

@@ -44,6 +44,15 @@ def test_a_box_is_drawn_in_its_frames_only() -> None:
     assert (inside == 128).all()
 
 
+def test_trails_show_the_way_of_the_feet_or_nothing() -> None:
+    track = still(5, range(2), 20)
+    track.boxes[1] += [100, 0, 100, 0]
+    between = slice(95, 106), slice(60, 110)
+    for seconds, lines in ((1.0, True), (0.0, False)):
+        drawn = Overlay([track], 10, trail_seconds=seconds).draw(grey(1))
+        assert (coloured(drawn[between], 5) > 0) == lines
+
+
 def test_a_box_without_detection_is_dashed() -> None:
     seen = Overlay([still(5, range(1), 60)], 10).draw(grey(0))
     filled_in = Overlay([still(5, range(1), 60, observed=False)], 10).draw(grey(0))

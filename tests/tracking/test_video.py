@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.formats.mot import list_images
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.video import open_source
@@ -63,6 +64,15 @@ def test_frames_of_a_folder_come_by_name(images: Path) -> None:
     source = open_source(images)
     assert source.length == 5
     for number, frame in enumerate(source.frames()):
+        np.testing.assert_array_equal(frame.image, picture(number))
+
+
+def test_frames_whose_numbers_have_no_leading_zeros_come_in_their_order(tmp_path: Path) -> None:
+    for number in (0, 1, 2, 9, 10, 11, 100):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), picture(number % 10)[:, :, ::-1])
+    names = [path.name for path in list_images(tmp_path)]
+    assert names == ["0.png", "1.png", "2.png", "9.png", "10.png", "11.png", "100.png"]
+    for frame, number in zip(open_source(tmp_path).frames(), (0, 1, 2, 9, 0, 1, 0), strict=True):
         np.testing.assert_array_equal(frame.image, picture(number))
 
 

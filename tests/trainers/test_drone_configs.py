@@ -1,7 +1,8 @@
-"""The thesis-size configurations of chapter 5, each for a step on generated data in its own folder layout."""
+"""The thesis-size configurations of chapter 5: a step on generated data in its own folder layout, export, tracking."""
 
 from __future__ import annotations
 
+import json
 from importlib import resources
 from pathlib import Path
 
@@ -17,8 +18,9 @@ from tsuiseki.models.backbones import build_trunk
 from tsuiseki.models.detector import people_detector
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks import Detector
 from tsuiseki.trainers.detector import take_over
-from tsuiseki.trainers.fit import fit_appearance, fit_detector
+from tsuiseki.trainers.fit import fit_action, fit_appearance, fit_detector
 
 CONFIGS = Path(str(resources.files("tsuiseki.configs")))
 TINY = ["--trainer.accelerator=cpu", "--trainer.max_epochs=1", "--trainer.limit_val_batches=1", "--data.workers=0"]
@@ -35,10 +37,17 @@ def test_ssd512_trains_on_okutamas_layout(tmp_path):
     state = torch.load(best, weights_only=True)
     assert state["global_step"] == 1
     assert all(torch.isfinite(value).all() for value in state["state_dict"].values())
+    exported = tmp_path / "ssd512.onnx"
+    assert main(["export", "detector", "--checkpoint", str(best), "--out", str(exported)]) == 0
+    assert Detector(exported).model.card.input_height == 512
+    # After one step from scratch it finds nobody; with a low threshold its boxes go all the way.
+    frames = folder / "Drone1/Morning/Extracted-Frames-1280x720/1.1.1"
+    given = ["--detector", str(exported), "--score-threshold", "0.3", "--keep-camera-motion"]
+    track(frames, tmp_path / "tracks", "flow", *given)
 
 
 @pytest.mark.slow
-def test_wide_resnet_trains_on_mars(tmp_path):
+def test_wide_resnet_trains_on_mars(acting_clips, tmp_path):
     rng = np.random.default_rng(0)
     for person in ("0001", "0002", "0003", "0000"):
         for camera in (1, 2):
@@ -52,6 +61,40 @@ def test_wide_resnet_trains_on_mars(tmp_path):
     words += [f"--data.{part}_folders=[{tmp_path / 'mars'}]" for part in ("train", "validation")]
     best = fit_appearance([*words, "--data.identities=2", "--data.views=2"])
     assert torch.load(best, weights_only=True)["global_step"] == 1
+    exported = tmp_path / "wide.onnx"
+    assert main(["export", "appearance", "--checkpoint", str(best), "--out", str(exported)]) == 0
+    clip = acting_clips / "validation/validation-0"
+    given = ["--detections", str(clip / "gt/gt.txt"), "--appearance", str(exported)]
+    assert len(track(clip, tmp_path / "tracks", "flow", *given)) == 5
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
+@pytest.mark.parametrize(
+    ("name", "streams"), [("action_resnet18", ["rgb_global"]), ("action_resnet101", ["flow_local"])]
+)
+def test_action_networks_train_on_okutamas_layout(name, streams, acting_clips, tmp_path):
+    words = ["--config", str(CONFIGS / f"{name}.yaml"), "--out", str(tmp_path / "out"), *TINY, "--data.cutting.step=5"]
+    words += ["--trainer.precision=32", "--model.weights=null", f"--model.streams=[{','.join(streams)}]"]
+    words += [f"--data.train_folders=[{acting_clips / 'okutama'}]", "--data.batch_size=2", "--data.batches=1"]
+    words += [f"--data.validation_folders=[{acting_clips / 'train'}]", f"--data.cache={tmp_path / 'cache'}"]
+    best = fit_action(words)
+    assert torch.load(best, weights_only=True)["global_step"] == 1
+    exported = tmp_path / "a.onnx"
+    assert main(["export", "action", "--checkpoint", str(best), "--out", str(exported)]) == 0
+    files = ",".join(str(tmp_path / f"a_{stream}.onnx") for stream in streams)
+    clip = acting_clips / "validation/validation-0"
+    given = ["--detections", str(clip / "gt/gt.txt"), "--actions", files, "--frames", "1-8", "--keep-camera-motion"]
+    people = track(clip, tmp_path / "tracks", "flow-maf", *given)
+    assert len(people) == 5
+    assert np.isfinite([probability for one in people for row in one["multi"] for probability in row]).all()
+
+
+def track(source, out, method, *options):
+    """The people that `tsuiseki track drone` writes; tracks of a few detections count, too."""
+    short = ["--drone.refinement.entry=1", "--drone.refinement.exit=1", "--drone.min_detections=2"]
+    assert main(["track", "drone", str(source), "--method", method, "--out", str(out), *options, *short]) == 0
+    return json.loads((out / "tracks.json").read_text())["tracks"]
 
 
 def test_a_detector_starts_from_what_fits_of_another(tmp_path):

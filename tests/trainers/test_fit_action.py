@@ -141,7 +141,7 @@ def test_streams_that_do_not_belong_together_are_refused(exported: list[Path], t
 )
 def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tmp_path: Path) -> None:
     config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
-    links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow")
+    links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow", "compensate")
     small = ["--model.streams=[rgb_local,flow_global]"]
     words = ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu", *small]
     words += ["--model.weights", "null", "--trainer.precision", "32"]

@@ -9,31 +9,29 @@ A window centred on a link's detections reaches beyond the link on both sides: w
 one person to another, both ends of that link see the same mixture of the two, and the link looks all the better. So
 windows can also be one-sided (not in the thesis): the earlier detection of a pair is compared by what its track did
 until then, the later one by what its track does from there on.
-
-What does not change from one iteration to the next is computed once: which pairs of detections are plausible, and how
-they differ in place, size and looks. Only pairs whose action distance has changed are priced again.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
-from tsuiseki.tracking.association.costs import (
-    ObservationCost,
-    TransitionCost,
-    pair_features,
+from tsuiseki.tracking.association.costs import ObservationCost, TransitionCost
+from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.association.network_flow import FlowSolution, solve, track_labels
+from tsuiseki.tracking.association.repricing import (
+    ALL_NEW,
+    SAME_DISTANCE,
+    action_distances,
+    network,
+    price_pairs,
+    reprice,
 )
-from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
-from tsuiseki.tracking.association.network_flow import FlowSolution, build_graph, solve, track_labels
 from tsuiseki.tracking.association.rows import DetectionRows
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
-
-# A smaller change of an action distance than this moves no cost that matters.
-SAME_DISTANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -137,17 +135,11 @@ def refine(
         past: what is already decided.
         goes_on: ``(N,)`` detections after which the video goes on beyond the rows: a track may end there for nothing.
     """
-    i, j, gap = candidate_pairs(rows.frames, rows.boxes, settings.gate)
-    pairs = pair_features(rows.boxes, rows.features, i, j, gap)
-    waiting = settings.miss * (gap - 1)
     observation = np.where(np.isnan(rows.scores), settings.bridged, prices.observation(rows.scores))
-    distance = None if actions is None else action_distances(actions, actions, i, j)
-    costs = prices.single(replace(pairs, action=distance))
+    priced = price_pairs(rows, actions, prices.single, settings.gate, settings.miss)
     seen: set[bytes] = set()
     for number in range(1 if actions is None else settings.iterations):
-        graph = build_graph(observation, [(i, j, costs + waiting)], settings.entry, settings.exit)
-        if goes_on is not None:
-            graph = replace(graph, exit=np.where(goes_on, 0.0, graph.exit))
+        graph = network(observation, priced, settings.entry, settings.exit, goes_on)
         solution = solve(graph, None if past is None else past.continued >= 0)
         labels = _labels(solution, past)
         half = settings.window // 2
@@ -157,16 +149,10 @@ def refine(
         if actions is None or key in seen or number + 1 == settings.iterations:
             return
         seen.add(key)
-        fresh = action_distances(*compared_features(rows, labels, actions, settings, past), i, j)
-        price = prices.multi or prices.single
+        distances = action_distances(*compared_features(rows, labels, actions, settings, past), priced.i, priced.j)
         # The first multi-frame prices may come from other trees, so that all of them are new.
-        all_new = number == 0 and prices.multi is not None
-        assert distance is not None
-        changed = np.flatnonzero(all_new | (np.abs(fresh - distance) > SAME_DISTANCE))
-        costs = costs.copy()
-        costs[changed] = price(replace(pairs, action=fresh).select(changed))
-        distance = distance.copy()
-        distance[changed] = fresh[changed]
+        smallest = ALL_NEW if number == 0 and prices.multi is not None else SAME_DISTANCE
+        priced = reprice(priced, distances, prices.multi or prices.single, smallest)
 
 
 def compared_features(
@@ -182,19 +168,6 @@ def compared_features(
         multi = _averaged(rows, labels, actions, (half, half), past)
         return multi, multi
     return _averaged(rows, labels, actions, (half, 0), past), _averaged(rows, labels, actions, (0, half), past)
-
-
-def action_distances(earlier: FloatArray, later: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
-    """``(P,)`` cosine distances of the rows ``i`` of ``earlier`` and ``j`` of ``later``, in [0, 1]: c_saf of eq. 5.2.
-
-    Args:
-        earlier: ``(N, A)`` action probabilities.
-        later: ``(N, A)`` likewise, or the same.
-        i: ``(P,)`` indices.
-        j: ``(P,)`` indices.
-    """
-    unit = [actions / np.maximum(np.linalg.norm(actions, axis=1, keepdims=True), 1e-9) for actions in (earlier, later)]
-    return np.asarray(np.clip(1 - np.einsum("pa,pa->p", unit[0][i], unit[1][j]), 0, 1))
 
 
 def multi_frame_features(frames: IntArray, labels: IntArray, actions: FloatArray, window: int) -> FloatArray:

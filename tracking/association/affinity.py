@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.association.costs import ObservationCost, PairFeatures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 FeatureSet = Literal["thesis", "extended", "thesis_action", "extended_action"]
 FEATURE_SETS: dict[FeatureSet, tuple[str, ...]] = {
@@ -101,10 +101,25 @@ class Affinity:
     def probability(self, pairs: PairFeatures) -> FloatArray:
         """``(P,)`` probability that the two detections of each pair show the same person."""
         rows = feature_rows(pairs, self.features)
+        order = _alike_together(rows)
+        rows, probability = rows[order], np.empty(len(rows))
         # In pieces: the trees' own buffers grow with the rows of a call.
-        pieces = [self.model.run(rows[k : k + ROWS_A_CALL])[0] for k in range(0, len(rows), ROWS_A_CALL)]
-        return np.concatenate([np.empty(0), *pieces]).astype(np.float64)
+        for start in range(0, len(rows), ROWS_A_CALL):
+            piece = slice(start, start + ROWS_A_CALL)
+            probability[order[piece]] = self.model.run(rows[piece])[0]
+        return probability
 
     def __call__(self, pairs: PairFeatures) -> FloatArray:
         """``(P,)`` costs, above 0."""
         return transition_cost(self.probability(pairs))
+
+
+def _alike_together(rows: NDArray[np.float32]) -> IntArray:
+    """``(P,)`` an order in which alike rows follow each other, by the first two features and the last.
+
+    Rows that take the same branches of the trees one after the other are decided up to twice as fast; sorting 16-bit
+    keys costs next to nothing.
+    """
+    levels = np.nan_to_num(rows[:, [0, 1, -1]]).clip(0, 1) * np.array([15, 63, 63], dtype=np.float32)
+    iou, appearance, last = levels.astype(np.uint16).T
+    return np.argsort(iou << 12 | appearance << 6 | last, kind="stable")

@@ -129,13 +129,18 @@ def cosine_distances(features: FloatArray | None, i: IntArray, j: IntArray) -> F
     """``(P,)`` cosine distances in [0, 2] of the unit-length rows ``i`` and ``j``; NaN where one has a NaN."""
     if features is None:
         return np.full(len(i), np.nan)
-    similarity = np.empty(len(i))
+    return np.clip(1 - inner_products(features, features, i, j), 0, 2)
+
+
+def inner_products(earlier: FloatArray, later: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
+    """``(P,)`` inner products of the rows ``i`` of ``earlier`` and ``j`` of ``later``, both ``(N, D)``."""
+    products = np.empty(len(i))
     # In pieces that fit into the cache; both gathered (P, D) sides at once would dwarf everything else in memory.
-    step = max(1, 250_000 // max(1, features.shape[1]))
+    step = max(1, 250_000 // max(1, earlier.shape[1]))
     for start in range(0, len(i), step):
         piece = slice(start, start + step)
-        similarity[piece] = np.einsum("pd,pd->p", features.take(i[piece], axis=0), features.take(j[piece], axis=0))
-    return np.clip(1 - similarity, 0, 2)
+        products[piece] = np.einsum("pd,pd->p", earlier.take(i[piece], axis=0), later.take(j[piece], axis=0))
+    return products
 
 
 @dataclass(frozen=True)

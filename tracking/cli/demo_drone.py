@@ -82,7 +82,7 @@ def _write(work: Path, demo: _Demo) -> None:
     from tsuiseki.tracking.cli.drone_run import OVERLAY_FILE, write_drone_run
     from tsuiseki.tracking.output import RunRecord, versions
     from tsuiseki.tracking.render import write_overlay
-    from tsuiseki.tracking.report import Report, ReportedMethod, write_report
+    from tsuiseki.tracking.report import BOXES_NOTE, Report, ReportedMethod, write_report
 
     command = ["tsuiseki", "demo", "--scene", "drone"]
     best = demo.runs[list(METHODS.values())[-1]]
@@ -111,6 +111,7 @@ def _write(work: Path, demo: _Demo) -> None:
         length=demo.frames,
         frame_rate=demo.source.frame_rate,
         overlay=work / OVERLAY_FILE,
+        overlay_note=BOXES_NOTE,
         seconds=demo.times.seconds,
         facts={"seed": str(demo.seed)} | versions(),
         more=[timelines],

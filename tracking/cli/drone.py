@@ -58,7 +58,8 @@ def track(
         affinity: exported link costs; by default the shipped ones of the method after a detector, and hand-set ones
             after --detections, whose scores they do not know; none takes hand-set ones always.
         affinity_multi: exported link costs of the repetitions of flow-maf; by default those of --affinity, or shipped.
-        tracks: MOTChallenge tracks (gt.txt, tracks.txt) that are right already; only actions are named.
+        tracks: MOTChallenge tracks (gt.txt, tracks.txt) or an Okutama-Action label file that are right already; only
+            actions are named.
         frames: track this stretch only, counted from 1 with both ends, such as 301-400.
         keep_camera_motion: compare places as they are in the pictures, not as if the camera had stood still.
         threshold: an action is named where its probability is above, from 0 to 1.

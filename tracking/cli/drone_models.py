@@ -19,10 +19,9 @@ from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks import Appearance, Detector
 from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observers
-from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
-from tsuiseki.tracking.trackers.given import as_detections
+from tsuiseki.tracking.trackers.given import as_detections, read_given_tracks
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.video import Source
 
@@ -39,12 +38,14 @@ class DroneModels:
         names: of the actions; none where nothing recognises them.
         key: plain values that say what the observations depend on, the video apart.
         given: tracks that are right already; None tracks.
+        richer: where actions are not asked for, the key of the observations that have them besides.
     """
 
     observers: Observers
     names: tuple[str, ...]
     key: Mapping[str, Any]
     given: Sequence[Track] | None = None
+    richer: Mapping[str, Any] | None = None
 
     @classmethod
     def choose(
@@ -72,7 +73,7 @@ class DroneModels:
         if sum(value is not None for value in (detections, detector, tracks)) > 1:
             raise RequestError("expected one of --detections, --detector and --tracks, got several")
         paths: dict[str, Path | None] = {"detections": detections, "tracks": tracks}
-        given = None if tracks is None else read_tracks(tracks)
+        given = None if tracks is None else read_given_tracks(tracks, source)
         if given is not None:
             detect: Detector | list[Detections] = as_detections(given)[0]
         elif detections is not None:
@@ -87,12 +88,13 @@ class DroneModels:
         recognise = ActionRecogniser(streams, threads) if streams else None
         camera = CameraMotionSettings() if camera_motion and given is None else None
         key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
-        key |= {f"action {n}": file_digest(path) for n, path in enumerate(streams)}
         bridging = bridging if given is None else None
-        key |= {"motion": repr(camera), "bridging": repr(bridging)}
+        key |= _streams_key(streams) | {"motion": repr(camera), "bridging": repr(bridging)}
         key |= {"score_threshold": str(score_threshold), "score_range": str(score_range)}
         observers = Observers(detect, describe, recognise, camera, batch_size, bridging)
-        return cls(observers, recognise.names if recognise else (), key, given)
+        spare = [] if streams else _streams("flow-maf", actions, needed=True)
+        richer = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
+        return cls(observers, recognise.names if recognise else (), key, given, richer)
 
 
 def prices_of(
@@ -130,3 +132,7 @@ def _streams(method: Method, actions: list[Path] | None, *, needed: bool) -> lis
     if method == "flow" and not needed:
         return []
     return actions if actions is not None else [shipped(f"action_{name}") for name in STREAMS]
+
+
+def _streams_key(streams: Sequence[Path]) -> dict[str, str | None]:
+    return {f"action {number}": file_digest(path) for number, path in enumerate(streams)}

@@ -55,7 +55,7 @@ def run_drone(
     tracker = DroneTracker(_suited(settings, method, given=given is not None), prices)
     uses_actions = method != "flow" or given is not None
     log = FrameLog()
-    seen = video_observations(source, models.observers, models.key, cache, opened.frames_wanted, times)
+    seen = video_observations(source, models.observers, models.key, cache, opened.frames_wanted, times, models.richer)
     for one in progress(seen, "tracking", _expected(opened)):
         log.add(one.frame, one.detections)
         actions = None if one.actions is None else averaged(one.actions)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.frame_range import parse_frames
 
 USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt")
@@ -17,6 +18,8 @@ def people(
     truth: Path,
     results: list[Path],
     frames: str | None = None,
+    protocol: Protocol = "lenient",
+    size: tuple[int, int] | None = None,
     names: list[str] | None = None,
     json: Path | None = None,
     plot: Path | None = None,
@@ -25,19 +28,25 @@ def people(
     """Score tracked people against ground truth: HOTA, DetA, AssA, MOTA, MOTP, IDF1, switches, errors.
 
     Args:
-        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences.
+        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the folder of
+            Okutama-Action; the folder of VisDrone-MOT or of Drone-Action.
         results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
             (for a single sequence also tracks.txt); several are compared.
         frames: score this stretch only, counted from 1 with both ends, such as 301-400.
+        protocol: of Okutama-Action. published leaves its first frame out and takes hidden people for nobody, as the
+            published numbers do; lenient takes results on hidden people for neither right nor wrong.
+        size: width and height of the frames that were tracked, for Okutama-Action's labels, which are in pixels of
+            3840x2160; by default those of the frames beside the labels, or else 1280,720.
         names: of the results in the table, separated by commas; by default their files' or folders'.
         json: write all scores to this file.
         plot: write a comparison plot to this file (PNG, SVG or PDF).
         overwrite: replace existing files.
     """
     from tsuiseki.tracking.evaluation.multi import evaluate_people
-    from tsuiseki.tracking.evaluation.pairs import match_results, read_truths
+    from tsuiseki.tracking.evaluation.pairs import match_results
     from tsuiseki.tracking.evaluation.plots import save_comparison
     from tsuiseki.tracking.evaluation.table import people_table, people_values, show
+    from tsuiseki.tracking.evaluation.truths import read_truths
     from tsuiseki.tracking.output import check_output_file, is_partial, output_file
 
     stretch = parse_frames(frames) if frames else None
@@ -46,11 +55,8 @@ def people(
         if path is not None:
             check_output_file(path, overwrite)
     _check_plot(plot)
-    truths = read_truths(truth, stretch)
-    scores = {
-        name: evaluate_people(match_results(truths, result, stretch))
-        for name, result in zip(shown, results, strict=True)
-    }
+    truths = read_truths(truth, stretch, protocol, size)
+    scores = {name: evaluate_people(match_results(truths, result)) for name, result in zip(shown, results, strict=True)}
     show(people_table(scores))
     for result in results:
         if is_partial(result if result.is_dir() else result.parent):
@@ -66,6 +72,8 @@ def detection(
     truth: Path,
     results: list[Path],
     frames: str | None = None,
+    protocol: Protocol = "lenient",
+    size: tuple[int, int] | None = None,
     iou: float = 0.5,
     score_range: tuple[float, float] = (0.0, 1.0),
     json: Path | None = None,
@@ -74,17 +82,23 @@ def detection(
     """Score detections against ground truth: average precision, and the threshold of the best F1.
 
     Args:
-        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences.
+        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the folder of
+            Okutama-Action; the folder of VisDrone-MOT or of Drone-Action.
         results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
             NAME/detections.txt for each sequence NAME.
         frames: score this stretch only, counted from 1 with both ends, such as 301-400.
+        protocol: of Okutama-Action. published leaves its first frame out and takes hidden people for nobody, as the
+            published numbers do; lenient takes results on hidden people for neither right nor wrong.
+        size: width and height of the frames that were tracked, for Okutama-Action's labels, which are in pixels of
+            3840x2160; by default those of the frames beside the labels, or else 1280,720.
         iou: overlap from which a detection is right.
         score_range: smallest and largest score that the detections may have.
         json: write the scores to this file, with recall and precision at every detection.
         overwrite: replace existing files.
     """
-    from tsuiseki.tracking.evaluation.pairs import evaluate_detection_files, read_truths
+    from tsuiseki.tracking.evaluation.pairs import evaluate_detection_files
     from tsuiseki.tracking.evaluation.table import detection_table, detection_values, show
+    from tsuiseki.tracking.evaluation.truths import read_truths
     from tsuiseki.tracking.output import check_output_file
 
     if not 0 < iou <= 1:
@@ -92,9 +106,9 @@ def detection(
     stretch = parse_frames(frames) if frames else None
     if json is not None:
         check_output_file(json, overwrite)
-    truths = read_truths(truth, stretch)
+    truths = read_truths(truth, stretch, protocol, size)
     scores = {
-        name: evaluate_detection_files(truths, result, stretch, iou, score_range)
+        name: evaluate_detection_files(truths, result, iou, score_range)
         for name, result in zip(_result_names(results, None), results, strict=True)
     }
     show(detection_table(scores, iou))
@@ -106,7 +120,10 @@ def action(
     truth: Path,
     results: list[Path],
     threshold: float = 0.4,
-    protocol: Literal["published", "lenient"] = "lenient",
+    frames: str | None = None,
+    protocol: Protocol = "lenient",
+    size: tuple[int, int] | None = None,
+    multiple_actions: bool = False,
     names: list[str] | None = None,
     json: Path | None = None,
     overwrite: bool = False,
@@ -119,11 +136,18 @@ def action(
     recognition is scored; with tracks of its own, misses and false tracks count, too.
 
     Args:
-        truth: a MOTChallenge sequence folder with gt/actions.txt (Okutama-Action's rows), or a folder of such.
+        truth: a MOTChallenge sequence folder with gt/actions.txt (Okutama-Action's rows), or a folder of such; a label
+            file or the folder of Okutama-Action; the folder of Drone-Action.
         results: tracks.json of tsuiseki track drone, or folders that hold NAME/tracks.json for each clip NAME (for a
             single clip also tracks.json); several are compared.
         threshold: from 0 to 1.
-        protocol: published leaves frame 1 out and takes hidden people for nobody; lenient lets hidden people be.
+        frames: score this stretch only, counted from 1 with both ends, such as 301-400.
+        protocol: published leaves the first frame out and takes hidden people for nobody, as the
+            published numbers do; lenient takes results on hidden people for neither right nor wrong.
+        size: width and height of the frames that were tracked, for Okutama-Action's labels, which are in pixels of
+            3840x2160; by default those of the frames beside the labels, or else 1280,720.
+        multiple_actions: of Okutama-Action's folder, score against MultiActionLabels, which have all actions of a
+            person, instead of SingleActionTrackingLabels, which have one.
         names: of the results in the table, separated by commas; by default their files' or folders'.
         json: write all scores to this file.
         overwrite: replace an existing file.
@@ -139,7 +163,7 @@ def action(
     shown = _result_names(results, names)
     if json is not None:
         check_output_file(json, overwrite)
-    truths = read_labelled_actions(truth, protocol)
+    truths = read_labelled_actions(truth, protocol, size, multiple_actions, parse_frames(frames))
     scores = {}
     for name, result in zip(shown, results, strict=True):
         rows = match_actions(truths, result)

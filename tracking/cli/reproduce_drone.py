@@ -28,7 +28,8 @@ def action_features(
     """Thesis chapter 5 on generated clips from a violently moving drone: Tables 5.3, 5.4 and 5.5, Figs. 5.8 and 5.11.
 
     Clips and what the networks say of them stay in --work: what was interrupted goes on from there. DIR gets
-    results.json, iterations.png, action_gain.png and pictures of switches, prevented and remaining.
+    results.json, iterations.png, action_gain.png and pictures of switches like Figs. 5.7, 5.9 and 5.10: prevented.jpg,
+    remaining.jpg, second.jpg.
 
     Args:
         out: folder for the results.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +13,16 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
 from tsuiseki.tracking.evaluation.pairs import result_file
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack, read_acting_tracks
+from tsuiseki.tracking.formats.drone_action import drone_action_labels, find_drone_action, has_drone_action_layout
 from tsuiseki.tracking.formats.mot import GroundTruth, find_sequences
-from tsuiseki.tracking.formats.okutama import Protocol, okutama_truth, read_okutama
+from tsuiseki.tracking.formats.okutama import ActionLabels, Protocol, counted_from, okutama_truth, read_okutama
+from tsuiseki.tracking.formats.okutama_folders import (
+    EXTRACTED_SIZE,
+    find_okutama,
+    has_okutama_layout,
+    read_okutama_video,
+)
+from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -31,12 +39,14 @@ class LabelledActions:
         truth: who is where.
         actions: ``(N, A)`` of its rows.
         names: of the actions.
+        frames: that count; what is said of others is passed over.
     """
 
     name: str
     truth: GroundTruth
     actions: BoolArray
     names: tuple[str, ...]
+    frames: FrameRange = EVERY_FRAME
 
 
 @dataclass(frozen=True)
@@ -54,18 +64,59 @@ class ActionRows:
     multi: FloatArray
 
 
-def read_labelled_actions(path: Path, protocol: Protocol = "published") -> list[LabelledActions]:
-    """The labels of a sequence folder with ``gt/actions.txt``, or of a folder of such.
+def read_labelled_actions(
+    path: Path,
+    protocol: Protocol = "published",
+    size: tuple[int, int] | None = None,
+    multiple_actions: bool = False,
+    frames: FrameRange = EVERY_FRAME,
+) -> list[LabelledActions]:
+    """The labels at ``path``.
+
+    Args:
+        path: a sequence folder with ``gt/actions.txt`` or a folder of such; a label file or the folder of
+            Okutama-Action; the folder of Drone-Action.
+        protocol: by which labels count, see `okutama_truth`; all of Drone-Action's do.
+        size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
+            frames that lie with them, or else of those that come with the data.
+        multiple_actions: of Okutama-Action's folder, take ``MultiActionLabels``.
+        frames: the stretch to keep.
 
     Raises:
-        RequestError: there are none, or they are broken.
+        RequestError: there are none, they are broken, or nobody who counts is labelled in the stretch.
     """
-    found = []
-    for sequence in find_sequences(path):
-        labels = read_okutama(sequence.folder / ACTIONS_FILE, (sequence.width, sequence.height))
-        truth, actions = okutama_truth(labels, protocol)
-        found.append(LabelledActions(sequence.name, truth, actions, labels.class_names))
-    return found
+    found = _every_frame(path, protocol, size, multiple_actions)
+    return [_within(labels, frames) for labels in found] if frames != EVERY_FRAME else found
+
+
+def _every_frame(
+    path: Path, protocol: Protocol, size: tuple[int, int] | None, multiple_actions: bool
+) -> list[LabelledActions]:
+    if path.is_file():
+        return [_labelled(path.stem, read_okutama(path, size or EXTRACTED_SIZE), protocol)]
+    if path.is_dir() and has_okutama_layout(path):
+        videos = find_okutama(path, multiple_actions)
+        return [_labelled(video.name, read_okutama_video(video, size=size), protocol) for video in videos]
+    if path.is_dir() and has_drone_action_layout(path):
+        return [_labelled(clip.name, drone_action_labels(clip), "lenient") for clip in find_drone_action(path)]
+    return [
+        _labelled(s.name, read_okutama(s.folder / ACTIONS_FILE, (s.width, s.height)), protocol)
+        for s in find_sequences(path)
+    ]
+
+
+def _labelled(name: str, labels: ActionLabels, protocol: Protocol) -> LabelledActions:
+    truth, actions = okutama_truth(labels, protocol)
+    return LabelledActions(name, truth, actions, labels.class_names, counted_from(protocol))
+
+
+def _within(labels: LabelledActions, frames: FrameRange) -> LabelledActions:
+    wanted = FrameRange(max(frames.first, labels.frames.first), frames.last)
+    inside = np.array([frame in wanted for frame in labels.truth.frames.tolist()], dtype=np.bool_)
+    truth = labels.truth.select(inside)
+    if not truth.evaluated.any():
+        raise RequestError(f"{labels.name}: expected a labelled person who counts in frames {frames}, got none")
+    return replace(labels, truth=truth, actions=labels.actions[inside], frames=wanted)
 
 
 def match_actions(truths: Sequence[LabelledActions], result: Path) -> ActionRows:
@@ -104,6 +155,7 @@ def action_rows(labels: LabelledActions, people: Sequence[ActingTrack]) -> Actio
     width = len(labels.names)
     frames = np.concatenate([np.empty(0, np.int64), *(person.track.frames for person in acting)])
     order = np.argsort(frames, kind="stable")
+    order = order[[frame in labels.frames for frame in frames[order].tolist()]]
     frames = frames[order]
     boxes = np.concatenate([np.empty((0, 4)), *(person.track.boxes for person in acting)])[order]
     single = np.concatenate([np.empty((0, width)), *(p.single for p in acting if p.single is not None)])[order]

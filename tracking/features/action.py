@@ -60,10 +60,10 @@ class ActionRecogniser:
                 )
             if self.streams.count(stream) > 1:
                 raise RequestError(f"{model.path}: expected one file a stream, got {stream} twice")
-        flows = {(one.stack, one.flow_limit, one.flow) for one in self.inputs if one.is_flow}
+        flows = {(one.stack, one.flow_limit, one.flow, one.compensate) for one in self.inputs if one.is_flow}
         if len(flows) > 1:
             raise RequestError(
-                "expected flow streams that take the same flow (stack, flow_limit, flow), got "
+                "expected flow streams that take the same flow (stack, flow_limit, flow, compensate), got "
                 f"{' and '.join(map(str, sorted(flows)))}"
             )
 
@@ -92,7 +92,7 @@ class ActionRecogniser:
         """``(H, W, 2 * stack)`` uint8 levels of the flow that leads to the last of ``images``."""
         assert self._flow is not None
         pairs = [
-            flow_to(before, image, self._flow.flow, self._flow.flow_limit)
+            flow_to(before, image, self._flow.flow, self._flow.flow_limit, compensate=self._flow.compensate)
             for before, image in zip(images[-1 - self.history : -1], images[-self.history :], strict=False)
         ]
         missing = self.history - len(pairs)

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion
 from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, FlowName, optical_flow
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -40,6 +41,7 @@ class ActionInput:
         flow_limit: flow is clipped to this many pixels a frame.
         stack: pairs of consecutive frames whose flow is stacked, the last one from t-1 to t.
         flow: how flow is estimated.
+        compensate: whether the camera's motion is taken out of the flow.
     """
 
     stream: StreamName
@@ -48,6 +50,7 @@ class ActionInput:
     flow_limit: float = 20.0
     stack: int = 1
     flow: FlowName = "dis"
+    compensate: bool = False
 
     def __post_init__(self) -> None:
         if self.stream not in STREAMS:
@@ -87,6 +90,7 @@ class ActionInput:
             float(settings["flow_limit"]),
             int(settings["stack"]),
             settings["flow"],
+            bool(settings.get("compensate", False)),
         )
 
     def card(self, name: str, class_names: tuple[str, ...]) -> ModelCard:
@@ -98,7 +102,9 @@ class ActionInput:
             "padding": "mean colour" if not self.is_flow else "no motion",
             "flow_limit": self.flow_limit,
             "flow": self.flow,
-            "flow_channels": "x and y from t-1 to t, pixels clipped to flow_limit and divided by it; camera included",
+            "flow_channels": "x and y from t-1 to t, pixels clipped to flow_limit and divided by it; camera "
+            + ("taken out" if self.compensate else "included"),
+            "compensate": self.compensate,
             "stack": self.stack,
         }
         mean, std = ((FLOW_MEAN,) * self.channels, (FLOW_STD,) * self.channels) if self.is_flow else (None, None)
@@ -108,7 +114,9 @@ class ActionInput:
         return ModelCard("action", name, class_names, self.size, self.size, mean=mean, std=std, settings=values)
 
 
-def flow_to(before: ImageArray, image: ImageArray, method: FlowName, limit: float) -> ImageArray:
+def flow_to(
+    before: ImageArray, image: ImageArray, method: FlowName, limit: float, *, compensate: bool = False
+) -> ImageArray:
     """``(H, W, 2)`` uint8 levels of the motion from t-1 to t, seen from t.
 
     What shows at a pixel of ``image`` has moved that far since ``before``: the flow from t to t-1 is computed and
@@ -119,8 +127,13 @@ def flow_to(before: ImageArray, image: ImageArray, method: FlowName, limit: floa
         image: frame t.
         method: how flow is estimated.
         limit: it is clipped to this many pixels.
+        compensate: whether the camera's motion is taken out, where it can be estimated.
     """
-    return flow_picture(-optical_flow(image, before, FLOW_METHODS[method]), limit)
+    flow = -optical_flow(image, before, FLOW_METHODS[method])
+    camera = camera_motion(before, image) if compensate else None
+    if camera is not None:
+        flow -= camera_flow(camera, (image.shape[1], image.shape[0]))
+    return flow_picture(flow, limit)
 
 
 def flow_picture(flow: NDArray[np.float32], limit: float = 20.0) -> ImageArray:

@@ -128,6 +128,22 @@ def _follow(first: Grey, second: Grey, start: NDArray[np.float32]) -> tuple[NDAr
     return np.asarray(end, dtype=np.float32), np.asarray(status).ravel() == 1
 
 
+def camera_flow(motion: FloatArray, size: tuple[int, int]) -> NDArray[np.float32]:
+    """``(H, W, 2)`` pixels by which the camera alone moved what shows at each pixel of the later frame.
+
+    Args:
+        motion: ``(2, 3)``, see `camera_motion`.
+        size: width and height of the frame.
+
+    >>> camera_flow(np.array([[1.0, 0, 5], [0, 1, -2]]), (2, 1)).tolist()
+    [[[5.0, -2.0], [5.0, -2.0]]]
+    """
+    x, y = np.meshgrid(np.arange(size[0], dtype=np.float32), np.arange(size[1], dtype=np.float32))
+    back = undone(motion).astype(np.float32)
+    moved = [values - (row[0] * x + row[1] * y + row[2]) for values, row in zip((x, y), back, strict=True)]
+    return np.stack(moved, axis=2)
+
+
 @dataclass
 class CameraPath:
     """Where the frames of a video lie, in pixels of the first.

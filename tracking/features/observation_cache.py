@@ -34,6 +34,7 @@ def cached_observations(
     first: int,
     last: int,
     compute: Callable[[int, int], Iterator[Observation]],
+    richer: Mapping[str, Any] | None = None,
 ) -> Iterator[Observation]:
     """The observations of frames ``first`` to ``last``, both included, from disk as far as they are there.
 
@@ -43,14 +44,18 @@ def cached_observations(
         first: 0-based.
         last: 0-based.
         compute: makes the observations of a range of frames, both ends included; called for what is missing.
+        richer: key of observations that hold all that these do and more; taken where they are there.
 
     Raises:
         RequestError: the folder cannot be written to.
     """
     for start in range(first, last + 1, CHUNK):
         stop = min(start + CHUNK - 1, last)
-        path = folder / f"{digest({**key, 'first': start, 'last': stop, 'version': VERSION})}.npz"
+        stretch = {"first": start, "last": stop, "version": VERSION}
+        path = folder / f"{digest({**key, **stretch})}.npz"
         found = _read(path, start, stop)
+        if found is None and richer is not None:
+            found = _read(folder / f"{digest({**richer, **stretch})}.npz", start, stop)
         if found is None:
             found = list(compute(start, stop))
             _write(path, found)

@@ -21,6 +21,7 @@ def video_observations(
     cache: Path | None = None,
     frames: FrameRange | None = None,
     times: StageTimes | None = None,
+    richer: Mapping[str, Any] | None = None,
 ) -> Iterator[Observation]:
     """What networks and images say of every frame.
 
@@ -31,6 +32,8 @@ def video_observations(
         cache: folder that keeps observations; None keeps none.
         frames: the stretch to look at; by default all.
         times: gets the seconds of every stage.
+        richer: what other observers depend on that say all that these say and more: what they have said, and the cache
+            keeps, is taken instead.
 
     Raises:
         RequestError: the cache is asked for a video whose length nobody knows.
@@ -51,5 +54,6 @@ def video_observations(
         part = open_source(source, FrameRange(start, last))
         yield from observe(part.frames(), observers, times, first)
 
-    whole = {**key, "video": files_key(files), "start": stretch.first}
-    yield from cached_observations(cache, whole, stretch.first, stretch.last, compute)
+    video = {"video": files_key(files), "start": stretch.first}
+    more = None if richer is None else {**richer, **video}
+    yield from cached_observations(cache, {**key, **video}, stretch.first, stretch.last, compute, more)

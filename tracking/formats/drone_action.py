@@ -1,10 +1,10 @@
 """Drone-Action: clips of one person each, who does one of 13 things.
 
 The layout assumed: ``CLASS/CLIP.avi``, or ``CLASS/CLIP/`` with the frames as images, where CLASS is one of
-`DRONE_ACTION_CLASSES`; boxes, where there are any, in ``CLASS/CLIP.txt``, a row ``x,y,width,height`` a frame, 1-based
-pixels, ``nan`` where the person is out of view.
+`DRONE_ACTION_CLASSES` or of `OTHER_SPELLINGS`; boxes, where there are any, in ``CLASS/CLIP.txt``, a row
+``x,y,width,height`` a frame, 1-based pixels, ``nan`` where the person is out of view.
 
-How it is evaluated: every frame's one box counts, at an IoU above 0.5, and every frame has its clip's one action.
+How it is evaluated: every frame's one box counts, from an IoU of 0.5 on, and every frame has its clip's one action.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import GroundTruth, list_images
+from tsuiseki.tracking.formats.okutama import ActionLabels, actions_of
 from tsuiseki.tracking.geometry import corners_from_xywh
 
 DRONE_ACTION_CLASSES = (
@@ -33,6 +34,11 @@ DRONE_ACTION_CLASSES = (
     "walking_sideview",
     "waving_hands",
 )
+OTHER_SPELLINGS = {
+    f"{gait}_{short}": f"{gait}_{long}"
+    for gait in ("jogging", "running", "walking")
+    for short, long in (("f_b", "front_back_view"), ("side", "sideview"))
+}
 VIDEO_SUFFIXES = (".avi", ".mp4", ".mov", ".mkv")
 
 
@@ -52,6 +58,21 @@ class DroneActionClip:
     source: Path
     labels: Path | None
 
+    def labelled(self) -> Path:
+        """The file of boxes.
+
+        Raises:
+            RequestError: there is none.
+        """
+        if self.labels is None:
+            raise RequestError(f"{self.source}: expected its boxes in {self.source.with_suffix('.txt')}, found none")
+        return self.labels
+
+
+def has_drone_action_layout(folder: Path) -> bool:
+    """Whether a folder in ``folder`` is named after a class."""
+    return any(_class_of(part.name) for part in _folders(folder))
+
 
 def find_drone_action(folder: str | Path) -> list[DroneActionClip]:
     """The clips of ``folder``, by class and name.
@@ -60,20 +81,43 @@ def find_drone_action(folder: str | Path) -> list[DroneActionClip]:
         RequestError: there is none, or a folder is named after no class.
     """
     folder = Path(folder)
-    classes = (
-        sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith(".")) if folder.is_dir() else []
-    )
     clips = []
-    for part in classes:
-        if part.name not in DRONE_ACTION_CLASSES:
+    for part in _folders(folder):
+        action = _class_of(part.name)
+        if action is None:
             raise RequestError(f"{part}: unknown action; expected a folder of {', '.join(DRONE_ACTION_CLASSES)}")
         for source in sorted(part.iterdir()):
             if source.suffix.lower() in VIDEO_SUFFIXES or (source.is_dir() and list_images(source)):
                 labels = part / f"{source.stem}.txt"
-                clips.append(DroneActionClip(source.stem, part.name, source, labels if labels.is_file() else None))
+                clips.append(DroneActionClip(source.stem, action, source, labels if labels.is_file() else None))
     if not clips:
         raise RequestError(f"expected clips of Drone-Action as CLASS/CLIP.avi in {folder}, found none")
     return clips
+
+
+def _folders(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    return sorted(part for part in folder.iterdir() if part.is_dir() and not part.name.startswith("."))
+
+
+def _class_of(name: str) -> str | None:
+    found = OTHER_SPELLINGS.get(name, name)
+    return found if found in DRONE_ACTION_CLASSES else None
+
+
+def drone_action_labels(clip: DroneActionClip, length: int | None = None) -> ActionLabels:
+    """What the person of a clip does, in every frame with a box.
+
+    Raises:
+        RequestError: the clip has no boxes, or see `read_drone_action_boxes`.
+    """
+    truth = read_drone_action_boxes(clip.labelled(), length)
+    never = np.zeros(len(truth), dtype=np.bool_)
+    actions = actions_of([(clip.action,)] * len(truth), DRONE_ACTION_CLASSES)
+    return ActionLabels(
+        truth.frames, truth.ids, truth.boxes, never, never, never, actions, class_names=DRONE_ACTION_CLASSES
+    )
 
 
 def read_drone_action_boxes(path: str | Path, length: int | None = None) -> GroundTruth:
@@ -91,7 +135,8 @@ def read_drone_action_boxes(path: str | Path, length: int | None = None) -> Grou
     rows = np.empty((len(lines), 4))
     for k, line in enumerate(lines):
         try:
-            rows[k] = [float(cell) for cell in line.replace(",", " ").split()]
+            x, y, width, height = (float(cell) for cell in line.replace(",", " ").split())
+            rows[k] = x, y, width, height
         except ValueError:
             raise RequestError(f"{path}:{k + 1}: expected x,y,width,height, got {line[:80]}") from None
     if length is not None and len(rows) != length:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import configparser
 import itertools
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -153,10 +154,15 @@ def find_sequences(folder: str | Path) -> list[Sequence]:
 
 
 def list_images(folder: Path) -> tuple[Path, ...]:
-    """The image files of ``folder`` by name; hidden files are passed over."""
-    return tuple(
-        sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
-    )
+    """The image files of ``folder`` by name, ``9.jpg`` before ``10.jpg``; hidden files are passed over."""
+    images = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    return tuple(sorted(images, key=_by_number))
+
+
+def _by_number(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
+    """Orders names by the values of the numbers in them; the name itself settles what is left."""
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(False, int(part), "") if part.isdecimal() else (True, 0, part) for part in parts], path.name
 
 
 def write_sequence_info(

@@ -19,6 +19,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -137,9 +138,9 @@ def _complaint(line: str) -> str:
     words = line.split(" ")
     shown = line if len(line) < 80 else line[:77] + "..."
     if len(words) > 9 and all(re.fullmatch(r"-?\d+(\.\d+)?", w) for w in words[:9]):
-        if line.count('"') % 2 or any(not w.startswith('"') for w in words[9:10]):
-            return f'expected names in double quotes, as "Person" "Walking", got {" ".join(words[9:])}'
-        return f"expected lost, occluded and generated as 0 or 1, then names in double quotes, got {shown}"
+        if any(flag not in ("0", "1") for flag in words[6:9]):
+            return f"expected lost, occluded and generated as 0 or 1, then names in double quotes, got {shown}"
+        return f'expected names in double quotes, as "Person" "Walking", got {" ".join(words[9:])[:80]}'
     return f'expected track_id xmin ymin xmax ymax frame lost occluded generated "Person" "Action" …, got {shown}'
 
 
@@ -179,12 +180,13 @@ def okutama_truth(labels: ActionLabels, protocol: Protocol = "published") -> tup
     """What results are scored against, ordered by frame, and the actions ``(N, C)`` of its rows.
 
     ``published``: lost and occluded rows are removed, and so is frame 0, as in the numbers that are published with the
-    data; a result on a removed row is a false alarm. ``lenient``: lost rows are removed, a result on an occluded one is
-    neither right nor wrong, and all frames count. Both match at an IoU above 0.5.
+    data; a result on a removed row is a false alarm, and results before `counted_from` are passed over. ``lenient``:
+    lost rows are removed, a result on an occluded one is neither right nor wrong, and all frames count. Both match from
+    an IoU of 0.5 on.
     """
-    kept = ~labels.lost
+    kept = ~labels.lost & (labels.frames >= counted_from(protocol).first)
     if protocol == "published":
-        kept &= ~labels.occluded & (labels.frames > 0)
+        kept &= ~labels.occluded
     chosen = labels.select(np.flatnonzero(kept)[np.argsort(labels.frames[kept], kind="stable")])
     truth = GroundTruth(
         frames=chosen.frames,
@@ -195,3 +197,8 @@ def okutama_truth(labels: ActionLabels, protocol: Protocol = "published") -> tup
         visibility=np.where(chosen.occluded, 0.3, 1.0),
     )
     return truth, chosen.actions
+
+
+def counted_from(protocol: Protocol) -> FrameRange:
+    """The frames that count: the published numbers leave out the first."""
+    return FrameRange(1 if protocol == "published" else 0)

@@ -3,11 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.formats.okutama import read_okutama
+from tsuiseki.tracking.formats.okutama_folders import ADVICE, check_frames, is_okutama_file
 from tsuiseki.tracking.types import Detections, IntArray, Track
+from tsuiseki.tracking.video import ImageFolder, Source
+
+
+def read_given_tracks(path: Path, source: Source) -> list[Track]:
+    """The tracks in a MOTChallenge file, or in a label file of Okutama-Action, whose ids, from 0, are counted from 1.
+
+    Args:
+        path: of the file.
+        source: the video that they belong to.
+
+    Raises:
+        RequestError: the file is missing or broken, or it labels frames that the video does not have.
+    """
+    if not path.is_file() or not is_okutama_file(path):
+        return read_tracks(path)
+    if not isinstance(source, ImageFolder):
+        raise RequestError(f"{path}: expected a folder of the frames that these labels count, got a video; {ADVICE}")
+    labels = read_okutama(path, source.size)
+    check_frames(labels, len(source.images), source.size, str(path))
+    seen = labels.select(~labels.lost)
+    rows = [seen.select(np.flatnonzero(seen.ids == identity)) for identity in np.unique(seen.ids).tolist()]
+    rows = [one.select(np.argsort(one.frames)) for one in rows]
+    return [Track(int(one.ids[0]) + 1, one.frames, one.boxes, np.ones(len(one))) for one in rows]
 
 
 def as_detections(tracks: Sequence[Track], length: int | None = None) -> tuple[list[Detections], IntArray]:

@@ -26,7 +26,7 @@ from tsuiseki.trainers.experiments.drone_clips import (
     Networks,
     prepare_clips,
 )
-from tsuiseki.trainers.experiments.drone_pictures import draw_pictures
+from tsuiseki.trainers.experiments.drone_pictures import draw_pictures, draw_second
 from tsuiseki.trainers.experiments.drone_plots import plot_gains, plot_iterations
 from tsuiseki.trainers.experiments.drone_rows import (
     METHODS,
@@ -122,7 +122,10 @@ def reproduce_drone(
     }
     plot_iterations(curves, out / "iterations.png")
     plot_gains(gains, out / "action_gain.png")
-    draw_pictures(every, iterations["flow-maf, one-sided"], costs, out, compensate=compensate)
+    say("showing switches")
+    flow = track_all(every, "flow", costs, compensate=compensate)
+    repeated = by_iteration(carried, "flow-maf, one-sided", costs, compensate=compensate, count=2)
+    pictures = draw_pictures(every, flow, iterations["flow-maf, one-sided"], out) | draw_second(carried, repeated, out)
     return {
         "plan": asdict(plan),
         "conditions": _conditions(people, plan),
@@ -132,6 +135,7 @@ def reproduce_drone(
         "ablation": ablation(sets, work / "observations", networks, costs, say),
         "actions": action_values(actions),
         "action_gain": gains,
+        "pictures": pictures,
         "faults": None if networks.detector else asdict(FAULTS),
     }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observers
 from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.trackers.bridging import BridgingSettings
-from tsuiseki.trainers.experiments.drone_clips import Clip, Networks
+from tsuiseki.trainers.experiments.drone_clips import Clip, Networks, on_all_cores
 from tsuiseki.trainers.experiments.drone_rows import Costs, Method, mean_rows, people_row, people_scores, track_all
 
 METHODS: tuple[Method, ...] = ("flow", "flow-maf, one-sided")
@@ -69,18 +70,27 @@ def bridged(
         say: gets a line for each clip.
         compensate: move the filters with the camera.
     """
+    every = [clip for clips in sets for clip in clips]
+    seen = on_all_cores(
+        partial(_bridge, cache, networks, settings, CameraMotionSettings() if compensate else None), every
+    )
+    found = []
+    for clip in seen:
+        found.append(clip)
+        motion = "taken out" if compensate else "left in"
+        say(f"{clip.folder.name}: missed people followed, camera motion {motion}, {len(found)} of {len(every)} clips")
+    rest = iter(found)
+    return [[next(rest) for _ in clips] for clips in sets]
+
+
+def _bridge(
+    cache: Path, networks: Networks, settings: BridgingSettings, camera: CameraMotionSettings | None, clip: Clip
+) -> Clip:
     streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
-    camera = CameraMotionSettings() if compensate else None
-    models = {f"model {n}": file_digest(path) for n, path in enumerate((*networks.actions, networks.appearance))}
-    key = models | {"bridging": repr(settings), "camera": repr(camera)}
-
-    def look(clip: Clip) -> Clip:
-        found = [one.detections for one in clip.seen]
-        content = b"|".join(one.boxes.tobytes() + one.scores.tobytes() for one in found)
-        observers = Observers(found, appearance, streams, camera, bridging=settings)
-        whole = {**key, "found": hashlib.sha256(content).hexdigest()}
-        seen = list(video_observations(clip.folder, observers, whole, cache))
-        say(f"{clip.folder.name}: missed people followed, camera motion {'taken out' if compensate else 'left in'}")
-        return replace(clip, seen=seen)
-
-    return [[look(clip) for clip in clips] for clips in sets]
+    found = [one.detections for one in clip.seen]
+    key = {f"model {n}": file_digest(path) for n, path in enumerate((*networks.actions, networks.appearance))}
+    key |= {"bridging": repr(settings), "camera": repr(camera)}
+    content = b"|".join(one.boxes.tobytes() + one.scores.tobytes() for one in found)
+    key["found"] = hashlib.sha256(content).hexdigest()
+    observers = Observers(found, appearance, streams, camera, bridging=settings)
+    return replace(clip, seen=list(video_observations(clip.folder, observers, key, cache)))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import cv2
 import numpy as np
@@ -81,6 +81,8 @@ class Clip:
     given_labels: IntArray
 
 
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 ClipPlan: TypeAlias = tuple[str, SceneSettings, int]
 
 
@@ -94,17 +96,22 @@ def prepare_clips(work: Path, plans: Sequence[ClipPlan], networks: Networks, say
         say: gets a line for each clip.
     """
     clips = []
-    # Started afresh: a copy of a process that runs threads can lock up.
-    with ProcessPoolExecutor(min(len(plans), os.cpu_count() or 1), mp_context=get_context("spawn")) as pool:
-        for clip, drawn in pool.map(partial(_prepare, work, networks), plans):
-            clips.append(clip)
-            say(f"{clip.folder.name}: {'drawn and ' if drawn else ''}looked at, {len(clips)} of {len(plans)} clips")
+    for clip, drawn in on_all_cores(partial(_prepare, work, networks), plans):
+        clips.append(clip)
+        say(f"{clip.folder.name}: {'drawn and ' if drawn else ''}looked at, {len(clips)} of {len(plans)} clips")
     return clips
+
+
+def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+    """What ``work`` makes of each of ``items``, in their order, a process a core."""
+    processes = min(len(items), os.cpu_count() or 1)
+    # Started afresh: a copy of a process that runs threads can lock up.
+    with ProcessPoolExecutor(processes, get_context("spawn"), cv2.setNumThreads, (1,)) as pool:
+        yield from pool.map(work, items)
 
 
 def _prepare(work: Path, networks: Networks, plan: ClipPlan) -> tuple[Clip, bool]:
     """The clip, and whether it had to be drawn."""
-    cv2.setNumThreads(1)
     name, scene, seed = plan
     folder = work / "clips" / name
     missing = not (folder / "seqinfo.ini").is_file()

@@ -1,25 +1,39 @@
-"""Pictures like thesis Figs. 5.7 and 5.9: a person whose id changes in one result, frame by frame."""
+"""Pictures like thesis Figs. 5.7, 5.9 and 5.10: which switches of ids to show, in which results."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from tsuiseki.datamodules.identity_crops import read_image
-from tsuiseki.tracking.action_report import captions_of
-from tsuiseki.tracking.evaluation.coverage import coverage
+from tsuiseki.tracking.evaluation.coverage import Coverage, coverage
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack
-from tsuiseki.tracking.formats.mot import list_images
-from tsuiseki.tracking.render import Overlay, draw_label
-from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
+from tsuiseki.tracking.types import IntArray
 from tsuiseki.trainers.experiments.drone_clips import Clip
-from tsuiseki.trainers.experiments.drone_rows import Costs, track_all
+from tsuiseki.trainers.experiments.drone_strips import StripRow, write_strip
 
-SHOWN, SIDE, THRESHOLD = 4, 240, 0.4
+# Frames side by side.
+SHOWN = 5
+
+People = Sequence[Sequence[ActingTrack]]
+Shown = dict[str, str | int]
+
+
+@dataclass(frozen=True)
+class Result:
+    """One way to track all clips.
+
+    Attributes:
+        name: stands above its row.
+        people: of every clip.
+        single: show what single frames say, not windows.
+    """
+
+    name: str
+    people: People
+    single: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,73 +51,141 @@ class Switch:
     frame: int
 
 
-def draw_pictures(
-    clips: Sequence[Clip],
-    results: Sequence[Sequence[Sequence[ActingTrack]]],
-    costs: Costs,
-    out: Path,
-    *,
-    compensate: bool,
-) -> None:
-    """``prevented.png``: switches of the flow that the alternation prevents. ``remaining.png``: one that it does not.
+class Followers:
+    """Who is followed by which track in a result."""
+
+    def __init__(self, clips: Sequence[Clip], people: People) -> None:
+        self._found: list[dict[int, Coverage]] = [
+            {person.id: person for person in coverage(clip.truth, [one.track for one in acting])}
+            for clip, acting in zip(clips, people, strict=True)
+        ]
+
+    def switches(self) -> set[Switch]:
+        """All changes of id: from one id to another, misses between passed over."""
+        found = set()
+        for number, everyone in enumerate(self._found):
+            for person in everyone.values():
+                seen = np.flatnonzero(person.track_ids > 0)
+                for k in np.flatnonzero(np.diff(person.track_ids[seen]) != 0).tolist():
+                    found.add(Switch(number, person.id, int(person.frames[seen[k + 1]])))
+        return found
+
+    def ids(self, clip: int, person: int, frames: range) -> IntArray:
+        """``(T,)`` ids of the tracks on a person, 0 where none is or nobody labelled them."""
+        known = self._found[clip][person]
+        by_frame = dict(zip(known.frames.tolist(), known.track_ids.tolist(), strict=True))
+        return np.array([by_frame.get(frame, 0) for frame in frames], dtype=np.int64)
+
+
+def draw_pictures(clips: Sequence[Clip], flow: People, iterations: Sequence[People], out: Path) -> dict[str, Shown]:
+    """``prevented.jpg`` (Fig. 5.7): a switch of the flow that the alternation prevents. ``remaining.jpg`` (5.9): where
+    one person's id changes most often to the end.
 
     Args:
         clips: that were tracked.
-        results: people of every clip by iteration of the alternation.
-        costs: of the flow to compare with.
+        flow: people without action features.
+        iterations: people by iteration of the alternation, at least 6.
         out: folder for the pictures.
-        compensate: whether the camera's motion is taken out of the places.
+
+    Returns:
+        Clip, person and frame (both as in its files, from 1) of each picture that there was a switch for.
     """
-    flow = track_all(clips, "flow", costs, compensate=compensate)
-    rows = {
-        "flow": flow,
-        "flow-saf, iteration 1": results[0],
-        "flow-maf, one-sided, iteration 6": results[min(5, len(results) - 1)],
-    }
-    last = results[min(5, len(results) - 1)]
-    prevented = sorted(_switches(clips, flow) - _switches(clips, last), key=lambda s: (s.clip, s.frame))
-    remaining = sorted(_switches(clips, last) & _switches(clips, flow), key=lambda s: (s.clip, s.frame))
-    for name, found in (("prevented", prevented), ("remaining", remaining)):
-        if found:
-            picture = _strip(clips[found[0].clip], found[0], {k: r[found[0].clip] for k, r in rows.items()})
-            cv2.imwrite(str(out / f"{name}.png"), picture[:, :, ::-1])
+    rows = [
+        Result("flow", flow),
+        Result("SAF, iteration 1", iterations[0], single=True),
+        Result("MAF, iteration 2", iterations[1]),
+        Result("MAF, iteration 6", iterations[5]),
+    ]
+    last = Result(f"MAF, iteration {len(iterations)}", iterations[-1])
+    prevented = _prevented(clips, flow, iterations[5])
+    drawn = {"prevented": _draw(clips, prevented, rows, out / "prevented.jpg")}
+    drawn["remaining"] = _draw(clips, _remaining(clips, last.people), [*rows[:2], last], out / "remaining.jpg")
+    return {name: said for name, said in drawn.items() if said}
 
 
-def _switches(clips: Sequence[Clip], people: Sequence[Sequence[ActingTrack]]) -> set[Switch]:
-    """All changes of id: from one id to another, misses between passed over."""
-    found = set()
-    for number, (clip, acting) in enumerate(zip(clips, people, strict=True)):
-        for person in coverage(clip.truth, [one.track for one in acting]):
-            seen = np.flatnonzero(person.track_ids > 0)
-            ids = person.track_ids[seen]
-            for k in np.flatnonzero(np.diff(ids) != 0).tolist():
-                found.add(Switch(number, person.id, int(person.frames[seen[k + 1]])))
-    return found
+def draw_second(clips: Sequence[Clip], iterations: Sequence[People], out: Path) -> dict[str, Shown]:
+    """``second.jpg`` (Fig. 5.10): a switch of SAF that one repetition prevents, on clips unlike those learnt from.
+
+    Args:
+        clips: that were tracked.
+        iterations: people by iteration of the alternation, at least 2.
+        out: folder for the picture.
+
+    Returns:
+        As `draw_pictures`.
+    """
+    rows = [Result("SAF, iteration 1", iterations[0], single=True), Result("MAF, iteration 2", iterations[1])]
+    said = _draw(clips, _prevented(clips, iterations[0], iterations[1]), rows, out / "second.jpg")
+    return {"second": said} if said else {}
 
 
-def _strip(clip: Clip, switch: Switch, rows: dict[str, Sequence[ActingTrack]]) -> ImageArray:
-    """A row a result, a column a frame, around the person of the switch."""
-    images = list_images(clip.folder / "img1")
-    first = int(np.clip(switch.frame - SHOWN // 2, 0, len(images) - SHOWN))
-    truth = clip.truth.select(clip.truth.ids == switch.person)
-    lines = []
-    for name, people in rows.items():
-        overlay = Overlay([p.track for p in people], 30.0, captions_of(people, clip.labels.names, THRESHOLD), 0.0)
-        cells = []
-        for frame in range(first, first + SHOWN):
-            nearest = int(np.argmin(np.abs(truth.frames - frame)))
-            drawn = overlay.draw(Frame(frame, frame / 30, read_image(images[frame])))
-            cells.append(_cell(drawn, truth.boxes[nearest]))
-        line = np.concatenate(cells, axis=1)
-        draw_label(line, name, (0, 17), (40, 40, 40))
-        lines.append(line)
-    return np.concatenate(lines, axis=0)
+def _frames_around(switch: Switch, length: int) -> range:
+    """The frames of a clip that a picture shows."""
+    first = int(np.clip(switch.frame - SHOWN // 2, 0, max(length - SHOWN, 0)))
+    return range(first, min(first + SHOWN, length))
 
 
-def _cell(image: ImageArray, box: FloatArray) -> ImageArray:
-    """The surroundings of a box, ``(SIDE, SIDE, 3)``."""
-    centre = (box[:2] + box[2:]) / 2
-    limit = np.array(image.shape[1::-1]) - SIDE
-    x, y = np.clip(centre - SIDE / 2, 0, np.maximum(limit, 0)).astype(int).tolist()
-    cell = image[y : y + SIDE, x : x + SIDE]
-    return np.asarray(cv2.copyMakeBorder(cell, 0, 2, 0, 2, cv2.BORDER_CONSTANT, value=(255, 255, 255)))
+def _prevented(clips: Sequence[Clip], before: People, after: People) -> Switch | None:
+    """The clearest of the switches in ``before`` that ``after`` does without.
+
+    That is where most changes of id go away within the frames shown; of equals, where the person is followed in most of
+    them, then the tallest one.
+    """
+    old, new = Followers(clips, before), Followers(clips, after)
+
+    def gain(switch: Switch) -> int:
+        where = switch.clip, switch.person, _frames_around(switch, len(clips[switch.clip].seen))
+        return _changes(old.ids(*where)) - _changes(new.ids(*where))
+
+    def clarity(switch: Switch) -> tuple[float, ...]:
+        frames = _frames_around(switch, len(clips[switch.clip].seen))
+        followed = new.ids(switch.clip, switch.person, frames) > 0
+        return gain(switch), followed.sum(), _height(clips, switch)
+
+    # A switch that only comes a frame later is not prevented.
+    return _best((switch for switch in old.switches() if gain(switch) > 0), clarity)
+
+
+def _remaining(clips: Sequence[Clip], people: People) -> Switch | None:
+    """Where an id changes most often within the frames shown; of equals, the tallest person."""
+    found = Followers(clips, people)
+
+    def frequency(switch: Switch) -> tuple[float, ...]:
+        frames = _frames_around(switch, len(clips[switch.clip].seen))
+        return _changes(found.ids(switch.clip, switch.person, frames)), _height(clips, switch)
+
+    return _best(found.switches(), frequency)
+
+
+def _changes(ids: IntArray) -> int:
+    """Of id in successive frames, those with none passed over."""
+    return int((np.diff(ids[ids > 0]) != 0).sum())
+
+
+def _best(found: Iterable[Switch], key: Callable[[Switch], tuple[float, ...]]) -> Switch | None:
+    """The switch of the largest key; of equals the first."""
+    return max(sorted(found, key=lambda s: (s.clip, s.person, s.frame)), key=key, default=None)
+
+
+def _height(clips: Sequence[Clip], switch: Switch) -> float:
+    """Of the person's label in the frame of the switch, pixels."""
+    truth = clips[switch.clip].truth
+    box = truth.boxes[(truth.ids == switch.person) & (truth.frames == switch.frame)][0]
+    return float(box[3] - box[1])
+
+
+def _draw(clips: Sequence[Clip], switch: Switch | None, results: Sequence[Result], path: Path) -> Shown | None:
+    if switch is None:
+        return None
+    clip, frames = clips[switch.clip], _frames_around(switch, len(clips[switch.clip].seen))
+    rows = [
+        StripRow(
+            result.name,
+            result.people[switch.clip],
+            Followers(clips, result.people).ids(switch.clip, switch.person, frames).tolist(),
+            result.single,
+        )
+        for result in results
+    ]
+    write_strip(path, clip, switch.person, frames, rows)
+    return {"clip": clip.folder.name, "person": switch.person, "frame": switch.frame + 1}

@@ -51,7 +51,7 @@ def test_okutama_layout_holds_the_same_labels(clip, tmp_path):
     folder = write_drone(tmp_path / "set", SMALL, seed=3, layout="okutama")
     (published,), (generated,) = okutama_sequences(folder), okutama_sequences(clip)
     assert published.name == "1.1.1"
-    assert published.images[5].name == "5.jpg"
+    assert published.files[5].name == "5.jpg"
     np.testing.assert_array_equal(published.labels.boxes, generated.labels.boxes)
     np.testing.assert_array_equal(published.labels.actions, generated.labels.actions)
 

@@ -11,7 +11,6 @@ import pytest
 from tsuiseki.tracking.association.action_refinement import (
     Prices,
     RefinementSettings,
-    action_distances,
     multi_frame_features,
     refine,
     window_means,
@@ -19,6 +18,7 @@ from tsuiseki.tracking.association.action_refinement import (
 from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost, PairFeatures
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
+from tsuiseki.tracking.association.repricing import action_distances
 from tsuiseki.tracking.association.rows import DetectionRows
 from tsuiseki.tracking.types import FloatArray, IntArray
 

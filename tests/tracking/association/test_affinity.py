@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 
+WEIGHTS = Path(str(resources.files("tsuiseki.tracking"))) / "weights"
 CARD = ModelCard(
     kind="affinity",
     name="test",
@@ -71,6 +73,23 @@ def test_cost_is_minus_log_probability() -> None:
     assert np.isfinite(cost).all()
     assert (cost > 0).all()
     assert (np.diff(cost) <= 0).all()
+
+
+@pytest.mark.parametrize("name", ["affinity_drone_maf", "affinity_people"])
+def test_a_pair_costs_the_same_wherever_it_stands(name: str) -> None:
+    affinity = Affinity(WEIGHTS / f"{name}.onnx", threads=1)
+    rng = np.random.default_rng(0)
+    corner = rng.uniform(0, 60, (400, 2))
+    boxes = np.concatenate([corner, corner + rng.uniform(20, 50, (400, 2))], axis=1)
+    looks = rng.normal(size=(400, 4))
+    looks /= np.linalg.norm(looks, axis=1, keepdims=True)
+    looks[::7] = np.nan
+    i, j = np.arange(200), np.arange(200, 400)
+    pairs = replace(pair_features(boxes, looks, i, j, rng.integers(1, 9, 200)), action=rng.random(200))
+    alone = [affinity.probability(pairs.select(np.array([k])))[0] for k in range(200)]
+    assert len(set(alone)) > 50
+    # The sigmoid at the end of the trees rounds differently in a vector of floats and in what is left beside it.
+    np.testing.assert_allclose(affinity.probability(pairs), alone, rtol=0, atol=np.finfo(np.float32).eps)
 
 
 def test_prices_pairs(tmp_path: Path) -> None:

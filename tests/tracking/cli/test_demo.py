@@ -14,7 +14,7 @@ from tsuiseki.tracking.cli import COMMANDS, Group, main
 from tsuiseki.tracking.cli.models import SHIPPED
 from tsuiseki.tracking.cli.parser import parse
 from tsuiseki.tracking.cli.shipped_models import commands
-from tsuiseki.tracking.evaluation.pairs import read_truths
+from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.video import open_source
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,22 +12,32 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.features.action_inputs import STREAMS
+from tsuiseki.trainers.experiments import drone
 
 
 def words(models: Path, folder: Path, out: str, *more: str) -> list[str]:
     streams = ",".join(str(models / f"{name}.onnx") for name in STREAMS)
-    plan = ["--seeds", "1", "--clips", "1", "--frames", "14", "--simulated-detections"]
+    plan = ["--seeds", "1", "--clips", "1", "--frames", "12", "--simulated-detections"]
     given = ["--actions", streams, "--affinity", str(models), "--work", str(folder / "work")]
     return ["reproduce", "drone-action-features", "--out", str(folder / out), *plan, *given, *more]
 
 
+@pytest.fixture
+def small_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenes as those of the experiment, in small pictures of fewer people."""
+    for name in ("TEST_SCENE", "SECOND_SCENE"):
+        scene = replace(getattr(drone, name), width=320, height=180, people=4, clutter=2)
+        monkeypatch.setattr(drone, name, scene)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("small_scenes")
 def test_all_tables_and_figures_and_what_was_there_is_used_again(
     drone_models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(words(drone_models, tmp_path, "first")) == 0
     printed = capsys.readouterr()
-    assert "test-3000-14: drawn and looked at, 1 of 2 clips" in printed.err
+    assert "test-3000-12: drawn and looked at, 1 of 2 clips" in printed.err
     for text in (
         "Table 5.3",
         "32.42 73.93 597 21.43 32.99",

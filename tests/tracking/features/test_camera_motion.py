@@ -11,7 +11,7 @@ from tsuiseki.datamodules.scenes.drone import DroneSettings, draw_flight, plan_f
 from tsuiseki.datamodules.scenes.flight import ground_homography
 from tsuiseki.datamodules.scenes.flow_pairs import random_flow_pair
 from tsuiseki.tracking.association.costs import ObservationCost
-from tsuiseki.tracking.features.camera_motion import CameraPath, camera_motion, moved_boxes, undone
+from tsuiseki.tracking.features.camera_motion import CameraPath, camera_flow, camera_motion, moved_boxes, undone
 from tsuiseki.tracking.trackers.compensated import MotionCompensated
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.types import Detections
@@ -54,6 +54,18 @@ def test_a_still_camera_gives_exactly_the_identity():
     path = CameraPath()
     for image in (pair.first, pair.second, pair.first):
         np.testing.assert_array_equal(path.add(image), IDENTITY)
+
+
+def test_the_cameras_flow_leads_back_to_where_pixels_were():
+    turn = 0.97 * np.array([[np.cos(0.1), -np.sin(0.1), 5 / 0.97], [np.sin(0.1), np.cos(0.1), -8 / 0.97]])
+    flow = camera_flow(turn, (40, 30))
+    before = np.array([[20.0, 15.0], [12.0, 20.0], [25.0, 12.0]])
+    after = through(turn, before)
+    at = np.round(after).astype(int)
+    # The flow of a similarity changes by 3 % and 0.1 radian, a tenth of a pixel, from one pixel to the next.
+    np.testing.assert_allclose(flow[at[:, 1], at[:, 0]], after - before, atol=0.1)
+    whole = np.stack(np.meshgrid(np.arange(40.0), np.arange(30.0)), -1).reshape(-1, 2)
+    np.testing.assert_allclose(through(turn, whole - flow.reshape(-1, 2)), whole, atol=1e-3)
 
 
 def test_nothing_to_see_says_nothing():
