@@ -1,11 +1,12 @@
 """Recall of exported drone detectors: on labelled clips, and of the one labelled person of a UAV123 sequence.
 
     python benchmarks/drone_detector.py --detector tracking/weights/detector_drone.onnx [--clips DIR …]
-        [--uav ../shared/data/sot/uav/person12] [--frames 102-201] [--every 1] [--write-mot DIR]
+        [--uav ../shared/data/sot/uav/person12] [--frames 102-201] [--every 1] [--bridging] [--write-mot DIR]
 
 Clips are MOTChallenge sequences; people of whom less than 40 % shows are left out. In a sequence of UAV123 everybody
 but the labelled person is unknown, so detections beside it need not be wrong. A person is found where a detection has
-an IoU of 0.5 or more with the label. ``--write-mot`` makes a MOTChallenge sequence of those frames, with links to the
+an IoU of 0.5 or more with the label; with ``--bridging`` also where a correlation filter that began at a detection
+has one, on consecutive frames. ``--write-mot`` makes a MOTChallenge sequence of those frames, with links to the
 images, to fine-tune on.
 """
 
@@ -18,9 +19,13 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.readers.mot import LabelledImage, labelled_images
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks import Detector
+from tsuiseki.tracking.features.observations import Observers, observe
 from tsuiseki.tracking.formats.mot import GroundTruth, list_images, write_ground_truth, write_sequence_info
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
+from tsuiseki.tracking.trackers.bridging import BridgingSettings
+from tsuiseki.tracking.types import Frame
 from tsuiseki.tracking.video import read_image
 
 VISIBLE, OVERLAP = 0.4, 0.5
@@ -35,6 +40,7 @@ def main() -> None:
     parser.add_argument("--uav", type=Path)
     parser.add_argument("--frames", default="1-100000")
     parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--bridging", action="store_true")
     parser.add_argument("--write-mot", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
@@ -43,11 +49,11 @@ def main() -> None:
         write_mot(uav_images(arguments.uav)[first - 1 : last], arguments.write_mot)
     if arguments.detector is None:
         return
-    detector = Detector(arguments.detector, min(THRESHOLDS), threads=1)
-    for clip in arguments.clips:
-        report(clip.name, detector, labelled_images(clip, (first, last))[:: arguments.every])
+    samples = {clip.name: labelled_images(clip, (first, last)) for clip in arguments.clips}
     if arguments.uav is not None:
-        report(arguments.uav.name, detector, uav_images(arguments.uav)[first - 1 : last][:: arguments.every])
+        samples[arguments.uav.name] = uav_images(arguments.uav)[first - 1 : last]
+    for name, images in samples.items():
+        report(name, arguments.detector, images[:: arguments.every], BridgingSettings() if arguments.bridging else None)
 
 
 def uav_images(folder: Path) -> list[LabelledImage]:
@@ -82,13 +88,14 @@ def write_mot(images: list[LabelledImage], folder: Path) -> None:
     write_sequence_info(folder, images[0].sequence, 30.0, count, width, height)
 
 
-def report(name: str, detector: Detector, images: list[LabelledImage]) -> None:
+def report(name: str, detector: Path, images: list[LabelledImage], bridging: BridgingSettings | None) -> None:
     """Print a line for each threshold of the score."""
-    found = [detector.detect([read_image(sample.path)])[0] for sample in images]
     for threshold in THRESHOLDS:
+        observers = Observers(Detector(detector, threshold, threads=1), None, None, CameraMotionSettings(), 4, bridging)
+        frames = (Frame(sample.frame, float(sample.frame), read_image(sample.path)) for sample in images)
         people = hits = total = right = 0
-        for sample, detections in zip(images, found, strict=True):
-            kept = detections.select(detections.scores >= threshold)
+        for sample, seen in zip(images, observe(frames, observers), strict=True):
+            kept = seen.detections
             counted = ~sample.ignored & (sample.visibility >= VISIBLE)
             overlaps = iou_matrix(kept.boxes, sample.boxes)
             people += int(counted.sum())

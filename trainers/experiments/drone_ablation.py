@@ -70,13 +70,16 @@ def bridged(
         say: gets a line for each clip.
         compensate: move the filters with the camera.
     """
-    camera = CameraMotionSettings() if compensate else None
-    found = on_all_cores(partial(_bridge, cache, networks, settings, camera), [c for clips in sets for c in clips])
-    seen = []
-    for clip in found:
-        seen.append(clip)
-        say(f"{clip.folder.name}: missed people followed, camera motion {'taken out' if compensate else 'left in'}")
-    rest = iter(seen)
+    every = [clip for clips in sets for clip in clips]
+    seen = on_all_cores(
+        partial(_bridge, cache, networks, settings, CameraMotionSettings() if compensate else None), every
+    )
+    found = []
+    for clip in seen:
+        found.append(clip)
+        motion = "taken out" if compensate else "left in"
+        say(f"{clip.folder.name}: missed people followed, camera motion {motion}, {len(found)} of {len(every)} clips")
+    rest = iter(found)
     return [[next(rest) for _ in clips] for clips in sets]
 
 
@@ -85,8 +88,9 @@ def _bridge(
 ) -> Clip:
     streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
     found = [one.detections for one in clip.seen]
-    content = b"|".join(one.boxes.tobytes() + one.scores.tobytes() for one in found)
     key = {f"model {n}": file_digest(path) for n, path in enumerate((*networks.actions, networks.appearance))}
-    key |= {"bridging": repr(settings), "camera": repr(camera), "found": hashlib.sha256(content).hexdigest()}
+    key |= {"bridging": repr(settings), "camera": repr(camera)}
+    content = b"|".join(one.boxes.tobytes() + one.scores.tobytes() for one in found)
+    key["found"] = hashlib.sha256(content).hexdigest()
     observers = Observers(found, appearance, streams, camera, bridging=settings)
     return replace(clip, seen=list(video_observations(clip.folder, observers, key, cache)))
