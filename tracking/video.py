@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.formats.mot import IMAGE_SUFFIXES, list_images, read_sequence
+from tsuiseki.tracking.formats.mot import IMAGE_SUFFIXES, is_sequence, list_images, read_sequence
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import Frame, ImageArray
 
@@ -253,7 +253,7 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> ImageArray:
 
 
 def _open_folder(folder: Path, wanted: FrameRange) -> ImageFolder:
-    if any((folder / part).exists() for part in ("seqinfo.ini", "img1", "gt/gt.txt")):
+    if is_sequence(folder):
         sequence = read_sequence(folder)
         images, name, frame_rate = sequence.images, sequence.name, sequence.frame_rate
         text_length = sequence.length

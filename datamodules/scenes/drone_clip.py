@@ -12,13 +12,12 @@ import numpy as np
 from tsuiseki.datamodules.scenes.drone import DroneSettings, DroneTruth, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.street import as_ground_truth
 from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
-from tsuiseki.tracking.formats.okutama import ActionLabels, actions_of, write_okutama
+from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, ActionLabels, actions_of, write_okutama
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import ImageArray
 
 Drawn: TypeAlias = tuple[ImageArray, DroneTruth]
 Layout = Literal["mot", "okutama"]
-ACTIONS_FILE = "gt/actions.txt"
 OKUTAMA_FRAMES = "Drone1/Morning/Extracted-Frames-1280x720"
 OKUTAMA_LABELS = "Labels/SingleActionTrackingLabels/3840x2160"
 # Somebody of whom less than this share shows is labelled as occluded.

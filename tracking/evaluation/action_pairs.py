@@ -15,7 +15,14 @@ from tsuiseki.tracking.evaluation.pairs import result_file
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack, read_acting_tracks
 from tsuiseki.tracking.formats.drone_action import drone_action_labels, find_drone_action, has_drone_action_layout
 from tsuiseki.tracking.formats.mot import GroundTruth, find_sequences
-from tsuiseki.tracking.formats.okutama import ActionLabels, Protocol, counted_from, okutama_truth, read_okutama
+from tsuiseki.tracking.formats.okutama import (
+    ACTIONS_FILE,
+    ActionLabels,
+    Protocol,
+    counted_from,
+    okutama_truth,
+    read_okutama,
+)
 from tsuiseki.tracking.formats.okutama_folders import (
     EXTRACTED_SIZE,
     find_okutama,
@@ -26,7 +33,6 @@ from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-ACTIONS_FILE = "gt/actions.txt"
 PLACES, SINGLE_PLACES = ("{name}/tracks.json", "{name}.json"), ("tracks.json",)
 
 

@@ -94,7 +94,7 @@ def _of_visdrone(sequence: VisDroneSequence) -> Truth:
 def _of_drone_action(folder: Path) -> list[Truth]:
     truths = []
     for clip in find_drone_action(folder):
-        length = len(list_images(clip.source)) if clip.source.is_dir() else None
+        length = len(list_images(clip.source)) or None
         truths.append(Truth(clip.name, read_drone_action_boxes(clip.labelled(), length), length))
     return truths
 

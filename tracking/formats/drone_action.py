@@ -87,7 +87,7 @@ def find_drone_action(folder: str | Path) -> list[DroneActionClip]:
         if action is None:
             raise RequestError(f"{part}: unknown action; expected a folder of {', '.join(DRONE_ACTION_CLASSES)}")
         for source in sorted(part.iterdir()):
-            if source.suffix.lower() in VIDEO_SUFFIXES or (source.is_dir() and list_images(source)):
+            if source.suffix.lower() in VIDEO_SUFFIXES or list_images(source):
                 labels = part / f"{source.stem}.txt"
                 clips.append(DroneActionClip(source.stem, action, source, labels if labels.is_file() else None))
     if not clips:

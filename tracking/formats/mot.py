@@ -115,13 +115,13 @@ def read_sequence(folder: str | Path) -> Sequence:
     folder = Path(folder)
     if not folder.is_dir():
         raise RequestError(f"expected a sequence folder at {folder}, found none")
-    if not _looks_like_sequence(folder):
+    if not is_sequence(folder):
         raise RequestError(f"{folder}: expected seqinfo.ini, img1/ or gt/gt.txt of a MOTChallenge sequence, found none")
     info = _read_info(folder / "seqinfo.ini")
     image_folder = info.get("imDir", "img1")
     if PurePosixPath(image_folder).is_absolute() or ".." in PurePosixPath(image_folder).parts:
         raise RequestError(f"{folder}/seqinfo.ini: imDir = {image_folder} leads out of the sequence folder")
-    images = list_images(folder / image_folder) if (folder / image_folder).is_dir() else ()
+    images = list_images(folder / image_folder)
     length = int(_number(info, "seqLength", len(images), folder))
     if images and len(images) != length:
         raise RequestError(
@@ -138,6 +138,11 @@ def read_sequence(folder: str | Path) -> Sequence:
     )
 
 
+def is_sequence(folder: Path) -> bool:
+    """Whether anything in ``folder`` is of a MOTChallenge sequence."""
+    return any((folder / part).exists() for part in ("seqinfo.ini", "img1", "gt/gt.txt"))
+
+
 def find_sequences(folder: str | Path) -> list[Sequence]:
     """The sequence that ``folder`` is, or those one level below it, by name.
 
@@ -145,16 +150,21 @@ def find_sequences(folder: str | Path) -> list[Sequence]:
         RequestError: there is none.
     """
     folder = Path(folder)
-    if folder.is_dir() and _looks_like_sequence(folder):
+    if folder.is_dir() and is_sequence(folder):
         return [read_sequence(folder)]
-    found = [p for p in sorted(folder.iterdir()) if p.is_dir() and _looks_like_sequence(p)] if folder.is_dir() else []
+    found = [p for p in sorted(folder.iterdir()) if p.is_dir() and is_sequence(p)] if folder.is_dir() else []
     if not found:
         raise RequestError(f"expected a MOTChallenge sequence or a folder of sequences at {folder}, found none")
     return [read_sequence(p) for p in found]
 
 
 def list_images(folder: Path) -> tuple[Path, ...]:
-    """The image files of ``folder`` by name, ``9.jpg`` before ``10.jpg``; hidden files are passed over."""
+    """The image files of ``folder`` by name, ``9.jpg`` before ``10.jpg``; hidden files are passed over.
+
+    There is none where ``folder`` is no folder.
+    """
+    if not folder.is_dir():
+        return ()
     images = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
     return tuple(sorted(images, key=_by_number))
 
@@ -305,10 +315,6 @@ def write_tracks(path: Path, tracks: Iterable[Track]) -> None:
     ]
     rows.sort(key=lambda row: row[:2])
     path.write_text("".join(f"{f + 1},{i},{b},{s:.4f},-1,-1,-1\n" for f, i, b, s in rows), encoding="utf-8")
-
-
-def _looks_like_sequence(folder: Path) -> bool:
-    return any((folder / part).exists() for part in ("seqinfo.ini", "img1", "gt/gt.txt"))
 
 
 def _read_info(path: Path) -> dict[str, str]:

@@ -24,6 +24,8 @@ from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 LABEL_SIZE = (3840, 2160)
+# Where such labels lie in a MOTChallenge sequence.
+ACTIONS_FILE = "gt/actions.txt"
 Protocol = Literal["published", "lenient"]
 # As the label files spell what the thesis calls otherwise.
 FILE_NAMES = {"Handshaking": "Hand Shaking"}

@@ -15,10 +15,9 @@ import cv2
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot import list_images
-from tsuiseki.tracking.formats.okutama import LABEL_SIZE, ActionLabels, read_okutama
+from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, LABEL_SIZE, ActionLabels, read_okutama
 
 LABEL_FOLDERS = ("SingleActionTrackingLabels", "MultiActionLabels")
-GENERATED_LABELS = "gt/actions.txt"
 # Of the frames that come with the data.
 EXTRACTED_SIZE = (1280, 720)
 ADVICE = "use the frames that come with the data, Extracted-Frames-1280x720"
@@ -63,9 +62,9 @@ def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[Oku
     """
     folder = Path(folder)
     if not has_okutama_layout(folder):
-        clips = [folder] if (folder / GENERATED_LABELS).is_file() else sorted(folder.glob("*/"))
-        clips = [clip for clip in clips if (clip / GENERATED_LABELS).is_file()]
-        videos = [OkutamaVideo(clip.name, _images(clip / "img1"), clip / GENERATED_LABELS) for clip in clips]
+        clips = [folder] if (folder / ACTIONS_FILE).is_file() else sorted(folder.glob("*/"))
+        clips = [clip for clip in clips if (clip / ACTIONS_FILE).is_file()]
+        videos = [OkutamaVideo(clip.name, list_images(clip / "img1"), clip / ACTIONS_FILE) for clip in clips]
     else:
         # Walking through the folders takes a while where there are a hundred thousand frames: once for all videos.
         # Of frames in several sizes the 1280x720 ones come last, and stay.
@@ -76,7 +75,7 @@ def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[Oku
     if not videos:
         raise RequestError(
             f"expected Labels/ and Drone1/…/Extracted-Frames-1280x720/ of Okutama-Action in {folder}, or generated "
-            f"clips with {GENERATED_LABELS}; found neither"
+            f"clips with {ACTIONS_FILE}; found neither"
         )
     return videos
 
@@ -137,7 +136,7 @@ def _label_files(folder: Path, multiple_actions: bool) -> list[Path]:
 
 def _published(labels: Path, frames: Path | None) -> OkutamaVideo:
     """The video of a label file, with its frames where they are there; their names are their numbers, from 0."""
-    images = () if frames is None else _images(frames)
+    images = () if frames is None else list_images(frames)
     for number, image in enumerate(images):
         if image.stem.isdecimal() and int(image.stem) != number:
             raise RequestError(
@@ -145,7 +144,3 @@ def _published(labels: Path, frames: Path | None) -> OkutamaVideo:
                 "labels would not line up"
             )
     return OkutamaVideo(labels.stem, images, labels)
-
-
-def _images(folder: Path) -> tuple[Path, ...]:
-    return list_images(folder) if folder.is_dir() else ()

@@ -174,7 +174,7 @@ def _in_folder(folder: Path) -> list[SingleSequence]:
     labels = sorted(p for p in folder.iterdir() if LABEL_NAMES.fullmatch(p.name))
     if not labels:
         return []
-    images = next((found for name in IMAGE_FOLDERS if (found := _images(folder / name))), _images(folder))
+    images = next((found for name in IMAGE_FOLDERS if (found := list_images(folder / name))), list_images(folder))
     attributes = _own_attributes(folder)
     result = []
     for path in labels:
@@ -182,10 +182,6 @@ def _in_folder(folder: Path) -> list[SingleSequence]:
         name = folder.name + (f"-{number}" if number.isdigit() else "")
         result.append(_paired(name, images, read_boxes(path), attributes, _first_number(folder)))
     return result
-
-
-def _images(folder: Path) -> tuple[Path, ...]:
-    return list_images(folder) if folder.is_dir() else ()
 
 
 def _own_attributes(folder: Path) -> frozenset[str]:

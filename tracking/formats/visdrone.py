@@ -49,10 +49,11 @@ def find_visdrone(folder: str | Path) -> list[VisDroneSequence]:
         raise RequestError(f"expected annotations/ and sequences/ of VisDrone-MOT in {folder}, found neither or one")
     found = []
     for labels in sorted((folder / "annotations").glob("*.txt")):
-        images = folder / "sequences" / labels.stem
-        if not images.is_dir() or not list_images(images):
-            raise RequestError(f"{labels}: expected images in {images}, found none")
-        found.append(VisDroneSequence(labels.stem, list_images(images), labels))
+        place = folder / "sequences" / labels.stem
+        images = list_images(place)
+        if not images:
+            raise RequestError(f"{labels}: expected images in {place}, found none")
+        found.append(VisDroneSequence(labels.stem, images, labels))
     if not found:
         raise RequestError(f"expected label files NAME.txt in {folder}/annotations, found none")
     return found
