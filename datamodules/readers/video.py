@@ -8,6 +8,7 @@ from tsuiseki.datamodules.readers import mot
 from tsuiseki.datamodules.readers.mot import LabelledImage
 from tsuiseki.datamodules.readers.okutama import okutama_images
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.okutama_folders import has_okutama_layout
 from tsuiseki.tracking.formats.visdrone import find_visdrone, is_visdrone, read_visdrone
 
 
@@ -22,7 +23,7 @@ def labelled_images(folder: str | Path, frames: tuple[int, int] | None = None) -
         RequestError: nothing usable is there.
     """
     folder = Path(folder)
-    if (folder / "Labels").is_dir():
+    if has_okutama_layout(folder):
         samples = okutama_images(folder, frames)
     elif is_visdrone(folder):
         samples = _visdrone_images(folder, frames)

@@ -212,6 +212,13 @@ def test_drone_action_clips_carry_their_class(tmp_path):
     labels.write_text("11,21,30,40\n11\n")
     with pytest.raises(RequestError, match=r"HD.txt:2: expected x,y,width,height, got 11"):
         read_drone_action_boxes(labels)
+    # Cut at different places of one take; names of folders may have dots.
+    for name in ("S8.1", "S8.2"):
+        picture(tmp_path / "kicking" / name / "0000.jpg")
+    assert [clip.name for clip in find_drone_action(tmp_path)][:2] == ["S8.1", "S8.2"]
+    picture(tmp_path / "punching" / "S8.1" / "0000.jpg")
+    with pytest.raises(RequestError, match=r"different names, got \S*kicking/S8\.1 and \S*punching/S8\.1"):
+        find_drone_action(tmp_path)
     (tmp_path / "dancing").mkdir()
     with pytest.raises(RequestError, match="dancing: unknown action; expected a folder of clapping"):
         find_drone_action(tmp_path)

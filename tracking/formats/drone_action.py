@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import GroundTruth, list_images
+from tsuiseki.tracking.formats.mot import GroundTruth, is_sequence, list_images
 from tsuiseki.tracking.formats.okutama import ActionLabels, actions_of
 from tsuiseki.tracking.geometry import corners_from_xywh
 
@@ -65,20 +65,21 @@ class DroneActionClip:
             RequestError: there is none.
         """
         if self.labels is None:
-            raise RequestError(f"{self.source}: expected its boxes in {self.source.with_suffix('.txt')}, found none")
+            place = self.source.with_name(f"{self.name}.txt")
+            raise RequestError(f"{self.source}: expected its boxes in {place}, found none")
         return self.labels
 
 
 def has_drone_action_layout(folder: Path) -> bool:
-    """Whether a folder in ``folder`` is named after a class."""
-    return any(_class_of(part.name) for part in _folders(folder))
+    """Whether a folder in ``folder`` is named after a class; a MOTChallenge sequence of such a name does not count."""
+    return any(_class_of(part.name) and not is_sequence(part) for part in _folders(folder))
 
 
 def find_drone_action(folder: str | Path) -> list[DroneActionClip]:
     """The clips of ``folder``, by class and name.
 
     Raises:
-        RequestError: there is none, or a folder is named after no class.
+        RequestError: there is none, a folder is named after no class, or two clips bear one name.
     """
     folder = Path(folder)
     clips = []
@@ -88,10 +89,18 @@ def find_drone_action(folder: str | Path) -> list[DroneActionClip]:
             raise RequestError(f"{part}: unknown action; expected a folder of {', '.join(DRONE_ACTION_CLASSES)}")
         for source in sorted(part.iterdir()):
             if source.suffix.lower() in VIDEO_SUFFIXES or list_images(source):
-                labels = part / f"{source.stem}.txt"
-                clips.append(DroneActionClip(source.stem, action, source, labels if labels.is_file() else None))
+                name = source.name if source.is_dir() else source.stem
+                labels = part / f"{name}.txt"
+                clips.append(DroneActionClip(name, action, source, labels if labels.is_file() else None))
     if not clips:
         raise RequestError(f"expected clips of Drone-Action as CLASS/CLIP.avi in {folder}, found none")
+    by_name = {clip.name: clip for clip in clips}
+    for clip in clips:
+        if by_name[clip.name] is not clip:
+            raise RequestError(
+                f"expected clips of different names, got {clip.source} and {by_name[clip.name].source}; results are "
+                "told apart by them"
+            )
     return clips
 
 

@@ -39,8 +39,8 @@ class OkutamaVideo:
 
 
 def has_okutama_layout(folder: Path) -> bool:
-    """Whether ``folder`` has Okutama-Action's layout."""
-    return (folder / "Labels").is_dir()
+    """Whether ``folder`` has Okutama-Action's layout; MOTChallenge sequences beside a folder Labels do not."""
+    return any((folder / "Labels" / kind).is_dir() for kind in LABEL_FOLDERS)
 
 
 def is_okutama_file(path: Path) -> bool:

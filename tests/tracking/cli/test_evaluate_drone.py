@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.evaluation.action_pairs import read_labelled_actions
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack, write_acting_tracks
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.mot import write_tracks
@@ -178,6 +180,21 @@ def test_drone_action_folders_are_scored(tmp_path: Path) -> None:
     assert actions["waving_hands"] == {
         "f1": 1, "precision": 1, "recall": 1, "average_precision": 1, "rows": FRAMES
     }  # fmt: skip
+
+
+def test_mot_sequences_named_like_parts_of_other_data_sets_stay_what_they_are(
+    acting_clips: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "mine"
+    shutil.copytree(acting_clips / "validation/validation-0", folder / "kicking", ignore=shutil.ignore_patterns("img1"))
+    info = folder / "kicking" / "seqinfo.ini"
+    info.write_text(info.read_text().replace("validation-0", "kicking"))
+    (folder / "Labels").mkdir()
+    shutil.copyfile(folder / "kicking/gt/gt.txt", folder / "kicking.txt")
+    combined = scores("people", tmp_path, folder, folder)["mine"]["combined"]
+    assert (combined["hota"], combined["labelled"]) == (1, 22 * 5)
+    (clip,) = read_labelled_actions(folder)
+    assert clip.name == "kicking"
 
 
 @pytest.mark.parametrize(
