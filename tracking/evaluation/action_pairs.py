@@ -16,7 +16,6 @@ from tsuiseki.tracking.formats.acting_tracks import ActingTrack, read_acting_tra
 from tsuiseki.tracking.formats.drone_action import drone_action_labels, find_drone_action, has_drone_action_layout
 from tsuiseki.tracking.formats.mot import GroundTruth, find_sequences
 from tsuiseki.tracking.formats.okutama import (
-    ACTIONS_FILE,
     ActionLabels,
     Protocol,
     counted_from,
@@ -25,8 +24,10 @@ from tsuiseki.tracking.formats.okutama import (
 )
 from tsuiseki.tracking.formats.okutama_folders import (
     EXTRACTED_SIZE,
+    clip_labelled_by,
     find_okutama,
     has_okutama_layout,
+    read_clip_labels,
     read_okutama_video,
 )
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
@@ -98,8 +99,8 @@ def read_labelled_actions(
 def _every_frame(
     path: Path, protocol: Protocol, size: tuple[int, int] | None, multiple_actions: bool
 ) -> list[LabelledActions]:
-    if path.is_file() and path.match(f"*/{ACTIONS_FILE}"):
-        path = path.parent.parent
+    if path.is_file() and (clip := clip_labelled_by(path)):
+        return [_labelled(clip.name, read_clip_labels(clip), protocol)]
     if path.is_file():
         return [_labelled(path.stem, read_okutama(path, size or EXTRACTED_SIZE), protocol)]
     if path.is_dir() and has_okutama_layout(path):
@@ -107,10 +108,7 @@ def _every_frame(
         return [_labelled(video.name, read_okutama_video(video, size=size), protocol) for video in videos]
     if path.is_dir() and has_drone_action_layout(path):
         return [_labelled(clip.name, drone_action_labels(clip), "lenient") for clip in find_drone_action(path)]
-    return [
-        _labelled(s.name, read_okutama(s.folder / ACTIONS_FILE, (s.width, s.height)), protocol)
-        for s in find_sequences(path)
-    ]
+    return [_labelled(clip.name, read_clip_labels(clip), protocol) for clip in find_sequences(path)]
 
 
 def _labelled(name: str, labels: ActionLabels, protocol: Protocol) -> LabelledActions:

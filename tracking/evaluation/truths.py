@@ -12,12 +12,14 @@ from pathlib import Path
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone_action import find_drone_action, has_drone_action_layout, read_drone_action_boxes
 from tsuiseki.tracking.formats.mot import GroundTruth, find_sequences, list_images, read_ground_truth, read_sequence
-from tsuiseki.tracking.formats.okutama import Protocol, counted_from, okutama_truth
+from tsuiseki.tracking.formats.okutama import ActionLabels, Protocol, counted_from, okutama_truth
 from tsuiseki.tracking.formats.okutama_folders import (
     OkutamaVideo,
+    clip_labelled_by,
     find_okutama,
     has_okutama_layout,
     is_okutama_file,
+    read_clip_labels,
     read_okutama_video,
 )
 from tsuiseki.tracking.formats.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
@@ -68,7 +70,7 @@ def read_truths(
     elif path.is_dir():
         truths = [Truth(s.name, read_ground_truth(s.ground_truth_path), s.length or None) for s in find_sequences(path)]
     elif path.is_file() and is_okutama_file(path):
-        truths = [_of_okutama(OkutamaVideo(path.stem, (), path), protocol, size)]
+        truths = [_of_label_file(path, protocol, size)]
     elif path.is_file() and is_visdrone(path.parent.parent) and path.parent.name == "annotations":
         truths = [_of_visdrone(s) for s in find_visdrone(path.parent.parent) if s.labels.name == path.name]
     elif path.is_file():
@@ -78,12 +80,22 @@ def read_truths(
     return [_restricted(truth, frames) for truth in truths] if frames else truths
 
 
+def _of_label_file(path: Path, protocol: Protocol, size: tuple[int, int] | None) -> Truth:
+    clip = clip_labelled_by(path)
+    if clip is not None:
+        return _by_protocol(clip.name, read_clip_labels(clip), protocol, clip.length or None)
+    return _of_okutama(OkutamaVideo(path.stem, (), path), protocol, size)
+
+
 def _of_okutama(video: OkutamaVideo, protocol: Protocol, size: tuple[int, int] | None) -> Truth:
-    labels = read_okutama_video(video, size=size)
+    return _by_protocol(video.name, read_okutama_video(video, size=size), protocol, len(video.images) or None)
+
+
+def _by_protocol(name: str, labels: ActionLabels, protocol: Protocol, length: int | None) -> Truth:
     truth, _ = okutama_truth(labels, protocol)
     if not truth.evaluated.any():
-        raise RequestError(f"{video.labels}: expected a person who is neither lost nor occluded, got none")
-    return Truth(video.name, truth, len(video.images) or None, counted_from(protocol))
+        raise RequestError(f"{name}: expected a labelled person who is neither lost nor occluded, got none")
+    return Truth(name, truth, length, counted_from(protocol))
 
 
 def _of_visdrone(sequence: VisDroneSequence) -> Truth:

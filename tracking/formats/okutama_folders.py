@@ -14,7 +14,7 @@ import cv2
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.mot import list_images
+from tsuiseki.tracking.formats.mot import Sequence, is_sequence, list_images, read_sequence
 from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, LABEL_SIZE, ActionLabels, read_okutama
 
 LABEL_FOLDERS = ("SingleActionTrackingLabels", "MultiActionLabels")
@@ -48,6 +48,28 @@ def is_okutama_file(path: Path) -> bool:
     with path.open(encoding="utf-8", errors="replace") as file:
         words = file.readline().split(" ")
     return len(words) > 9 and words[9].lstrip('"')[:1].isalpha()
+
+
+def clip_labelled_by(path: Path) -> Sequence | None:
+    """The generated clip that has its labels at ``path``, as ``gt/actions.txt``; None where that is another file.
+
+    Raises:
+        RequestError: the clip is broken, see `read_sequence`.
+    """
+    path = path.absolute()
+    clip = path.parent.parent
+    return read_sequence(clip) if path.match(f"*/{ACTIONS_FILE}") and is_sequence(clip) else None
+
+
+def read_clip_labels(clip: Sequence) -> ActionLabels:
+    """The labels in ``gt/actions.txt`` of a generated clip, in pixels of its frames.
+
+    Raises:
+        RequestError: labels are missing or broken (see `read_okutama`), or nothing says how large the frames are.
+    """
+    if not (clip.width and clip.height):
+        raise RequestError(f"{clip.folder}/seqinfo.ini: expected imWidth and imHeight, to scale {ACTIONS_FILE} to them")
+    return read_okutama(clip.folder / ACTIONS_FILE, (clip.width, clip.height))
 
 
 def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[OkutamaVideo]:

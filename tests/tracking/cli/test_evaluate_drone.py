@@ -134,6 +134,24 @@ def test_tracks_of_frames_of_another_size_are_compared_in_their_pixels(
         assert "--size: expected a width and height from 1 pixel on, got 0,720" in capsys.readouterr().err
 
 
+def test_label_files_of_generated_clips_are_in_pixels_of_their_own_frames(
+    acting_clips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clip = tmp_path / "clip"
+    shutil.copytree(acting_clips / "validation/validation-0", clip)
+    shutil.copyfile(clip / "gt/gt.txt", tmp_path / "found.txt")
+    monkeypatch.chdir(clip / "gt")
+    for labels in (clip / "gt/actions.txt", Path("actions.txt")):
+        combined = scores("people", tmp_path, labels, tmp_path / "found.txt")["found"]["combined"]
+        # One of 5 people is hidden in one of 22 frames.
+        assert (combined["labelled"], combined["false_positives"], combined["recall"]) == (22 * 5 - 1, 0, 1)
+    (clip / "seqinfo.ini").write_text("[Sequence]\nseqLength=22\n")
+    for kind in ("people", "action"):
+        assert main(["evaluate", kind, "actions.txt", str(tmp_path / "found.txt")]) == 2
+        error = capsys.readouterr().err
+        assert "seqinfo.ini: expected imWidth and imHeight, to scale gt/actions.txt to them" in error
+
+
 def test_detections_are_scored_against_okutama(okutama: Path, found: Path, tmp_path: Path) -> None:
     boxes = [line.split(",") for line in (found / "tracks.txt").read_text().splitlines()]
     text = "".join(f"{row[0]},-1,{','.join(row[2:6])},0.9\n" for row in boxes)
