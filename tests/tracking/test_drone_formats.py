@@ -103,6 +103,8 @@ def test_written_labels_are_read_back(okutama, tmp_path):
         ('0 5000 10 5050 90 0 0 0 0 "Person" "Walking"', "expected xmin ymin xmax ymax of a box in 3840x2160"),
         ('0 90 10 50 90 0 0 0 0 "Person" "Walking"', "expected xmin ymin xmax ymax of a box"),
         ('0 1 1 9 9 0 0 2 0 "Person" "Walking"', "expected lost, occluded and generated as 0 or 1"),
+        ('-1 1 1 9 9 0 0 0 0 "Person"', "expected a track_id that is a whole number from 0, got -1"),
+        ('0 1 1 9 9 1.5 0 0 0 "Person"', "expected a frame that is a whole number from 0, got 1.5"),
         ("0,1,1,9,9,0,0,0,0", "expected track_id xmin ymin xmax ymax frame"),
     ],
 )

@@ -30,7 +30,7 @@ Protocol = Literal["published", "lenient"]
 # As the label files spell what the thesis calls otherwise.
 FILE_NAMES = {"Handshaking": "Hand Shaking"}
 _SPELLINGS = {name.replace(" ", "").lower(): name for name in OKUTAMA_ACTIONS}
-_ROW = re.compile(r"(-?\d+(?: -?\d+(?:\.\d+)?){4} \d+ [01] [01] [01])((?: \"[^\"]*\")*)\s*")
+_ROW = re.compile(r"(\d+(?: -?\d+(?:\.\d+)?){4} \d+ [01] [01] [01])((?: \"[^\"]*\")*)\s*")
 
 
 @dataclass(frozen=True)
@@ -142,6 +142,9 @@ def _complaint(line: str) -> str:
     if len(words) > 9 and all(re.fullmatch(r"-?\d+(\.\d+)?", w) for w in words[:9]):
         if any(flag not in ("0", "1") for flag in words[6:9]):
             return f"expected lost, occluded and generated as 0 or 1, then names in double quotes, got {shown}"
+        for name, word in (("track_id", words[0]), ("frame", words[5])):
+            if not re.fullmatch(r"\d+", word):
+                return f"expected a {name} that is a whole number from 0, got {word}"
         return f'expected names in double quotes, as "Person" "Walking", got {" ".join(words[9:])[:80]}'
     return f'expected track_id xmin ymin xmax ymax frame lost occluded generated "Person" "Action" …, got {shown}'
 

@@ -12,7 +12,7 @@ from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.okutama import read_okutama
 from tsuiseki.tracking.formats.okutama_folders import ADVICE, check_frames, is_okutama_file
 from tsuiseki.tracking.types import Detections, IntArray, Track
-from tsuiseki.tracking.video import ImageFolder, Source
+from tsuiseki.tracking.video import ImageFolder, Source, VideoFile
 
 
 def read_given_tracks(path: Path, source: Source) -> list[Track]:
@@ -26,7 +26,9 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
         RequestError: the file is missing or broken, or it labels frames that the video does not have.
     """
     if not path.is_file() or not is_okutama_file(path):
-        return read_tracks(path)
+        tracks = read_tracks(path)
+        _check_length(path, tracks, source)
+        return tracks
     if not isinstance(source, ImageFolder):
         raise RequestError(f"{path}: expected a folder of the frames that these labels count, got a video; {ADVICE}")
     labels = read_okutama(path, source.size)
@@ -35,6 +37,17 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
     rows = [seen.select(np.flatnonzero(seen.ids == identity)) for identity in np.unique(seen.ids).tolist()]
     rows = [one.select(np.argsort(one.frames)) for one in rows]
     return [Track(int(one.ids[0]) + 1, one.frames, one.boxes, np.ones(len(one))) for one in rows]
+
+
+def _check_length(path: Path, tracks: Sequence[Track], source: Source) -> None:
+    # The header of a video file only estimates its length.
+    length, slack = (source.promised, source.slack) if isinstance(source, VideoFile) else (source.length, 0)
+    last = max((int(track.frames[-1]) for track in tracks), default=0)
+    if length and last >= length + slack:
+        raise RequestError(
+            f"{path}: tracks reach frame {last + 1}, but the video has {length} frames; are these the tracks of "
+            "another video?"
+        )
 
 
 def as_detections(tracks: Sequence[Track], length: int | None = None) -> tuple[list[Detections], IntArray]:

@@ -97,6 +97,15 @@ def test_given_tracks_keep_their_places_and_get_actions(clip: Path, action_strea
     assert [t.frames.tolist() for t in read_tracks(part / "tracks.txt")] == [list(range(7, 15))] * 5
 
 
+def test_given_tracks_of_another_video_are_refused(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tracks = tmp_path / "tracks.txt"
+    tracks.write_text("1,1,10,10,20,40,1\n23,1,10,10,20,40,1\n")
+    assert main(["track", "drone", str(clip), "--out", str(tmp_path / "out"), "--tracks", str(tracks)]) == 2
+    assert "tracks reach frame 23, but the video has 22 frames; are these the tracks of" in capsys.readouterr().err
+
+
 def test_okutama_labels_are_given_tracks_and_their_own_truth(
     acting_clips: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
