@@ -10,7 +10,7 @@ import lightning
 from torch.utils.data import DataLoader
 
 from tsuiseki.datamodules.action_batches import ActionAugmentation, ActionBatch, ActionBatches, ValidationBatches
-from tsuiseki.datamodules.action_crops import CropSettings, cut_clip, has_crops, load_crops, rows_to_cut
+from tsuiseki.datamodules.action_crops import CropSettings, clips_to_cut, cut_clip, has_crops, load_crops
 from tsuiseki.datamodules.readers.action_sequence import ActionSequence
 from tsuiseki.datamodules.readers.actions import action_sequences
 from tsuiseki.tracking.errors import RequestError
@@ -127,18 +127,8 @@ class ActionData(lightning.LightningDataModule):
                 for part, folders in self.folders.items()
             }
             _check_apart(found)
-            self.clips = {part: self._with_people(part, clips) for part, clips in found.items()}
+            self.clips = {part: clips_to_cut(clips, self.cutting, part) for part, clips in found.items()}
         return self.clips
-
-    def _with_people(self, part: str, clips: list[ActionSequence]) -> list[ActionSequence]:
-        """The clips in which there is somebody to cut out: a drone may look away all through a short one."""
-        used = [clip for clip in clips if len(rows_to_cut(clip.labels, self.cutting))]
-        if not used:
-            raise RequestError(f"expected labelled people with a frame before in the {part} clips, got none")
-        if len(used) < len(clips):
-            empty = ", ".join(clip.name for clip in clips if clip not in used)
-            print(f"tsuiseki: warning: left out, since nobody is labelled there: {empty}", file=sys.stderr)
-        return used
 
     def _folder(self, clip: ActionSequence) -> Path:
         return self.cache / clip.name

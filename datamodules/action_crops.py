@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -121,6 +122,26 @@ def cut_clip(clip: ActionSequence, settings: CropSettings, folder: Path) -> None
         work.replace(folder)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def clips_to_cut(clips: Sequence[ActionSequence], settings: CropSettings, purpose: str) -> list[ActionSequence]:
+    """The clips with one of `rows_to_cut`, the others named in a warning: a drone may look away all through a clip.
+
+    Args:
+        clips: labelled video.
+        settings: how they are to be cut.
+        purpose: of the clips, for the error.
+
+    Raises:
+        RequestError: nobody can be cut out of any of them.
+    """
+    people = [len(rows_to_cut(clip.labels, settings)) for clip in clips]
+    if not any(people):
+        raise RequestError(f"expected labelled people with a frame before in the {purpose} clips, got none")
+    if not all(people):
+        empty = ", ".join(clip.name for clip, count in zip(clips, people, strict=True) if not count)
+        print(f"tsuiseki: warning: left out, since nobody is labelled there: {empty}", file=sys.stderr)
+    return [clip for clip, count in zip(clips, people, strict=True) if count]
 
 
 def rows_to_cut(labels: ActionLabels, settings: CropSettings) -> IntArray:

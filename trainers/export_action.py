@@ -16,7 +16,7 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantTy
 from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from tsuiseki.datamodules.action_batches import centre_crops
-from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, cut_clip, load_crops
+from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, clips_to_cut, cut_clip, load_crops
 from tsuiseki.datamodules.readers.actions import action_sequences
 from tsuiseki.models.action import StreamProbability
 from tsuiseki.tracking.errors import RequestError
@@ -110,6 +110,7 @@ def labelled_crops(folders: Sequence[Path], module: ActionTraining) -> ActionCro
                 f"{clip.name}: expected the actions of the network, {', '.join(module.names)}; got "
                 f"{', '.join(clip.labels.class_names)}"
             )
+    clips = clips_to_cut(clips, settings, "calibration")
     with tempfile.TemporaryDirectory() as folder:
         places = [Path(folder) / str(number) for number in range(len(clips))]
         for clip, place in zip(clips, places, strict=True):

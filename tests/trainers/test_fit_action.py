@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import re
+import shutil
 from importlib import resources
 from pathlib import Path
 
@@ -110,9 +112,18 @@ def crops_of(recogniser: ActionRecogniser, images: list[np.ndarray], boxes: np.n
 
 
 @pytest.mark.slow
-def test_int8_says_what_it_costs(exported: list[Path], trained: Path, acting_clips: Path, tmp_path: Path) -> None:
+def test_int8_says_what_it_costs(
+    exported: list[Path], trained: Path, acting_clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     module = load_module(ActionTraining, trained / "out/checkpoints/last.ckpt")
-    crops = labelled_crops([acting_clips / "validation"], module)
+    # A clip in which everybody is out of view all the time adds nothing.
+    shutil.copytree(acting_clips / "validation/validation-0", tmp_path / "empty")
+    labels = tmp_path / "empty/gt/actions.txt"
+    labels.write_text(re.sub(r"^(\d+(?: \d+){5}) 0", r"\1 1", labels.read_text(), flags=re.MULTILINE))
+    crops = labelled_crops([acting_clips / "validation", tmp_path / "empty"], module)
+    assert "left out, since nobody is labelled there: empty" in capsys.readouterr().err
+    with pytest.raises(RequestError, match="expected labelled people with a frame before in the calibration clips"):
+        labelled_crops([tmp_path / "empty"], module)
     before, after = quantise(exported[0], tmp_path / "small.onnx", crops, "rgb_local")
     card = OnnxModel(tmp_path / "small.onnx", "action").card
     assert (card.settings["map_float32"], card.settings["map_int8"]) == (round(before, 4), round(after, 4))
