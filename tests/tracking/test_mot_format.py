@@ -91,10 +91,11 @@ def test_an_empty_result_has_no_tracks(tmp_path):
 
 
 def test_detections_survive_writing_with_empty_frames(tmp_path):
-    found = [Detections.empty(), Detections(np.array([[0.0, 0, 2, 3], [4, 4, 6, 7]]), np.array([0.25, 0.5]))]
+    found = [Detections.empty(), Detections(np.array([[0.0, 0, 2, 3], [4, 4, 6, 7]]), np.array([0.25, np.nan]))]
     write_detections(tmp_path / "det.txt", found)
     again = read_detections(tmp_path / "det.txt", length=4)
     assert [len(d) for d in again] == [0, 2, 0, 0]
+    assert again[1].scores.tolist() == [0.25, 0]  # the second was scored by nobody
     np.testing.assert_allclose(again[1].boxes, found[1].boxes)
 
 

@@ -270,11 +270,11 @@ def read_detections(
 
 
 def write_detections(path: Path, detections: Iterable[Detections]) -> None:
-    """Write one `Detections` a frame as ``det.txt``."""
+    """Write one `Detections` a frame as ``det.txt``; what no detector scored gets 0."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", encoding="utf-8") as file:
         for frame, found in enumerate(detections, start=1):
-            for box, score in zip(_file_boxes(found.boxes), found.scores, strict=True):
+            for box, score in zip(_file_boxes(found.boxes), np.nan_to_num(found.scores), strict=True):
                 file.write(f"{frame},-1,{box},{score:.6f},-1,-1,-1\n")
 
 

@@ -38,7 +38,7 @@ class DroneSettings:
 
     Attributes:
         refinement: the flow and its alternation with the action features.
-        min_detections: tracks of fewer detections are dropped.
+        min_detections: tracks of fewer detections are dropped; those that only a correlation filter found do not count.
         gaps: which gaps are filled; None fills none.
         smoothing: how far boxes are smoothed; None reports them as detected.
         chunk: frames that are decided at a time in the sliding-window mode; None solves all frames at once in the end.

@@ -62,11 +62,11 @@ class Record:
             self._ids.setdefault(number, len(self._ids) + 1)
 
     def append(self, frame: int, numbers: IntArray, boxes: FloatArray, scores: FloatArray) -> None:
-        """Add the ``(K, 4)`` boxes of the K tracks that were seen in a frame."""
+        """Add the ``(K, 4)`` boxes of the K tracks that were seen in a frame, and scores, 0 for those not known."""
         self._frames.append(frame)
         self._numbers.append(numbers)
         self._boxes.append(boxes)
-        self._scores.append(scores)
+        self._scores.append(np.nan_to_num(scores))
 
     def tracks(self) -> list[Track]:
         """The confirmed tracks, by id."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -161,6 +162,16 @@ def _apart_then_swapped() -> list[Detections]:
     before = [Detections(np.array([here, there]), np.full(2, 0.99), looks)] * 8
     after = [Detections(np.array([here, there]), np.full(2, 0.99), looks[::-1])] * 8
     return [*before, Detections.empty(), Detections.empty(), *after]
+
+
+@pytest.mark.parametrize("make", [Sort, DeepSort])
+def test_what_no_detector_scored_counts_as_seen_with_score_0(make: Callable[[], PeopleTracker]) -> None:
+    video, _ = crowd(np.random.default_rng(4), 3, 12)
+    unscored = [replace(d, scores=np.full(len(d), np.nan)) if n == 8 else d for n, d in enumerate(video)]
+    tracks = track_people(unscored, make())
+    for track, scored in zip(tracks, track_people(video, make()), strict=True):
+        np.testing.assert_array_equal(track.boxes, scored.boxes)
+        np.testing.assert_array_equal(track.scores, np.where(track.frames == 8, 0, scored.scores))
 
 
 def test_sort_goes_by_place_and_deepsort_by_looks() -> None:
