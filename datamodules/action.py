@@ -22,27 +22,27 @@ class ActionData(lightning.LightningDataModule):
     """Crops of people from clips labelled with actions, cut once and kept on disk.
 
     Args:
-        train_folders: of Okutama-Action, Drone-Action or generated clips; see `action_sequences` for the layouts.
+        train_folders: folders of Okutama-Action, Drone-Action or generated clips; docs/drone-data.md has the layouts.
         validation_folders: likewise; other clips than those trained on.
         cache: folder that keeps the crops; a clip is cut anew where they are missing, or clip or cutting have changed.
         multiple_actions: of Okutama-Action, take the labels with all actions of a person instead of the one of the
             tracking labels.
-        streams: that are trained.
+        streams: which streams are trained.
         size: side of the network's input, pixels.
         enlargement: of the global crop, μ.
         flow_limit: flow is clipped to this many pixels a frame.
         stack: pairs of frames whose flow is stacked.
         flow: how flow is estimated.
         compensate: whether the camera's motion is taken out of the flow; it is not in the thesis.
-        cutting: how crops are cut; the values above win over those in it.
+        cutting: how crops are cut; what is said of the network's input, from ``size`` on, wins over what is in it.
         batch_size: samples of a batch; the thesis has 16.
-        batches: of an epoch.
+        batches: number of batches of an epoch.
         segments: pictures of a sample, spread over ``span`` frames; 1 is the thesis's training.
         span: frames that the segments cover.
         rarity: exponent of the chance of samples by the rarest of their actions, 0 to 1.
         augmentation: changes of the training crops.
         workers: processes that prepare batches; 0 does it in the training process.
-        seed: of everything drawn.
+        seed: of the random numbers.
     """
 
     def __init__(

@@ -30,10 +30,10 @@ class ActionTraining(lightning.LightningModule):
     """The streams of an action network, trained side by side, each by its own loss; validates by mAP.
 
     Args:
-        trunk: of every stream; the thesis has ``resnet101``.
+        trunk: network under every stream; the thesis has ``resnet101``.
         weights: ``imagenet`` starts the trunks from torchvision's weights, null from scratch.
         dropout: share of the pooled values left out in training, in [0, 1); the thesis has 0.7.
-        streams: that are trained.
+        streams: which streams are trained.
         actions: number of classes; the data's names go with the network.
         size: side of the input, pixels.
         enlargement: of the global crop, μ.
@@ -43,8 +43,8 @@ class ActionTraining(lightning.LightningModule):
         compensate: whether the camera's motion is taken out of the flow; it is not in the thesis.
         learning_rate: at the end of the warm-up; the thesis has 0.0001.
         weight_decay: of matrices and kernels; normalisations and biases have none.
-        warmup_steps: of linear rise.
-        final_share: of the learning rate that the cosine decay ends with.
+        warmup_steps: of linear rise of the learning rate.
+        final_share: share of the learning rate that the cosine decay ends with.
         rare_weight: exponent of the weight of rare actions (see `positive_weights`); 0 is eq. 5.1 as it stands.
         rare_limit: largest weight.
     """

@@ -55,8 +55,8 @@ def track(
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
         actions: exported action streams, separated by commas; by default the four shipped ones. Not used by
             method flow, which names no actions but along given --tracks.
-        affinity: exported link costs; by default the shipped ones of the method after a detector, and hand-set ones
-            after --detections, whose scores they do not know; none takes hand-set ones always.
+        affinity: exported link costs; by default those shipped for the method, but hand-set ones with --detections,
+            whose scores the shipped ones do not know; none always takes hand-set ones.
         affinity_multi: exported link costs of the repetitions of flow-maf; by default those of --affinity, or shipped.
         tracks: MOTChallenge tracks (gt.txt, tracks.txt) or an Okutama-Action label file that are right already; only
             actions are named.
@@ -73,7 +73,8 @@ def track(
         overwrite: replace an earlier result in the folder.
         seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of flow, alternation and output.
-        bridging: when a correlation filter follows people whom the detector misses for some frames; null never.
+        bridging: how correlation filters follow people whom the detector misses for a few frames; null switches them
+            off.
     """
     given = dict(locals())
     from tsuiseki.tracking.cli.drone_models import DroneModels, prices_of

@@ -28,15 +28,16 @@ def people(
     """Score tracked people against ground truth: HOTA, DetA, AssA, MOTA, MOTP, IDF1, switches, errors.
 
     Args:
-        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the folder of
-            Okutama-Action; the folder of VisDrone-MOT or of Drone-Action.
+        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
+            folder of Okutama-Action or of VisDrone-MOT; the folder of Drone-Action.
         results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
             (for a single sequence also tracks.txt); several are compared.
         frames: score this stretch only, counted from 1 with both ends, such as 301-400.
-        protocol: of Okutama-Action. published leaves its first frame out and takes hidden people for nobody, as the
-            published numbers do; lenient takes results on hidden people for neither right nor wrong.
-        size: width and height of the frames that were tracked, for Okutama-Action's labels, which are in pixels of
-            3840x2160; by default those of the frames beside the labels, or else 1280,720.
+        protocol: for labels like Okutama-Action's. lenient scores all frames, and results on hidden people are neither
+            right nor wrong; published, as in the numbers published with the data, leaves out the first frame and all
+            labels of hidden people, so that results on them are wrong.
+        size: width and height of the frames that were tracked, to which labels of Okutama-Action are scaled, given in
+            pixels of 3840x2160; by default those of the frames that lie with the labels, or else 1280,720.
         names: of the results in the table, separated by commas; by default their files' or folders'.
         json: write all scores to this file.
         plot: write a comparison plot to this file (PNG, SVG or PDF).
@@ -83,15 +84,16 @@ def detection(
     """Score detections against ground truth: average precision, and the threshold of the best F1.
 
     Args:
-        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the folder of
-            Okutama-Action; the folder of VisDrone-MOT or of Drone-Action.
+        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
+            folder of Okutama-Action or of VisDrone-MOT; the folder of Drone-Action.
         results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
             NAME/detections.txt for each sequence NAME.
         frames: score this stretch only, counted from 1 with both ends, such as 301-400.
-        protocol: of Okutama-Action. published leaves its first frame out and takes hidden people for nobody, as the
-            published numbers do; lenient takes results on hidden people for neither right nor wrong.
-        size: width and height of the frames that were tracked, for Okutama-Action's labels, which are in pixels of
-            3840x2160; by default those of the frames beside the labels, or else 1280,720.
+        protocol: for labels like Okutama-Action's. lenient scores all frames, and results on hidden people are neither
+            right nor wrong; published, as in the numbers published with the data, leaves out the first frame and all
+            labels of hidden people, so that results on them are wrong.
+        size: width and height of the frames that were tracked, to which labels of Okutama-Action are scaled, given in
+            pixels of 3840x2160; by default those of the frames that lie with the labels, or else 1280,720.
         iou: overlap from which a detection is right.
         score_range: smallest and largest score that the detections may have.
         json: write the scores to this file, with recall and precision at every detection.
@@ -142,14 +144,15 @@ def action(
             file or the folder of Okutama-Action; the folder of Drone-Action.
         results: tracks.json of tsuiseki track drone, or folders that hold NAME/tracks.json for each clip NAME (for a
             single clip also tracks.json); several are compared.
-        threshold: from 0 to 1.
+        threshold: an action is called where its probability is above, from 0 to 1.
         frames: score this stretch only, counted from 1 with both ends, such as 301-400.
-        protocol: published leaves the first frame out and takes hidden people for nobody, as the
-            published numbers do; lenient takes results on hidden people for neither right nor wrong.
-        size: width and height of the frames that were tracked, for Okutama-Action's labels, which are in pixels of
-            3840x2160; by default those of the frames beside the labels, or else 1280,720.
-        multiple_actions: of Okutama-Action's folder, score against MultiActionLabels, which have all actions of a
-            person, instead of SingleActionTrackingLabels, which have one.
+        protocol: for labels like Okutama-Action's. lenient scores all frames, and results on hidden people are neither
+            right nor wrong; published, as in the numbers published with the data, leaves out the first frame and all
+            labels of hidden people, so that results on them are wrong.
+        size: width and height of the frames that were tracked, to which labels of Okutama-Action are scaled, given in
+            pixels of 3840x2160; by default those of the frames that lie with the labels, or else 1280,720.
+        multiple_actions: in the folder of Okutama-Action, score against MultiActionLabels, which have all actions of
+            a person, instead of SingleActionTrackingLabels, which have one.
         names: of the results in the table, separated by commas; by default their files' or folders'.
         json: write all scores to this file.
         overwrite: replace an existing file.
