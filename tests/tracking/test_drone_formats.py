@@ -68,7 +68,7 @@ def test_the_frames_that_come_with_the_data_are_taken_of_several_sizes(okutama):
 
 def test_the_published_protocol_drops_lost_and_occluded_rows_and_the_first_frame(okutama):
     labels = okutama_sequences(okutama)[0].labels
-    published, actions = okutama_truth(labels)
+    published, actions = okutama_truth(labels, "published")
     assert list(zip(published.frames.tolist(), published.ids.tolist(), strict=True)) == [(1, 0), (2, 0), (2, 2)]
     assert published.evaluated.all()
     assert actions.shape == (3, 12)

@@ -50,14 +50,13 @@ def people(
     from tsuiseki.tracking.evaluation.truths import read_truths
     from tsuiseki.tracking.output import check_output_file, is_partial, output_file
 
-    stretch = parse_frames(frames) if frames else None
     shown = _result_names(results, names)
     for path in (json, plot):
         if path is not None:
             check_output_file(path, overwrite)
     _check_plot(plot)
     _check_size(size)
-    truths = read_truths(truth, stretch, protocol, size)
+    truths = read_truths(truth, parse_frames(frames), protocol, size)
     scores = {name: evaluate_people(match_results(truths, result)) for name, result in zip(shown, results, strict=True)}
     show(people_table(scores))
     for result in results:
@@ -106,11 +105,10 @@ def detection(
 
     if not 0 < iou <= 1:
         raise RequestError(f"--iou: expected an overlap above 0 and up to 1, got {iou:g}")
-    stretch = parse_frames(frames) if frames else None
     if json is not None:
         check_output_file(json, overwrite)
     _check_size(size)
-    truths = read_truths(truth, stretch, protocol, size)
+    truths = read_truths(truth, parse_frames(frames), protocol, size)
     scores = {
         name: evaluate_detection_files(truths, result, iou, score_range)
         for name, result in zip(_result_names(results, None), results, strict=True)

@@ -73,7 +73,7 @@ class ActionRows:
 
 def read_labelled_actions(
     path: Path,
-    protocol: Protocol = "published",
+    protocol: Protocol = "lenient",
     size: tuple[int, int] | None = None,
     multiple_actions: bool = False,
     frames: FrameRange = EVERY_FRAME,

@@ -45,7 +45,7 @@ class Truth:
 
 def read_truths(
     path: Path,
-    frames: FrameRange | None = None,
+    frames: FrameRange = EVERY_FRAME,
     protocol: Protocol = "lenient",
     size: tuple[int, int] | None = None,
 ) -> list[Truth]:
@@ -77,7 +77,7 @@ def read_truths(
         truths = [_of_file(path)]
     else:
         raise RequestError(f"expected a ground truth, a sequence folder or a folder of sequences, found no {path}")
-    return [_restricted(truth, frames) for truth in truths] if frames else truths
+    return [_restricted(truth, frames) for truth in truths] if frames != EVERY_FRAME else truths
 
 
 def _of_label_file(path: Path, protocol: Protocol, size: tuple[int, int] | None) -> Truth:

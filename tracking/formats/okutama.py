@@ -181,7 +181,7 @@ def actions_of(names: Sequence[Sequence[str]], class_names: tuple[str, ...] = OK
     return result
 
 
-def okutama_truth(labels: ActionLabels, protocol: Protocol = "published") -> tuple[GroundTruth, BoolArray]:
+def okutama_truth(labels: ActionLabels, protocol: Protocol) -> tuple[GroundTruth, BoolArray]:
     """What results are scored against, ordered by frame, and the actions ``(N, C)`` of its rows.
 
     ``published``: lost and occluded rows are removed, and so is frame 0, as in the numbers that are published with the

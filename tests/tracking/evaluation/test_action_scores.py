@@ -89,12 +89,12 @@ def test_tracks_with_actions_come_back_as_they_went(tmp_path: Path) -> None:
 
 
 def test_labels_come_from_clip_folders(acting_clips: Path) -> None:
-    (clip,) = read_labelled_actions(acting_clips / "validation", "lenient")
+    (clip,) = read_labelled_actions(acting_clips / "validation")
     assert clip.name == "validation-0"
     assert clip.truth.ignored.sum() == 1
-    (published,) = read_labelled_actions(acting_clips / "validation/validation-0")
+    (published,) = read_labelled_actions(acting_clips / "validation/validation-0", "published")
     assert published.truth.frames.min() == 1
-    (by_file,) = read_labelled_actions(acting_clips / "validation/validation-0/gt/actions.txt")
+    (by_file,) = read_labelled_actions(acting_clips / "validation/validation-0/gt/actions.txt", "published")
     np.testing.assert_array_equal(by_file.truth.boxes, published.truth.boxes)
     assert by_file.name == "validation-0"
     assert not published.truth.ignored.any()
