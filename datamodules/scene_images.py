@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeAlias
 
@@ -19,6 +16,7 @@ from tsuiseki.datamodules.scenes.training import TrainingSettings, random_traini
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
 from tsuiseki.tracking.output import output_folder
+from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 _QUALITY = 92
@@ -61,10 +59,8 @@ def _write(
     with output_folder(folder, overwrite=False) as work:
         (work / "img1").mkdir()
         numbers = [range(start, min(start + together, count)) for start in range(0, count, together)]
-        # Started afresh: a copy of a process that runs torch's threads can lock up.
-        with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
-            found = pool.map(partial(render, work / "img1"), numbers, chunksize=8 // together or 1)
-            labels = [each for some in found for each in some]
+        found = on_all_cores(partial(render, work / "img1"), numbers, 8 // together or 1)
+        labels = [each for some in found for each in some]
         write_ground_truth(work / "gt" / "gt.txt", _as_ground_truth(labels))
         write_sequence_info(work, _SEQUENCE, 1.0, count, *size)
 
@@ -86,7 +82,6 @@ def _drone_pictures(settings: DroneSettings, seed: int, folder: Path, numbers: r
 
 
 def _saved(folder: Path, number: int, image: ImageArray, boxes: FloatArray, visibility: FloatArray) -> Labels:
-    cv2.setNumThreads(1)
     path = folder / f"{number + 1:06d}.jpg"
     cv2.imwrite(str(path), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     large = ((boxes[:, 2:] - boxes[:, :2]) > 1).all(axis=1)

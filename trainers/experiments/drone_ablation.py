@@ -15,8 +15,9 @@ from tsuiseki.tracking.features.networks import Appearance
 from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observers
 from tsuiseki.tracking.features.video_observations import video_observations
+from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.trackers.bridging import BridgingSettings
-from tsuiseki.trainers.experiments.drone_clips import Clip, Networks, on_all_cores
+from tsuiseki.trainers.experiments.drone_clips import Clip, Networks
 from tsuiseki.trainers.experiments.drone_rows import Costs, Method, mean_rows, people_row, people_scores, track_all
 
 METHODS: tuple[Method, ...] = ("flow", "flow-maf, one-sided")

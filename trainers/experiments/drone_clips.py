@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
-from typing import TypeAlias, TypeVar
+from typing import TypeAlias
 
-import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.drone import DroneSettings as SceneSettings
@@ -33,6 +29,7 @@ from tsuiseki.tracking.formats.mot import (
     read_tracks,
     write_detections,
 )
+from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.trackers.given import as_detections
 from tsuiseki.tracking.types import IntArray
 
@@ -81,8 +78,6 @@ class Clip:
     given_labels: IntArray
 
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 ClipPlan: TypeAlias = tuple[str, SceneSettings, int]
 
 
@@ -100,14 +95,6 @@ def prepare_clips(work: Path, plans: Sequence[ClipPlan], networks: Networks, say
         clips.append(clip)
         say(f"{clip.folder.name}: {'drawn and ' if drawn else ''}looked at, {len(clips)} of {len(plans)} clips")
     return clips
-
-
-def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-    """What ``work`` makes of each of ``items``, in their order, a process a core."""
-    processes = min(len(items), os.cpu_count() or 1)
-    # Started afresh: a copy of a process that runs threads can lock up.
-    with ProcessPoolExecutor(processes, get_context("spawn"), cv2.setNumThreads, (1,)) as pool:
-        yield from pool.map(work, items)
 
 
 def _prepare(work: Path, networks: Networks, plan: ClipPlan) -> tuple[Clip, bool]:

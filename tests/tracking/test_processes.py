@@ -1,0 +1,79 @@
+"""Work on all cores: answers in order, errors passed on, and an end at once where the user interrupts."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.processes import on_all_cores
+
+SECONDS = 20
+INTERRUPTED = """
+from functools import partial
+from pathlib import Path
+from test_processes import busy
+from tsuiseki.tracking.processes import on_all_cores
+
+if __name__ == "__main__":
+    list(on_all_cores(partial(busy, Path({folder!r})), range(100)))
+"""
+
+
+def square(number: int) -> int:
+    if number < 0:
+        raise RequestError(f"expected 0 or more, got {number}")
+    return number**2
+
+
+def ended(_: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def busy(folder: Path, number: int) -> None:
+    (folder / f"begun-{number}").touch()
+    try:
+        time.sleep(SECONDS)
+    finally:
+        (folder / f"left-{number}").touch()
+
+
+def test_answers_come_in_order_and_errors_as_they_are() -> None:
+    assert list(on_all_cores(square, range(5), together=2)) == [0, 1, 4, 9, 16]
+    with pytest.raises(RequestError, match="expected 0 or more, got -1"):
+        list(on_all_cores(square, [1, -1]))
+
+
+def test_a_process_that_is_ended_from_outside_is_one_clear_line() -> None:
+    with pytest.raises(RunError, match="one was ended from outside, perhaps for want of memory") as caught:
+        list(on_all_cores(ended, [0]))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_interrupt_cleans_up_and_begins_nothing_further(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED.format(folder=str(tmp_path)))
+    words = [sys.executable, str(script)]
+    paths = {"PYTHONPATH": str(Path(__file__).parent)}
+    run = subprocess.Popen(words, env=os.environ | paths, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    try:
+        wanted = min(100, os.cpu_count() or 1)
+        start = time.monotonic()
+        while len(list(tmp_path.glob("begun-*"))) < wanted and time.monotonic() < start + 60:
+            time.sleep(0.05)
+        os.killpg(run.pid, signal.SIGINT)
+        _, errors = run.communicate(timeout=60)
+    finally:
+        run.kill()
+    begun, left = (sorted(p.name.split("-")[1] for p in tmp_path.glob(f"{kind}-*")) for kind in ("begun", "left"))
+    assert len(begun) == wanted
+    assert left == begun
+    # The interrupt shows in the process that was started, and in no other.
+    assert errors.count("Traceback") == 1
+    assert run.returncode == -signal.SIGINT

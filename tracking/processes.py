@@ -1,0 +1,61 @@
+"""Work on many independent items, a process a core."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
+from multiprocessing import get_context
+from typing import TypeVar
+
+import cv2
+
+from tsuiseki.tracking.errors import RunError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item], together: int = 1) -> Iterator[Result]:
+    """What ``work`` makes of each of ``items``, in their order.
+
+    Where the user interrupts, the processes clean up and end at once; nothing further is begun.
+
+    Args:
+        work: a function of a module, or a `partial` of one.
+        items: at least one.
+        together: how many a process is handed at a time.
+
+    Raises:
+        RunError: a process was ended from outside.
+    """
+    processes = min(len(items), os.cpu_count() or 1)
+    try:
+        # Started afresh: a copy of a process that runs threads can lock up.
+        with ProcessPoolExecutor(processes, get_context("spawn"), _begin) as pool:
+            yield from pool.map(partial(_do, work), items, chunksize=together)
+    except BrokenProcessPool as error:
+        raise RunError(
+            "expected all processes to end by themselves, one was ended from outside, perhaps for want of memory; "
+            "try again with fewer programs beside it"
+        ) from error
+
+
+def _begin() -> None:
+    cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, lambda *_: _leave())
+
+
+def _leave() -> None:
+    raise SystemExit(signal.SIGINT)
+
+
+def _do(work: Callable[[Item], Result], item: Item) -> Result:
+    try:
+        return work(item)
+    except SystemExit:
+        # The pool would take it for an answer, and hand out the next item.
+        os._exit(signal.SIGINT)
