@@ -182,6 +182,9 @@ def metavar(kind: Any) -> str:
 def friendly(message: str, options: Iterable[str]) -> str:
     """One line that says which option is wrong and what it takes, from a message of jsonargparse."""
     text = " ".join(message.split())
+    # The options of a group that may be null have been found wrong by a parser of their own, without its name.
+    if match := re.search(r"[Pp]arser key \"(.+?)\": .* Errors: - (.*?) - Expected .*NestedArg\(", text):
+        return match[2].replace("--", f"{_option(match[1])}.", 1)
     if match := re.search(r"[Pp]arser key \"(.+?)\": (.*)", text):
         return f"{_option(match[1])}: {_expectation(match[2])}"
     if match := re.search(r"Group '(.+?)' does not accept option '(.+?)'", text):
@@ -207,6 +210,10 @@ def _expectation(text: str) -> str:
     text = re.sub(r"\. Got value: (.*)$", r", got '\1'", text)
     text = re.sub(r"^expected an? ", "expected ", text)
     text = re.sub(r"(?:typing\.)?Literal\[(.*?)\]", r"one of \1", text)
+    text = re.sub(
+        r"^expected tuple\[(.*?)\]", lambda found: f"expected tuple with {len(found[1].split(','))} elements", text
+    )
+    text = re.sub(r"^expected \w+Settings\b", "expected null or options of its own below it", text)
     text = re.sub(r"^expected tuple with (\d+) elements", r"expected \1 values separated by commas", text)
     text = re.sub(r"^expected (?:list\[)+float\]+", "expected numbers separated by commas", text)
     for name, words in KIND_NAMES.items():

@@ -199,6 +199,9 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "odd window": ["--drone.refinement.window", "4"],
         "expected an overlap above": ["--drone.overlap", "3"],
         "expected longest from 1 frame, got 0": ["--bridging.longest", "0"],
+        "--bridging.longest: expected a whole number, got 'some'": ["--bridging.longest", "some"],
+        "unknown option --bridging.shortest;": ["--bridging.shortest", "5"],
+        "--bridging: expected null or options of its own below it, got 'true'": ["--bridging", "true"],
         "expected least_peak from 0 to 1": ["--bridging.least-peak", "1.5"],
     }
     save_other(other)
