@@ -17,6 +17,7 @@ from tsuiseki.tracking.errors import RunError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item], together: int = 1) -> Iterator[Result]:
@@ -46,11 +47,15 @@ def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item], together
 
 def _begin() -> None:
     cv2.setNumThreads(1)
-    signal.signal(signal.SIGINT, lambda *_: _leave())
+    for number in ENDING:
+        signal.signal(number, _leave)
 
 
-def _leave() -> None:
-    raise SystemExit(signal.SIGINT)
+def _leave(number: int, _: object) -> None:
+    # The pool ends all processes when it misses one: that must not cut short what this one still clears away.
+    for other in ENDING:
+        signal.signal(other, signal.SIG_IGN)
+    raise SystemExit(number)
 
 
 def _do(work: Callable[[Item], Result], item: Item) -> Result:
@@ -58,4 +63,4 @@ def _do(work: Callable[[Item], Result], item: Item) -> Result:
         return work(item)
     except SystemExit:
         # The pool would take it for an answer, and hand out the next item.
-        os._exit(signal.SIGINT)
+        os._exit(1)

@@ -37,10 +37,11 @@ def ended(_: int) -> None:
 
 
 def busy(folder: Path, number: int) -> None:
-    (folder / f"begun-{number}").touch()
     try:
+        (folder / f"begun-{number}").touch()
         time.sleep(SECONDS)
     finally:
+        time.sleep(0.1 * (number % 2))  # of two processes one clears away longer
         (folder / f"left-{number}").touch()
 
 
