@@ -24,7 +24,7 @@ from tsuiseki.tracking.features.observations import Observation
 from tsuiseki.tracking.types import Detections
 
 CHUNK = 100
-VERSION = 1
+VERSION = 2
 MAGIC = b"tsuiseki observations 1\n"
 
 

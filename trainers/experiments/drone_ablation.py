@@ -16,7 +16,7 @@ from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observers
 from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.processes import on_all_cores
-from tsuiseki.tracking.trackers.bridging import BridgingSettings
+from tsuiseki.tracking.trackers.bridging import FILTER, BridgingSettings
 from tsuiseki.trainers.experiments.drone_clips import Clip, Networks
 from tsuiseki.trainers.experiments.drone_rows import Costs, Method, mean_rows, people_row, people_scores, track_all
 
@@ -90,7 +90,7 @@ def _bridge(
     streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
     found = [one.detections for one in clip.seen]
     key = {f"model {n}": file_digest(path) for n, path in enumerate((*networks.actions, networks.appearance))}
-    key |= {"bridging": repr(settings), "camera": repr(camera)}
+    key |= {"bridging": repr((settings, FILTER)), "camera": repr(camera)}
     content = b"|".join(one.boxes.tobytes() + one.scores.tobytes() for one in found)
     key["found"] = hashlib.sha256(content).hexdigest()
     observers = Observers(found, appearance, streams, camera, bridging=settings)

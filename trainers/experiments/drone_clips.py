@@ -143,10 +143,13 @@ def _look(
         key["detections"] = file_digest(sequence.detections_path)
     else:
         detections = detector
-        key["detections"] = file_digest(networks.detector or Path())
-    observers = Observers(detections, appearance, streams, CameraMotionSettings())  # type: ignore[arg-type]
-    seen = list(video_observations(folder, observers, key, cache))
+        key["detections"] = f"{file_digest(networks.detector or Path())} from {detector.score_threshold}"
+    camera = CameraMotionSettings()
+    observers = Observers(detections, appearance, streams, camera)  # type: ignore[arg-type]
+    seen = list(video_observations(folder, observers, {**key, "camera": repr(camera)}, cache))
     boxes, labels = as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
     right = replace(observers, detect=boxes, describe=None, camera=None)
-    given = list(video_observations(folder, right, {**key, "detections": "labelled"}, cache))
+    given = list(
+        video_observations(folder, right, {**key, "detections": file_digest(sequence.ground_truth_path)}, cache)
+    )
     return Clip(folder, truth, read_labelled_actions(folder, "lenient")[0], seen, given, labels)
