@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.formats.mot import read_sequence
 from tsuiseki.tracking.processes import on_all_cores
 
 SECONDS = 20
@@ -19,21 +21,12 @@ INTERRUPTED = """
 from functools import partial
 from pathlib import Path
 from test_processes import busy
+from tsuiseki.tracking.formats.mot import read_sequence
 from tsuiseki.tracking.processes import on_all_cores
 
 if __name__ == "__main__":
     list(on_all_cores(partial(busy, Path({folder!r})), range(100)))
 """
-
-
-def square(number: int) -> int:
-    if number < 0:
-        raise RequestError(f"expected 0 or more, got {number}")
-    return number**2
-
-
-def ended(_: int) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def busy(folder: Path, number: int) -> None:
@@ -45,15 +38,15 @@ def busy(folder: Path, number: int) -> None:
         (folder / f"left-{number}").touch()
 
 
-def test_answers_come_in_order_and_errors_as_they_are() -> None:
-    assert list(on_all_cores(square, range(5), together=2)) == [0, 1, 4, 9, 16]
-    with pytest.raises(RequestError, match="expected 0 or more, got -1"):
-        list(on_all_cores(square, [1, -1]))
+def test_answers_come_in_order_and_errors_as_they_are(tmp_path: Path) -> None:
+    assert list(on_all_cores(math.factorial, range(5), together=2)) == [1, 1, 2, 6, 24]
+    with pytest.raises(RequestError, match=r"seqinfo\.ini"):
+        list(on_all_cores(read_sequence, [tmp_path]))
 
 
 def test_a_process_that_is_ended_from_outside_is_one_clear_line() -> None:
     with pytest.raises(RunError, match="one was ended from outside, perhaps for want of memory") as caught:
-        list(on_all_cores(ended, [0]))
+        list(on_all_cores(os._exit, [0]))
     assert "\n" not in str(caught.value)
 
 
