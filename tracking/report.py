@@ -221,7 +221,7 @@ section { background: var(--card); border: 1px solid var(--line); border-radius:
 p { margin: .4rem 0; } .lead, .note { color: var(--soft); } .note { font-size: .88rem; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .92rem; }
-th, td { padding: .35rem .6rem; text-align: right; border-bottom: 1px solid var(--line); white-space: nowrap; }
+th, td { padding: .35rem .5rem; text-align: right; border-bottom: 1px solid var(--line); white-space: nowrap; }
 th:first-child { text-align: left; } thead th { color: var(--soft); font-weight: 600; }
 tbody tr:last-child > * { border-bottom: 0; } .best { color: var(--best); font-weight: 700; }
 .meter { width: 40%; } .meter span { display: block; height: .7rem; background: var(--accent); border-radius: 2px; }
