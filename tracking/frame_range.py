@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import BoolArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,11 @@ class FrameRange:
 
     def __contains__(self, frame: int) -> bool:
         return self.first <= frame and (self.last is None or frame <= self.last)
+
+    def mask(self, frames: IntArray) -> BoolArray:
+        """``(N,)`` which of the 0-based ``frames`` ``(N,)`` lie in it."""
+        inside = frames >= self.first
+        return inside if self.last is None else inside & (frames <= self.last)
 
     def __str__(self) -> str:
         return f"{self.first + 1}-{'' if self.last is None else self.last + 1}"

@@ -118,7 +118,7 @@ def _labelled(name: str, labels: ActionLabels, protocol: Protocol) -> LabelledAc
 
 def _within(labels: LabelledActions, frames: FrameRange) -> LabelledActions:
     wanted = FrameRange(max(frames.first, labels.frames.first), frames.last)
-    inside = np.array([frame in wanted for frame in labels.truth.frames.tolist()], dtype=np.bool_)
+    inside = wanted.mask(labels.truth.frames)
     truth = labels.truth.select(inside)
     if not truth.evaluated.any():
         raise RequestError(f"{labels.name}: expected a labelled person who counts in frames {frames}, got none")
@@ -161,7 +161,7 @@ def action_rows(labels: LabelledActions, people: Sequence[ActingTrack]) -> Actio
     width = len(labels.names)
     frames = np.concatenate([np.empty(0, np.int64), *(person.track.frames for person in acting)])
     order = np.argsort(frames, kind="stable")
-    order = order[[frame in labels.frames for frame in frames[order].tolist()]]
+    order = order[labels.frames.mask(frames[order])]
     frames = frames[order]
     boxes = np.concatenate([np.empty((0, 4)), *(person.track.boxes for person in acting)])[order]
     single = np.concatenate([np.empty((0, width)), *(p.single for p in acting if p.single is not None)])[order]

@@ -21,6 +21,7 @@ import numpy as np
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 
@@ -124,11 +125,11 @@ def evaluate_people(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
     return PeopleEvaluation({name: _summary(scores) for name, scores in raw.items()}, _summary(_combine(raw)))
 
 
-def restrict(tracks: Iterable[Track], first: int, last: int) -> list[Track]:
-    """The parts of ``tracks`` within the 0-based frames ``first`` to ``last``, both included."""
+def restrict(tracks: Iterable[Track], frames: FrameRange) -> list[Track]:
+    """The parts of ``tracks`` within ``frames``."""
     parts = []
     for track in tracks:
-        inside = (track.frames >= first) & (track.frames <= last)
+        inside = frames.mask(track.frames)
         if inside.any():
             parts.append(
                 Track(track.id, track.frames[inside], track.boxes[inside], track.scores[inside], track.observed[inside])

@@ -20,8 +20,7 @@ from tsuiseki.tracking.evaluation.detection import (
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
 from tsuiseki.tracking.evaluation.truths import Truth
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
-from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
-from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types import Detections
 
 # Where the result of the sequence NAME may lie in a folder of results, the most specific place first.
 RESULT_PLACES = ("{name}/tracks.txt", "{name}.txt", "{name}/{name}.txt", "{name}/gt/gt.txt")
@@ -52,7 +51,7 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
     pairs = []
     for truth in truths:
         tracks = read_tracks(result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES))
-        pairs.append(SequencePair(truth.name, truth.labels, _cut(tracks, truth.frames), truth.length))
+        pairs.append(SequencePair(truth.name, truth.labels, restrict(tracks, truth.frames), truth.length))
     return pairs
 
 
@@ -94,13 +93,6 @@ def evaluate_detection_files(
             iou,
         ),
     )
-
-
-def _cut(tracks: list[Track], frames: FrameRange) -> list[Track]:
-    if frames == EVERY_FRAME:
-        return tracks
-    latest = max((int(track.frames[-1]) for track in tracks), default=0)
-    return restrict(tracks, frames.first, latest if frames.last is None else frames.last)
 
 
 def result_file(name: str, result: Path, single: bool, places: Sequence[str], single_places: Sequence[str]) -> Path:

@@ -16,6 +16,7 @@ from tsuiseki.tracking.evaluation.multi import (
     restrict,
 )
 from tsuiseki.tracking.formats.mot import GroundTruth, read_ground_truth, read_tracks
+from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import Track
 
 
@@ -73,7 +74,7 @@ def test_half_shifted_boxes_match_below_their_overlap_only() -> None:
 def test_truth_of_any_length_may_be_cut(length: int) -> None:
     person = walk(1, range(20), 0)
     truth = labels(person).between(0, length - 1)
-    scores = evaluate_sequence(truth, restrict([person], 0, length - 1), length)
+    scores = evaluate_sequence(truth, restrict([person], FrameRange(0, length - 1)), length)
     assert (scores.hota, scores.labelled) == (1, length)
 
 
