@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.ball import BallSettings, ball_frames
+from tsuiseki.datamodules.scenes.ball.carried import BallSettings, ball_frames
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.filters.body_motion import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour

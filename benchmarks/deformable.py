@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.goldfish import GoldfishSettings, goldfish_frames, plan_goldfish
+from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, plan_goldfish
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction

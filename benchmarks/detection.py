@@ -15,7 +15,7 @@ from typing import Any
 
 from walkers import machine
 
-from tsuiseki.datamodules.scenes.street import StreetSettings, street_frames
+from tsuiseki.datamodules.scenes.street.street import StreetSettings, street_frames
 from tsuiseki.tracking.features.networks import Detector
 
 

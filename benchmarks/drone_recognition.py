@@ -27,8 +27,8 @@ from tsuiseki.tracking.features.observations import Observation
 from tsuiseki.tracking.formats.mot import find_sequences
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.trainers.affinity_drone import fit_drone_affinity, labelled_clip
-from tsuiseki.trainers.experiments.drone_clips import FIRST_SEED, TEST_SCENE, Clip, Networks, look_at, prepare_clips
-from tsuiseki.trainers.experiments.drone_rows import METHODS, Costs, people_row, people_scores, track_all
+from tsuiseki.trainers.experiments.drone.clips import FIRST_SEED, TEST_SCENE, Clip, Networks, look_at, prepare_clips
+from tsuiseki.trainers.experiments.drone.rows import METHODS, Costs, people_row, people_scores, track_all
 
 SAME = 0.3
 

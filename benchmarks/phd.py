@@ -23,8 +23,8 @@ from tsuiseki.tracking.filters.phd import PhdFilter, PhdState
 from tsuiseki.tracking.filters.phd_identity import Clusters, Identity
 from tsuiseki.tracking.filters.point_models import GaussianSensor
 from tsuiseki.tracking.filters.points import PointEstimates
-from tsuiseki.trainers.experiments.phd import start_filter
-from tsuiseki.trainers.experiments.point_scenarios import (
+from tsuiseki.trainers.experiments.finite_sets.phd import start_filter
+from tsuiseki.trainers.experiments.finite_sets.scenarios import (
     PointScenario,
     read_scenario,
     scenario_births,

@@ -18,8 +18,8 @@ from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, te
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
 from tsuiseki.datamodules.scene_images import write_drone_images, write_scene_images
-from tsuiseki.datamodules.scenes.drone import DroneSettings
-from tsuiseki.datamodules.scenes.training import TrainingSettings
+from tsuiseki.datamodules.scenes.drone.clip import DroneSettings
+from tsuiseki.datamodules.scenes.street.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image

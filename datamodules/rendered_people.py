@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.identity_crops import MARGIN, IdentityCrops
-from tsuiseki.datamodules.scenes.identities import paste, random_backdrop, random_identities
-from tsuiseki.datamodules.scenes.person import Person
-from tsuiseki.datamodules.scenes.shading import random_light
-from tsuiseki.datamodules.scenes.sprites import render_person_sprite
+from tsuiseki.datamodules.scenes.people.identities import paste, random_backdrop, random_identities
+from tsuiseki.datamodules.scenes.people.person import Person
+from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
+from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 LOOK_ALIKES = 0.5

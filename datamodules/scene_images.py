@@ -11,8 +11,8 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone import DroneSettings, draw_flight, plan_flight
-from tsuiseki.datamodules.scenes.training import TrainingSettings, random_training_scene
+from tsuiseki.datamodules.scenes.drone.clip import DroneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
 from tsuiseki.tracking.output import output_folder

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from tsuiseki.datamodules.scenes.street import StreetSettings, write_street
+from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
 from tsuiseki.tracking.cli.models import shipped
 from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.video import open_source
-from tsuiseki.tracking.webm import VideoWriter
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 TEXT = (REPOSITORY / "README.md").read_text(encoding="utf-8")

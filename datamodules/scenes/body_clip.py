@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.fish_drawing import Drawn, within
+from tsuiseki.datamodules.scenes.fish.drawing import Drawn, within
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_sequence_info
 from tsuiseki.tracking.formats.silhouettes import FOLDER, write_silhouettes

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball import (
+from tsuiseki.datamodules.scenes.ball.carried import (
     BallSettings,
     Cover,
     backgrounds,

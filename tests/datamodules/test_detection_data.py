@@ -21,7 +21,7 @@ from tsuiseki.datamodules.detection import (
 )
 from tsuiseki.datamodules.footage import Footage, Source
 from tsuiseki.datamodules.scene_images import write_scene_images
-from tsuiseki.datamodules.scenes.training import TrainingSettings
+from tsuiseki.datamodules.scenes.street.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_sequence
 

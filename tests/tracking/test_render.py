@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.render import NOISE_LEVELS, Overlay, track_colour, without_flicker, write_overlay
+from tsuiseki.tracking.report.overlay import NOISE_LEVELS, Overlay, track_colour, without_flicker, write_overlay
 from tsuiseki.tracking.types import Frame, ImageArray, Track
 from tsuiseki.tracking.video import open_source
 

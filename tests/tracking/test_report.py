@@ -13,7 +13,7 @@ import pytest
 from tsuiseki.tracking.evaluation.coverage import coverage, spans
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.formats.mot import GroundTruth
-from tsuiseki.tracking.report import Report, ReportedMethod, report_page
+from tsuiseki.tracking.report.page import Report, ReportedMethod, report_page
 from tsuiseki.tracking.types import Track
 
 NASTY = "<script>alert('x')</script> & \"q\" $a$ {b}"

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball import ball_cameras
+from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
 from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.evaluation.space import distance_to_position

@@ -12,9 +12,9 @@ import pytest
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot import list_images
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
+from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.video import open_source
-from tsuiseki.tracking.webm import VideoWriter
 
 FRAMES = 20
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.bouncing_ball import BallSettings, ball_frames
+from tsuiseki.datamodules.scenes.ball.bouncing import BallSettings, ball_frames
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.filters.body_motion import Noise, RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside

@@ -14,9 +14,9 @@ from tsuiseki.tracking.features.observations import Observation
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.trainers.experiments.drone_clips import Clip
-from tsuiseki.trainers.experiments.drone_pictures import SHOWN, draw_pictures, draw_second
-from tsuiseki.trainers.experiments.drone_strips import BAND, CELL, LINE
+from tsuiseki.trainers.experiments.drone.clips import Clip
+from tsuiseki.trainers.experiments.drone.pictures import SHOWN, draw_pictures, draw_second
+from tsuiseki.trainers.experiments.drone.strips import BAND, CELL, LINE
 
 FRAMES = 12
 # Red, green and blue, who stand still.

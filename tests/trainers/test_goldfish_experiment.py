@@ -7,16 +7,16 @@ import json
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.goldfish import GoldfishSettings, write_goldfish
-from tsuiseki.datamodules.scenes.goldfish_sets import GoldfishSets
+from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.fish.sets import GoldfishSets
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.annealed import Annealed
 from tsuiseki.tracking.filters.body_motion import Noise, RandomWalk
-from tsuiseki.trainers.experiments import pca_particle_filter
-from tsuiseki.trainers.experiments.fish_arms import ARMS, BEYOND, interval, paired_interval
-from tsuiseki.trainers.experiments.fish_summary import gather, summarise
-from tsuiseki.trainers.experiments.pca_particle_filter import Experiment, Piece, Run, run_pieces
+from tsuiseki.trainers.experiments.goldfish import pca_particle_filter
+from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND, interval, paired_interval
+from tsuiseki.trainers.experiments.goldfish.pca_particle_filter import Experiment, Piece, Run, run_pieces
+from tsuiseki.trainers.experiments.goldfish.summary import gather, summarise
 
 SMALL = Experiment(seeds=2, particles=(60, 120), beyond=(60,))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.goldfish import GoldfishSettings, goldfish_frames, write_goldfish
+from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, write_goldfish
 from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.bodies.learnt import read_body, write_body
 from tsuiseki.tracking.cli import main

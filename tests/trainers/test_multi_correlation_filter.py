@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.chase import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import THESIS
-from tsuiseki.trainers.experiments.multi_correlation_filter import SWEEPS, by_attribute, combined, repeat
-from tsuiseki.trainers.experiments.multi_correlation_filter_plots import plot_intervals, search_pictures
-from tsuiseki.trainers.experiments.search_intervals import Intervals, intervals
-from tsuiseki.trainers.experiments.single_runs import Clip, Entrant, Runs
+from tsuiseki.trainers.experiments.single.multi_correlation_filter import SWEEPS, by_attribute, combined, repeat
+from tsuiseki.trainers.experiments.single.plots import plot_intervals, search_pictures
+from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, Runs
+from tsuiseki.trainers.experiments.single.search_intervals import Intervals, intervals
 
 ALWAYS = replace(THESIS, response_share=1.0, switch=10.0, plain_frames=3, hypotheses=3, particles=30, convergence=1e9)
 

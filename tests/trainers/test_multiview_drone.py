@@ -9,8 +9,7 @@ from tsuiseki.tracking.cameras.moving_target import TimedCamera, calibrate_by_pa
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.experiments.drone_filter import DroneSettings, track_points
-from tsuiseki.trainers.experiments.multiview_drone import (
+from tsuiseki.trainers.experiments.sphere.multiview_drone import (
     DroneScores,
     Trial,
     calibrate_flight,
@@ -19,6 +18,7 @@ from tsuiseki.trainers.experiments.multiview_drone import (
     score_flight,
     surveyed_errors,
 )
+from tsuiseki.trainers.experiments.sphere.multiview_filter import DroneSettings, track_points
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.experiments.phd import run_filter, scenario_rows, start_filter
-from tsuiseki.trainers.experiments.phd_equalisation import reproduce_equalisation
-from tsuiseki.trainers.experiments.point_scenarios import REQUIRED, generated_scenario, read_scenario
+from tsuiseki.trainers.experiments.finite_sets.equalisation import reproduce_equalisation
+from tsuiseki.trainers.experiments.finite_sets.phd import run_filter, scenario_rows, start_filter
+from tsuiseki.trainers.experiments.finite_sets.scenarios import REQUIRED, generated_scenario, read_scenario
 
 
 @pytest.mark.parametrize("method", ["phd", "labelled"])

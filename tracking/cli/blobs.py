@@ -70,7 +70,7 @@ def track(
     from tsuiseki.tracking.formats.points import write_point_tracks
     from tsuiseki.tracking.frame_range import parse_frames
     from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
-    from tsuiseki.tracking.render import write_overlay
+    from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.timing import StageTimes
     from tsuiseki.tracking.trackers.blobs import BlobSettings
     from tsuiseki.tracking.trackers.points import PointSettings

@@ -14,7 +14,7 @@ from tsuiseki.tracking.evaluation.state_plots import plot_states
 from tsuiseki.tracking.formats.states import BodyTrack, write_states
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
 from tsuiseki.tracking.output import RunRecord
-from tsuiseki.tracking.render_bodies import write_contours
+from tsuiseki.tracking.report.bodies import write_contours
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.video import Source

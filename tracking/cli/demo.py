@@ -58,7 +58,7 @@ def demo(
         threads: CPU threads of the networks; 0 takes all.
         overwrite: replace an earlier demo in the folder.
     """
-    from tsuiseki.datamodules.scenes.street import StreetSettings, write_street
+    from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
     from tsuiseki.tracking.cli.people_run import run_people
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
@@ -141,7 +141,7 @@ def _write(work: Path, demo: _Demo) -> None:
     """A folder for each method, the overlay, the report."""
     from tsuiseki.tracking.cli.people_run import OVERLAY_FILE, TRACKS_FILE, write_people_run
     from tsuiseki.tracking.output import RunRecord
-    from tsuiseki.tracking.render import write_overlay
+    from tsuiseki.tracking.report.overlay import write_overlay
 
     settings = {"frames": demo.frames, "models": {kind: path.name for kind, path in demo.models.items()}}
     command = ["tsuiseki", "demo"]
@@ -162,7 +162,7 @@ def _write(work: Path, demo: _Demo) -> None:
 def _write_report(work: Path, demo: _Demo) -> None:
     from tsuiseki.tracking.cli.people_run import OVERLAY_FILE
     from tsuiseki.tracking.output import versions
-    from tsuiseki.tracking.report import Report, ReportedMethod, write_report
+    from tsuiseki.tracking.report.page import Report, ReportedMethod, write_report
 
     methods = [ReportedMethod(name, demo.scores[name].combined, demo.run.tracks[name]) for name in METHODS.values()]
     people = len(set(demo.truth.ids.tolist()))

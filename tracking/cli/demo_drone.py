@@ -39,8 +39,8 @@ class _Demo:
 
 def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bool) -> None:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
-    from tsuiseki.datamodules.scenes.drone import DroneSettings as SceneSettings
-    from tsuiseki.datamodules.scenes.drone_clip import write_drone
+    from tsuiseki.datamodules.scenes.drone.clip import DroneSettings as SceneSettings
+    from tsuiseki.datamodules.scenes.drone.files import write_drone
     from tsuiseki.tracking.cli.drone_models import DroneModels, prices_of
     from tsuiseki.tracking.cli.drone_run import run_drone
     from tsuiseki.tracking.cli.progress import progress
@@ -78,11 +78,11 @@ def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bo
 
 def _write(work: Path, demo: _Demo) -> None:
     """A folder for each method, the overlay, the report."""
-    from tsuiseki.tracking.action_report import ActionReport, action_timelines, captions_of
     from tsuiseki.tracking.cli.drone_run import OVERLAY_FILE, write_drone_run
     from tsuiseki.tracking.output import RunRecord, versions
-    from tsuiseki.tracking.render import write_overlay
-    from tsuiseki.tracking.report import BOXES_NOTE, Report, ReportedMethod, write_report
+    from tsuiseki.tracking.report.actions import ActionReport, action_timelines, captions_of
+    from tsuiseki.tracking.report.overlay import write_overlay
+    from tsuiseki.tracking.report.page import BOXES_NOTE, Report, ReportedMethod, write_report
 
     command = ["tsuiseki", "demo", "--scene", "drone"]
     best = demo.runs[list(METHODS.values())[-1]]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tsuiseki.tracking.action_report import ActionReport, action_page, captions_of
 from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.cli.drone_models import DroneModels, Method
 from tsuiseki.tracking.cli.progress import progress
@@ -15,7 +14,8 @@ from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack, write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.output import RunRecord
-from tsuiseki.tracking.render import write_overlay
+from tsuiseki.tracking.report.actions import ActionReport, action_page, captions_of
+from tsuiseki.tracking.report.overlay import write_overlay
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.trackers.given import as_detections

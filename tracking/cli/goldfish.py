@@ -34,8 +34,8 @@ def simulate(
         seed: of all random numbers; the same seed makes the same clip.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.bouncing_ball import BallSettings, write_balls
-    from tsuiseki.datamodules.scenes.goldfish import GoldfishSettings, write_goldfish
+    from tsuiseki.datamodules.scenes.ball.bouncing import BallSettings, write_balls
+    from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
     from tsuiseki.tracking.cli.progress import progress
 
     if body == "ball":

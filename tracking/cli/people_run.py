@@ -17,7 +17,8 @@ from tsuiseki.tracking.features.networks import Describe, Detect, stream
 from tsuiseki.tracking.formats.mot import read_detections, write_tracks
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.output import RunRecord
-from tsuiseki.tracking.render import write_overlay
+from tsuiseki.tracking.report.overlay import write_overlay
+from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
@@ -26,7 +27,6 @@ from tsuiseki.tracking.trackers.run import FrameLog, run_trackers
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import Detections, Frame, Track
 from tsuiseki.tracking.video import Source, VideoFile, open_source
-from tsuiseki.tracking.webm import VideoWriter
 
 Method = Literal["sort", "deepsort", "flow"]
 TRACKS_FILE = "tracks.txt"

@@ -47,9 +47,9 @@ def action_features(
         overwrite: replace an earlier result.
     """
     with needs_train_extra():
-        from tsuiseki.trainers.experiments.drone import Plan, reproduce_drone
-        from tsuiseki.trainers.experiments.drone_clips import Networks
-        from tsuiseki.trainers.experiments.drone_rows import Costs
+        from tsuiseki.trainers.experiments.drone.clips import Networks
+        from tsuiseki.trainers.experiments.drone.experiment import Plan, reproduce_drone
+        from tsuiseki.trainers.experiments.drone.rows import Costs
     from tsuiseki.tracking.cli.models import shipped
     from tsuiseki.tracking.cli.reproduce_phd import at_least_one, finish
     from tsuiseki.tracking.features.action_inputs import STREAMS
@@ -77,7 +77,7 @@ def _say(line: str) -> None:
 
 def _show(values: Mapping[str, Any], *, compensate: bool) -> None:
     from tsuiseki.tracking.cli.reproduce_phd import show_rows
-    from tsuiseki.trainers.experiments.drone import PAPER_ACTIONS, PAPER_PEOPLE, PAPER_SECOND
+    from tsuiseki.trainers.experiments.drone.experiment import PAPER_ACTIONS, PAPER_PEOPLE, PAPER_SECOND
 
     columns = ("method", "Rcll", "Prcn", "IDs", "MOTA", "MOTP", "100(1-IoU)", "IDF1", "HOTA")
     heading = (*columns, "paper: Rcll Prcn IDs MOTA MOTP")

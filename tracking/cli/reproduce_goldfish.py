@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
-    from tsuiseki.trainers.experiments.pca_particle_filter import Experiment, Piece
+    from tsuiseki.trainers.experiments.goldfish.pca_particle_filter import Experiment, Piece
 
 
 def pca_particle_filter(
@@ -37,7 +37,7 @@ def pca_particle_filter(
     """
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.output import check_output_folder
-    from tsuiseki.trainers.experiments.pca_particle_filter import Experiment, run_pieces
+    from tsuiseki.trainers.experiments.goldfish.pca_particle_filter import Experiment, run_pieces
 
     if seeds < 1 or not minutes > 0:
         raise RequestError(f"expected --seeds from 1 and --minutes above 0, got {seeds} and {minutes:g}")
@@ -58,12 +58,12 @@ def _write_results(out: Path, work: Path, experiment: Experiment, pieces: Sequen
     import shutil
     from dataclasses import asdict
 
-    from tsuiseki.datamodules.scenes.goldfish_sets import write_goldfish_sets
+    from tsuiseki.datamodules.scenes.fish.sets import write_goldfish_sets
     from tsuiseki.tracking.output import RunRecord, output_folder
-    from tsuiseki.trainers.experiments.fish_plots import draw_particles, plot_success
-    from tsuiseki.trainers.experiments.fish_runs import prepare_clip
-    from tsuiseki.trainers.experiments.fish_summary import summarise
-    from tsuiseki.trainers.experiments.pca_particle_filter import BODY, EXTRACTION, learn, learning_success
+    from tsuiseki.trainers.experiments.goldfish.pca_particle_filter import BODY, EXTRACTION, learn, learning_success
+    from tsuiseki.trainers.experiments.goldfish.plots import draw_particles, plot_success
+    from tsuiseki.trainers.experiments.goldfish.runs import prepare_clip
+    from tsuiseki.trainers.experiments.goldfish.summary import summarise
 
     sets = write_goldfish_sets(work / "clips", experiment.clips)
     followed, fish = learning_success(work, sets.learning)
@@ -87,7 +87,7 @@ def _show(values: Mapping[str, Any]) -> None:
     from rich.table import Table
 
     from tsuiseki.tracking.evaluation.table import show
-    from tsuiseki.trainers.experiments.fish_plots import table_rows
+    from tsuiseki.trainers.experiments.goldfish.plots import table_rows
 
     for part in ("arms", "beyond"):
         heading, rows = table_rows(values, part)

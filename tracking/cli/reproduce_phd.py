@@ -28,7 +28,7 @@ def phd(
         overwrite: replace an earlier result.
     """
     from tsuiseki.tracking.output import output_folder
-    from tsuiseki.trainers.experiments.phd import reproduce_phd
+    from tsuiseki.trainers.experiments.finite_sets.phd import reproduce_phd
 
     if not any((data / "phd").glob("phd_scenario_*.json")):
         raise RequestError(f"expected phd/phd_scenario_*.json in {data}, found none; give the folder with --data")
@@ -78,7 +78,7 @@ def equalisation(
         overwrite: replace an earlier result.
     """
     from tsuiseki.tracking.output import output_folder
-    from tsuiseki.trainers.experiments.phd_equalisation import reproduce_equalisation
+    from tsuiseki.trainers.experiments.finite_sets.equalisation import reproduce_equalisation
 
     at_least_one(seeds=seeds, frames=frames, particles=particles)
     with output_folder(out, overwrite) as work:

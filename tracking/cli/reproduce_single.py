@@ -40,7 +40,7 @@ def multi_correlation_filter(
         overwrite: replace an earlier result.
     """
     from tsuiseki.tracking.output import check_output_folder, output_folder
-    from tsuiseki.trainers.experiments.single_runs import Runs
+    from tsuiseki.trainers.experiments.single.runs import Runs
 
     if unknown := sorted(set(parts) - set(PARTS)):
         raise RequestError(f"--parts: expected some of {', '.join(PARTS)}, got {unknown[0]!r}")
@@ -59,7 +59,7 @@ def multi_correlation_filter(
 
 def _clips(data: list[Path] | None, attributes: Path | None) -> Any:
     from tsuiseki.tracking.formats.single import find_single_sequences
-    from tsuiseki.trainers.experiments.single_runs import generated_clips, load
+    from tsuiseki.trainers.experiments.single.runs import generated_clips, load
 
     if not data:
         return generated_clips(4)
@@ -75,8 +75,8 @@ def _run_all(runs: Any, clips: Any, parts: list[str], seeds: int, sweep_seeds: i
 
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
-    from tsuiseki.trainers.experiments import multi_correlation_filter as experiment
-    from tsuiseki.trainers.experiments.search_intervals import one_pass
+    from tsuiseki.trainers.experiments.single import multi_correlation_filter as experiment
+    from tsuiseki.trainers.experiments.single.search_intervals import one_pass
 
     jobs: list[Any] = []
     if "sweeps" in parts:
@@ -97,9 +97,9 @@ def _results(
 ) -> dict[str, Any]:
     from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
     from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
-    from tsuiseki.trainers.experiments import multi_correlation_filter as experiment
-    from tsuiseki.trainers.experiments import multi_correlation_filter_plots as plots
-    from tsuiseki.trainers.experiments.search_intervals import intervals
+    from tsuiseki.trainers.experiments.single import multi_correlation_filter as experiment
+    from tsuiseki.trainers.experiments.single import plots
+    from tsuiseki.trainers.experiments.single.search_intervals import intervals
 
     values: dict[str, Any] = {"sequences": [c.sequence.name for c in clips], "seeds": seeds[0], "sweep_seeds": seeds[1]}
     if "sweeps" in parts:

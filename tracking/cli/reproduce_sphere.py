@@ -14,8 +14,8 @@ from tsuiseki.tracking.errors import RequestError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tsuiseki.trainers.experiments.multiview_drone import DroneScores, Trial
-    from tsuiseki.trainers.experiments.stereo_sphere import Configuration, Outcome
+    from tsuiseki.trainers.experiments.sphere.multiview_drone import DroneScores, Trial
+    from tsuiseki.trainers.experiments.sphere.stereo_sphere import Configuration, Outcome
 
 # The paper's rows stand below the two configurations that are its own.
 PAPER_BELOW = 1
@@ -44,10 +44,10 @@ def stereo_sphere(
         seed: of the first film; the others follow.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.ball import BallSettings
+    from tsuiseki.datamodules.scenes.ball.carried import BallSettings
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
-    from tsuiseki.trainers.experiments.stereo_sphere import configurations, kept_film
+    from tsuiseki.trainers.experiments.sphere.stereo_sphere import configurations, kept_film
 
     if seeds < 1 or frames < 2:
         raise RequestError(f"expected at least 1 seed and 2 frames, got {seeds} and {frames}")
@@ -91,7 +91,7 @@ def multiview_drone(
     from tsuiseki.datamodules.readers.multiview_drone import read_drone_flight
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
-    from tsuiseki.trainers.experiments import multiview_drone as experiment
+    from tsuiseki.trainers.experiments.sphere import multiview_drone as experiment
 
     check_output_folder(out, overwrite)
     flight = read_drone_flight(data)
@@ -129,7 +129,7 @@ def multiview_drone(
 
 
 def _sphere_markdown(rows: Sequence[Configuration], outcomes: Mapping[int, Sequence[Outcome]]) -> str:
-    from tsuiseki.trainers.experiments.stereo_sphere import PAPER, over_seeds
+    from tsuiseki.trainers.experiments.sphere.stereo_sphere import PAPER, over_seeds
 
     lines = [f"Errors in cm over {len(outcomes)} films: mean over films of mean and sd, greatest max."]
     group = ""
@@ -166,7 +166,7 @@ def _sphere_figure(rows: Sequence[Configuration], outcomes: Mapping[int, Sequenc
     from matplotlib.figure import Figure
 
     from tsuiseki.tracking.evaluation.plots import COLOURS
-    from tsuiseki.trainers.experiments.stereo_sphere import over_seeds
+    from tsuiseki.trainers.experiments.sphere.stereo_sphere import over_seeds
 
     figure = Figure(figsize=(11, 3.4), layout="constrained")
     panels = (("particles", "particles"), ("cameras", "cameras"), ("covered", "covered"))
@@ -196,7 +196,7 @@ def _sphere_figure(rows: Sequence[Configuration], outcomes: Mapping[int, Sequenc
 
 
 def _choice_markdown(trials: Mapping[int, Sequence[Trial]]) -> list[str]:
-    from tsuiseki.trainers.experiments.multiview_drone import chosen
+    from tsuiseki.trainers.experiments.sphere.multiview_drone import chosen
 
     lines = [
         "| cameras | chosen on the first half: agitation, m/s | inflation | lag, s | median there, m: filter "

@@ -30,7 +30,7 @@ def street(
         seed: of all random numbers; the same seed makes the same clip.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.street import StreetSettings, write_street
+    from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
     from tsuiseki.tracking.cli.progress import progress
 
     settings = StreetSettings(
@@ -68,7 +68,7 @@ def blobs(
         seed: of all random numbers; the same seed makes the same clip.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.blobs import BlobSettings, write_blobs
+    from tsuiseki.datamodules.scenes.points.blobs import BlobSettings, write_blobs
 
     settings = BlobSettings(frames, width, height, frame_rate, objects, colour, purity, clutter=clutter)
     folder = write_blobs(out, settings, seed, overwrite)
@@ -107,8 +107,8 @@ def drone(
         seed: of all random numbers; the same seed makes the same clip.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.drone import DroneSettings
-    from tsuiseki.datamodules.scenes.drone_clip import write_drone
+    from tsuiseki.datamodules.scenes.drone.clip import DroneSettings
+    from tsuiseki.datamodules.scenes.drone.files import write_drone
     from tsuiseki.tracking.cli.progress import progress
 
     settings = DroneSettings(

@@ -32,8 +32,8 @@ def sphere(
         seed: of all random numbers; the same seed makes the same film.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.ball import BallSettings, Cover
-    from tsuiseki.datamodules.scenes.ball_files import write_ball
+    from tsuiseki.datamodules.scenes.ball.carried import BallSettings, Cover
+    from tsuiseki.datamodules.scenes.ball.files import write_ball
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
 

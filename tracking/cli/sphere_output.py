@@ -18,14 +18,14 @@ from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path
 from tsuiseki.tracking.evaluation.space_plots import deviation_figure, path_figure
 from tsuiseki.tracking.formats.track3d import Path3D, write_track3d
 from tsuiseki.tracking.output import RunRecord
-from tsuiseki.tracking.render import without_flicker
-from tsuiseki.tracking.render_sphere import draw_sphere
-from tsuiseki.tracking.report import PAGE, STYLE
+from tsuiseki.tracking.report.overlay import without_flicker
+from tsuiseki.tracking.report.page import PAGE, STYLE
+from tsuiseki.tracking.report.sphere import draw_sphere
+from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.sphere_run import SphereLog
 from tsuiseki.tracking.types import STATUSES, ImageArray, Position
 from tsuiseki.tracking.video import Source
-from tsuiseki.tracking.webm import VideoWriter
 
 TRAIL_MOMENTS = 30
 

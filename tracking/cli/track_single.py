@@ -204,7 +204,7 @@ def _run(
 
     from tsuiseki.tracking.cli.interrupt import graceful_interrupt
     from tsuiseki.tracking.cli.progress import progress
-    from tsuiseki.tracking.webm import VideoWriter
+    from tsuiseki.tracking.report.webm import VideoWriter
 
     estimates: list[Estimate] = []
     with graceful_interrupt() as interrupt, ExitStack() as stack:
@@ -249,7 +249,7 @@ def _followed(
 
 
 def _drawn(frame: Frame, estimates: list[Estimate]) -> ImageArray:
-    from tsuiseki.tracking.render import Overlay
+    from tsuiseki.tracking.report.overlay import Overlay
 
     return Overlay([_track(estimates[-50:])], 25.0).draw(frame)
 

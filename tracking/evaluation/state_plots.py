@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.formats.states import BodyTrack
-from tsuiseki.tracking.render import track_colour
+from tsuiseki.tracking.report.overlay import track_colour
 
 PIXEL_COLUMNS = 2
 

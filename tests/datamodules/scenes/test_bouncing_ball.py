@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.bouncing_ball import WALL, BallSettings, ball_frames, plan_balls
+from tsuiseki.datamodules.scenes.ball.bouncing import WALL, BallSettings, ball_frames, plan_balls
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.silhouettes import silhouette_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.chase import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
 
 SMALL = ChaseSettings(frames=8, width=160, height=120, person_height=(30, 31), passers=1, obstacles=1)
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.readers.okutama import okutama_sequences
-from tsuiseki.datamodules.scenes.acting import LEFT, RIGHT, drinking, lying, reach, running, sip, sitting
-from tsuiseki.datamodules.scenes.body import Build, Pose, place
-from tsuiseki.datamodules.scenes.drone import DroneSettings, draw_flight, plan_flight
-from tsuiseki.datamodules.scenes.drone_clip import write_drone
-from tsuiseki.datamodules.scenes.flight import MOTIONS, Viewpoint, fly, ground_homography
-from tsuiseki.datamodules.scenes.gait import Manner
-from tsuiseki.datamodules.scenes.gathering import gather
-from tsuiseki.datamodules.scenes.ground_map import look_down
-from tsuiseki.datamodules.scenes.insertion import clusters
+from tsuiseki.datamodules.scenes.drone.clip import DroneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.drone.files import write_drone
+from tsuiseki.datamodules.scenes.drone.flight import MOTIONS, Viewpoint, fly, ground_homography
+from tsuiseki.datamodules.scenes.drone.gathering import gather
+from tsuiseki.datamodules.scenes.drone.ground_map import look_down
+from tsuiseki.datamodules.scenes.people.acting import LEFT, RIGHT, drinking, lying, reach, running, sip, sitting
+from tsuiseki.datamodules.scenes.people.body import Build, Pose, place
+from tsuiseki.datamodules.scenes.people.gait import Manner
+from tsuiseki.datamodules.scenes.render.insertion import clusters
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS, POSTURES

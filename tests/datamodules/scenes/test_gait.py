@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.body import Build, Pose, blend, place
-from tsuiseki.datamodules.scenes.gait import STANCE, Manner, reach_for, standing, stride_length, walking
-from tsuiseki.datamodules.scenes.look import random_build
+from tsuiseki.datamodules.scenes.people.body import Build, Pose, blend, place
+from tsuiseki.datamodules.scenes.people.gait import STANCE, Manner, reach_for, standing, stride_length, walking
+from tsuiseki.datamodules.scenes.people.look import random_build
 
 BUILD, MANNER = Build(height=1.8), Manner()
 

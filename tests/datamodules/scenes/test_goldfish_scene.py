@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
-from tsuiseki.datamodules.scenes.goldfish import GoldfishSettings, goldfish_frames, plan_goldfish, write_goldfish
-from tsuiseki.datamodules.scenes.goldfish_sets import planned_clips, write_goldfish_sets
-from tsuiseki.datamodules.scenes.turns import count_sudden_turns, sudden_turns
+from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, plan_goldfish, write_goldfish
+from tsuiseki.datamodules.scenes.fish.motion import Swimming, swim
+from tsuiseki.datamodules.scenes.fish.sets import planned_clips, write_goldfish_sets
+from tsuiseki.datamodules.scenes.fish.turns import count_sudden_turns, sudden_turns
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes, silhouette_of

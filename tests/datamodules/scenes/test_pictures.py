@@ -5,11 +5,11 @@ import hashlib
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.degrade import Degradation, degrade
-from tsuiseki.datamodules.scenes.identities import CropSettings, paste, render_identity_crops
-from tsuiseki.datamodules.scenes.look import look_alike, random_look
-from tsuiseki.datamodules.scenes.sprites import render_person_sprite
-from tsuiseki.datamodules.scenes.training import TrainingSettings, random_training_scene
+from tsuiseki.datamodules.scenes.people.identities import CropSettings, paste, render_identity_crops
+from tsuiseki.datamodules.scenes.people.look import look_alike, random_look
+from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
+from tsuiseki.datamodules.scenes.render.degrade import Degradation, degrade
+from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene
 from tsuiseki.tracking.errors import RequestError
 
 SMALL = TrainingSettings(width=160, height=120, people=(2, 5), person_height=(12, 70), clutter=(2, 5), samples=2)

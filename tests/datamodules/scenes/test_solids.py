@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.raster import extents, silhouette_box, trace
-from tsuiseki.datamodules.scenes.solids import Solids, Surfaces, boxes, cone_spheres, inner_normals, intersect
+from tsuiseki.datamodules.scenes.render.raster import extents, silhouette_box, trace
+from tsuiseki.datamodules.scenes.render.solids import Solids, Surfaces, boxes, cone_spheres, inner_normals, intersect
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 
 CAMERA = PinholeCamera.look_at(np.array([0, -10, 1.0]), np.array([0, 0, 1.0]), 300, 160, 120)

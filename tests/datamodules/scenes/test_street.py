@@ -7,9 +7,15 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes import street
-from tsuiseki.datamodules.scenes.street import StreetSettings, as_ground_truth, draw_street, plan_street, write_street
-from tsuiseki.datamodules.scenes.walkers import CrowdSettings, crowd
+from tsuiseki.datamodules.scenes.street import street
+from tsuiseki.datamodules.scenes.street.street import (
+    StreetSettings,
+    as_ground_truth,
+    draw_street,
+    plan_street,
+    write_street,
+)
+from tsuiseki.datamodules.scenes.street.walkers import CrowdSettings, crowd
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import find_sequences, read_ground_truth, read_sequence
 

@@ -16,7 +16,7 @@ from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet
 from tsuiseki.tracking.features.action_inputs import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
-from tsuiseki.tracking.webm import VideoWriter
+from tsuiseki.tracking.report.webm import VideoWriter
 
 HEIGHT, WIDTH = 24, 32
 FRAMES = 12

@@ -14,7 +14,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.onnx import FORMAT_VERSION, ModelCard
-from tsuiseki.tracking.webm import VideoWriter
+from tsuiseki.tracking.report.webm import VideoWriter
 
 ROW = "{frame},-1,9,9,16,32,0.9\n"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone import DroneSettings
-from tsuiseki.datamodules.scenes.drone_clip import write_drone
+from tsuiseki.datamodules.scenes.drone.clip import DroneSettings
+from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks, write_detections
 from tsuiseki.tracking.types import Detections

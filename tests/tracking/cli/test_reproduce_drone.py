@@ -12,7 +12,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.features.action_inputs import STREAMS
-from tsuiseki.trainers.experiments import drone
+from tsuiseki.trainers.experiments.drone import experiment as drone
 
 
 def words(models: Path, folder: Path, out: str, *more: str) -> list[str]:

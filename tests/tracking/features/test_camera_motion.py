@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone import DroneSettings, draw_flight, plan_flight
-from tsuiseki.datamodules.scenes.flight import ground_homography
-from tsuiseki.datamodules.scenes.flow_pairs import random_flow_pair
+from tsuiseki.datamodules.scenes.drone.clip import DroneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.drone.flight import ground_homography
+from tsuiseki.datamodules.scenes.drone.flow_pairs import random_flow_pair
 from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.features.camera_motion import CameraPath, camera_flow, camera_motion, moved_boxes, undone
 from tsuiseki.tracking.trackers.compensated import MotionCompensated

@@ -1,0 +1,1 @@
+"""Balls: carried through a room before calibrated cameras, or bouncing and squashed."""

@@ -1,0 +1,1 @@
+"""Gatherings of acting people seen from a drone."""

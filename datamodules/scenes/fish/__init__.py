@@ -1,0 +1,1 @@
+"""Goldfish in a tank, seen from above."""

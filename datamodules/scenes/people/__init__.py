@@ -1,0 +1,1 @@
+"""Articulated people: proportions, poses, clothes, actions, and the things they act with."""

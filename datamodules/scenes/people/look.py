@@ -1,0 +1,196 @@
+"""What a person wears: colours, garments, hair and bags."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.people.body import Build
+from tsuiseki.datamodules.scenes.render.solids import CHECKS, CLOUDS, PLAIN, SPECKLE, STRIPES_ACROSS, STRIPES_ALONG
+
+Colour = tuple[float, float, float]
+
+SKINS: tuple[Colour, ...] = (
+    (0.94, 0.78, 0.69),
+    (0.88, 0.70, 0.58),
+    (0.80, 0.61, 0.48),
+    (0.66, 0.47, 0.35),
+    (0.48, 0.33, 0.25),
+    (0.33, 0.22, 0.17),
+)
+HAIRS: tuple[Colour, ...] = (
+    (0.08, 0.07, 0.07),
+    (0.16, 0.11, 0.08),
+    (0.30, 0.20, 0.13),
+    (0.50, 0.36, 0.20),
+    (0.72, 0.58, 0.36),
+    (0.55, 0.55, 0.55),
+    (0.45, 0.20, 0.10),
+)
+DARK: tuple[Colour, ...] = (
+    (0.07, 0.07, 0.08),
+    (0.13, 0.13, 0.14),
+    (0.10, 0.12, 0.22),
+    (0.20, 0.20, 0.21),
+    (0.19, 0.14, 0.11),
+    (0.15, 0.18, 0.14),
+    (0.25, 0.10, 0.12),
+)
+MIDDLE: tuple[Colour, ...] = (
+    (0.42, 0.42, 0.43),
+    (0.35, 0.30, 0.22),
+    (0.36, 0.38, 0.27),
+    (0.25, 0.34, 0.50),
+    (0.46, 0.34, 0.25),
+    (0.60, 0.54, 0.42),
+)
+LIGHT: tuple[Colour, ...] = (
+    (0.90, 0.90, 0.89),
+    (0.78, 0.78, 0.77),
+    (0.85, 0.80, 0.70),
+    (0.70, 0.80, 0.90),
+    (0.93, 0.80, 0.82),
+)
+BRIGHT: tuple[Colour, ...] = (
+    (0.75, 0.12, 0.13),
+    (0.15, 0.30, 0.70),
+    (0.12, 0.50, 0.28),
+    (0.92, 0.75, 0.15),
+    (0.90, 0.45, 0.12),
+    (0.45, 0.18, 0.52),
+    (0.85, 0.35, 0.55),
+    (0.15, 0.60, 0.65),
+    (0.80, 0.88, 0.20),
+)
+DENIM: tuple[Colour, ...] = ((0.20, 0.27, 0.42), (0.33, 0.43, 0.58), (0.14, 0.18, 0.28), (0.50, 0.58, 0.68))
+
+HAIR_STYLES = ("short", "long", "bald", "bun", "cap", "hood", "hat", "thick")
+LOWER_STYLES = ("trousers", "shorts", "skirt", "long skirt", "coat")
+BAGS = ("none", "backpack", "shoulder", "hand", "cross")
+FRONTS = ("closed", "open", "zip", "logo")
+
+
+@dataclass(frozen=True)
+class Look:
+    """One person's appearance; colours are sRGB in [0, 1].
+
+    Attributes:
+        skin, hair, upper, lower, shoes, bag_colour, shirt, hat: colours.
+        upper_second: colour of the upper garment's pattern, logo or zip.
+        shoulders: colour of sleeves and shoulders; the upper colour where they are the same.
+        lower_second: colour of the lower garment's pattern.
+        upper_pattern, lower_pattern: pattern codes of `solids`.
+        period: of the patterns, metres.
+        long_sleeves: whether the forearms are covered.
+        lower_style, hair_style, bag, front: one of LOWER_STYLES, HAIR_STYLES, BAGS, FRONTS.
+        thickness: of the clothes on trunk and arms, relative.
+        beard: whether the lower face has hair.
+        side: 1 for a bag on the left, -1 on the right.
+        phase: shifts patterns and folds, so that two people in the same clothes still differ.
+    """
+
+    skin: Colour
+    hair: Colour
+    upper: Colour
+    upper_second: Colour
+    shoulders: Colour
+    lower: Colour
+    lower_second: Colour
+    shoes: Colour
+    shirt: Colour
+    hat: Colour
+    bag_colour: Colour
+    upper_pattern: int = PLAIN
+    lower_pattern: int = PLAIN
+    period: float = 0.08
+    long_sleeves: bool = True
+    lower_style: str = "trousers"
+    hair_style: str = "short"
+    bag: str = "none"
+    front: str = "closed"
+    thickness: float = 1.0
+    beard: bool = False
+    side: float = 1.0
+    phase: float = 0.0
+
+
+def _pick(rng: np.random.Generator, palette: tuple[Colour, ...]) -> Colour:
+    base = np.array(palette[int(rng.integers(len(palette)))])
+    colour = np.clip(base * rng.uniform(0.8, 1.2) + rng.normal(0, 0.025, 3), 0.02, 0.97)
+    return float(colour[0]), float(colour[1]), float(colour[2])
+
+
+def _garment(rng: np.random.Generator, weights: tuple[float, float, float, float]) -> Colour:
+    palettes = (DARK, MIDDLE, LIGHT, BRIGHT)
+    return _pick(rng, palettes[int(rng.choice(4, p=weights))])
+
+
+def _towards(a: Colour, b: Colour, part: float) -> Colour:
+    return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
+
+
+def random_look(rng: np.random.Generator) -> Look:
+    """One person dressed as people on a street are: mostly dark and muted, now and then bright or patterned."""
+    upper = _garment(rng, (0.45, 0.22, 0.17, 0.16))
+    lower_style = str(rng.choice(LOWER_STYLES, p=(0.74, 0.08, 0.05, 0.04, 0.09)))
+    denim = rng.random() < 0.35 and lower_style != "coat"
+    lower = _pick(rng, DENIM) if denim else _garment(rng, (0.70, 0.19, 0.08, 0.03))
+    skin = _pick(rng, SKINS)
+    two_tone = rng.random() < 0.14
+    patterns = (PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, SPECKLE, CLOUDS)
+    return Look(
+        skin=skin,
+        hair=_pick(rng, HAIRS),
+        upper=upper,
+        upper_second=_towards(upper, _garment(rng, (0.3, 0.2, 0.3, 0.2)), float(rng.uniform(0.25, 1.0))),
+        shoulders=_garment(rng, (0.3, 0.2, 0.2, 0.3)) if two_tone else upper,
+        lower=lower,
+        lower_second=_towards(lower, _garment(rng, (0.5, 0.2, 0.2, 0.1)), float(rng.uniform(0.2, 0.7))),
+        shoes=_garment(rng, (0.7, 0.12, 0.13, 0.05)),
+        shirt=_garment(rng, (0.25, 0.2, 0.35, 0.2)),
+        hat=_garment(rng, (0.5, 0.2, 0.15, 0.15)),
+        bag_colour=_garment(rng, (0.6, 0.2, 0.08, 0.12)),
+        upper_pattern=int(rng.choice(patterns, p=(0.72, 0.08, 0.03, 0.06, 0.05, 0.06))),
+        lower_pattern=int(rng.choice(patterns, p=(0.88, 0.01, 0.02, 0.03, 0.02, 0.04))),
+        period=float(rng.uniform(0.04, 0.14)),
+        long_sleeves=bool(rng.random() < 0.72),
+        lower_style=lower_style,
+        hair_style=str(rng.choice(HAIR_STYLES, p=(0.44, 0.22, 0.06, 0.05, 0.07, 0.05, 0.05, 0.06))),
+        bag=str(rng.choice(BAGS, p=(0.56, 0.16, 0.11, 0.11, 0.06))),
+        front=str(rng.choice(FRONTS, p=(0.5, 0.2, 0.15, 0.15))),
+        thickness=float(rng.uniform(0.95, 1.3)),
+        beard=bool(rng.random() < 0.2),
+        side=1.0 if rng.random() < 0.5 else -1.0,
+        phase=float(rng.uniform(0, 100)),
+    )
+
+
+def random_build(rng: np.random.Generator) -> Build:
+    """One grown person's proportions."""
+    return Build(
+        height=float(np.clip(rng.normal(1.71, 0.09), 1.48, 1.98)),
+        girth=float(np.clip(rng.normal(1.0, 0.11), 0.8, 1.4)),
+        shoulders=float(np.clip(rng.normal(1.0, 0.06), 0.86, 1.15)),
+        hips=float(np.clip(rng.normal(1.0, 0.06), 0.86, 1.15)),
+        legs=float(np.clip(rng.normal(1.0, 0.025), 0.94, 1.06)),
+        head=float(np.clip(rng.normal(1.0, 0.04), 0.92, 1.1)),
+    )
+
+
+def look_alike(rng: np.random.Generator, look: Look) -> Look:
+    """Somebody else who is dressed much like ``look``: two or three things differ."""
+    other = random_look(rng)
+    changes = (
+        {"upper": other.upper, "shoulders": other.upper, "upper_pattern": other.upper_pattern},
+        {"lower": other.lower, "lower_pattern": other.lower_pattern},
+        {"lower_style": other.lower_style, "shoes": other.shoes},
+        {"hair": other.hair, "hair_style": other.hair_style, "hat": other.hat},
+        {"bag": other.bag, "bag_colour": other.bag_colour, "side": other.side},
+        {"front": other.front, "shirt": other.shirt, "upper_second": other.upper_second},
+    )
+    chosen = rng.choice(len(changes), size=int(rng.integers(2, 4)), replace=False)
+    result = replace(look, skin=other.skin, phase=other.phase, beard=other.beard)
+    for index in chosen:
+        result = replace(result, **changes[index])
+    return result

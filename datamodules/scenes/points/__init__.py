@@ -1,0 +1,1 @@
+"""Coloured objects over clutter, for trackers of an unknown number of targets."""

@@ -1,0 +1,108 @@
+"""What a cheap camera does to a picture: exposure, colour cast, haze, blur, low resolution, noise, JPEG."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.tracking.types import FloatArray, ImageArray
+
+
+@dataclass(frozen=True)
+class Degradation:
+    """What happens to a picture on its way to a file.
+
+    Attributes:
+        exposure: factor of the linear light.
+        cast: factors of red, green and blue.
+        contrast: about middle grey, after the exposure; 1 changes nothing.
+        haze: share of grey veil, [0, 1).
+        saturation: 0 is grey, 1 changes nothing.
+        blur: standard deviation, pixels.
+        shrink: the picture is made this much smaller and enlarged again; 1 changes nothing.
+        sharpen: strength of the camera's sharpening; 0 changes nothing.
+        noise: standard deviation in grey levels of 255.
+        jpeg: quality, or 0 for none.
+    """
+
+    exposure: float = 1.0
+    cast: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    contrast: float = 1.0
+    haze: float = 0.0
+    saturation: float = 1.0
+    blur: float = 0.0
+    shrink: float = 1.0
+    sharpen: float = 0.0
+    noise: float = 0.0
+    jpeg: int = 0
+
+
+def random_degradation(rng: np.random.Generator, strength: float = 1.0) -> Degradation:
+    """Anything from a good camera to a bad one; ``strength`` 0 leaves pictures nearly alone."""
+    s = strength
+    cast = 1 + rng.normal(0, 0.07 * s, 3)
+    return Degradation(
+        exposure=float(np.exp(rng.normal(0.0, 0.35 * s))),
+        cast=(float(cast[0]), float(cast[1]), float(cast[2])),
+        contrast=float(np.exp(rng.normal(0.05, 0.18 * s))),
+        haze=float(max(rng.normal(-0.1, 0.16), 0) * s),
+        saturation=float(np.clip(rng.normal(1.0, 0.25 * s), 0.0, 1.6)) if rng.random() > 0.06 * s else 0.0,
+        blur=float(rng.uniform(0.0, 1.1) * s) if rng.random() < 0.7 else 0.0,
+        shrink=float(rng.uniform(1, 1 + 1.0 * s)) if rng.random() < 0.3 * s else 1.0,
+        sharpen=float(rng.uniform(0.2, 1.5) * s) if rng.random() < 0.4 else 0.0,
+        noise=float(rng.uniform(0, 8) * s),
+        jpeg=int(rng.integers(35, 96)) if rng.random() < 0.7 * s else 0,
+    )
+
+
+def automatic_exposure(linear: Float32) -> float:
+    """The factor that brings a picture's middle to a middle grey and keeps its bright parts, as a camera does."""
+    middle, bright = np.percentile(linear[::8, ::8], [50, 95])
+    return min(0.25 / max(float(middle), 1e-3), 1.1 / max(float(bright), 1e-3))
+
+
+def degrade(linear: Float32, how: Degradation, rng: np.random.Generator) -> ImageArray:
+    """``(H, W, 3)`` linear light to a uint8 RGB image."""
+    factors = np.float32(how.exposure) * np.array(how.cast, dtype=np.float32)
+    image = np.sqrt(np.clip(linear * factors, 0, 1))
+    return finish(np.asarray(cv2.transform(image, 255 * tone(how)), dtype=np.float32), how, rng)
+
+
+def tone(how: Degradation) -> FloatArray:
+    """``(3, 4)`` affine map of colours in [0, 1] that is saturation, contrast and haze."""
+    mixing = how.saturation * np.eye(3) + (1 - how.saturation) / 3
+    gain = how.contrast * (1 - how.haze)
+    offset = 0.45 * (1 - how.haze) + 0.75 * how.haze - 0.45 * gain
+    return np.concatenate([gain * mixing, np.full((3, 1), offset)], axis=1)
+
+
+def finish(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageArray:
+    """The optical and digital part: ``(H, W, 3)`` in [0, 255] blurred, resampled, sharpened, with noise and JPEG."""
+    height, width = image.shape[:2]
+    image = np.ascontiguousarray(image, dtype=np.float32)
+    if how.blur > 0.2:
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), how.blur), dtype=np.float32)
+    if how.shrink > 1:
+        small = (max(round(width / how.shrink), 1), max(round(height / how.shrink), 1))
+        coarse = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
+        image = np.asarray(cv2.resize(coarse, (width, height)), dtype=np.float32)
+    if how.sharpen > 0:
+        image = image + np.float32(how.sharpen) * (image - cv2.GaussianBlur(image, (0, 0), 1.2))
+    if how.noise > 0:
+        image = image + np.float32(how.noise) * sensor_noise(rng, height, width)
+    result = np.clip(image, 0, 255).astype(np.uint8)
+    if how.jpeg:
+        # The order of the colours matters to JPEG, which keeps less of the blue.
+        data = cv2.imencode(".jpg", result[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, how.jpeg])[1]
+        result = np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)[:, :, ::-1])
+    return result
+
+
+def sensor_noise(rng: np.random.Generator, height: int, width: int) -> Float32:
+    """``(height, width, 3)`` of about unit deviation: fine in brightness, coarser and weaker in colour."""
+    grey = np.float32(0.85) * rng.standard_normal((height, width, 1), dtype=np.float32)
+    coarse = np.float32(0.75) * rng.standard_normal(((height + 1) // 2, (width + 1) // 2, 3), dtype=np.float32)
+    return np.asarray(grey + cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR))

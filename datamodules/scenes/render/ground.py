@@ -1,0 +1,175 @@
+"""The static part behind everything: a textured ground with roads, paving and grass, and the sky over it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.render.raster import Camera, ray_grid
+from tsuiseki.datamodules.scenes.render.shading import Light, noise_at
+from tsuiseki.datamodules.scenes.render.solids import Float32
+
+# Octaves of the noise: metres per four table entries, and strength.
+OCTAVES = ((6.0, 0.5), (1.3, 0.4), (0.25, 0.5), (0.06, 0.5))
+# Of the grain as fine as the picture shows it.
+GRAIN = 0.9
+
+ASPHALT, PAVING, GRASS, EARTH, CONCRETE = range(5)
+COLOURS = {
+    ASPHALT: (0.46, 0.46, 0.48),
+    PAVING: (0.60, 0.58, 0.55),
+    GRASS: (0.30, 0.42, 0.20),
+    EARTH: (0.50, 0.43, 0.34),
+    CONCRETE: (0.66, 0.66, 0.64),
+}
+ROUGHNESS = {ASPHALT: 0.10, PAVING: 0.08, GRASS: 0.30, EARTH: 0.22, CONCRETE: 0.06}
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A straight band of other ground: where |x cos a + y sin a - offset| < half_width, edges ``wobble`` metres loose.
+
+    Attributes:
+        material: of the band.
+        angle: radians.
+        offset: metres.
+        half_width: metres.
+        wobble: metres.
+        line: colour of the lines along its borders, or None.
+    """
+
+    material: int
+    angle: float
+    offset: float
+    half_width: float
+    wobble: float
+    line: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A ground and a sky.
+
+    Attributes:
+        material: of all that no strip covers.
+        tints: ``(5, 3)`` factors of the materials' colours.
+        strips: later ones cover earlier ones.
+        tile: side of the paving's slabs, metres.
+        stains: strength of the large-scale variation.
+        sky: ``(2, 3)`` sRGB at the horizon and overhead.
+        haze: metres at which the ground has faded to the horizon by two thirds.
+        phase: shifts the noise.
+    """
+
+    material: int
+    tints: Float32
+    strips: tuple[Strip, ...]
+    tile: float
+    stains: float
+    sky: Float32
+    haze: float
+    phase: float
+
+
+def random_ground(rng: np.random.Generator) -> Ground:
+    """A street, a square or a lawn."""
+    materials = rng.choice(5, size=8, p=(0.36, 0.22, 0.18, 0.08, 0.16))
+    main = float(rng.uniform(0, np.pi))
+    strips = []
+    for k in range(int(rng.integers(0, 5))):
+        loose = bool(rng.random() < 0.3)
+        line = None if rng.random() < 0.5 else tuple(float(v) for v in rng.choice([[0.85] * 3, [0.8, 0.7, 0.2]]))
+        strips.append(
+            Strip(
+                material=int(materials[k + 1]),
+                angle=main + float(rng.choice([0.0, np.pi / 2])) + float(rng.normal(0, 0.15)),
+                offset=float(rng.normal(6, 8)),
+                half_width=float(rng.uniform(0.5, 5)),
+                wobble=float(rng.uniform(0.2, 1.5)) if loose else 0.0,
+                line=line,  # type: ignore[arg-type]
+            )
+        )
+    grey = rng.uniform(0.6, 0.95)
+    horizon = np.clip(grey + rng.normal(0, 0.03, 3), 0, 1)
+    overhead = np.clip(horizon * rng.uniform(0.7, 1.05) + [-0.12, 0.0, 0.12] * rng.uniform(0, 1, 1), 0, 1)
+    return Ground(
+        material=int(materials[0]),
+        tints=(rng.uniform(0.65, 1.35, (5, 1)) * rng.normal(1, 0.05, (5, 3))).astype(np.float32),
+        strips=tuple(strips),
+        tile=float(rng.uniform(0.3, 1.2)),
+        stains=float(rng.uniform(0.3, 1.6)),
+        sky=np.stack([horizon, overhead]).astype(np.float32),
+        haze=float(rng.uniform(80, 600)),
+        phase=float(rng.uniform(0, 1000)),
+    )
+
+
+def draw_ground(ground: Ground, camera: Camera, light: Light) -> tuple[Float32, Float32]:
+    """``(H, W, 3)`` linear light of the ground and the sky, and the ``(H, W)`` share of it that is direct sunlight."""
+    rays = ray_grid(camera, 1, 0, 0, camera.width, camera.height)
+    down = -rays[2]
+    height = np.float32(camera.position[2])
+    distance = height / np.maximum(down, np.float32(1e-4))
+    x = rays[0] * distance + np.float32(camera.position[0])
+    y = rays[1] * distance + np.float32(camera.position[1])
+    # One pixel's angle, from two neighbouring rays, stretched by the slant of the view.
+    angle = np.sqrt(np.square(rays[:, 0, 1] - rays[:, 0, 0]).sum())
+    footprint = distance * angle * np.sqrt(distance / height)
+    albedo = np.square(np.clip(ground_colour(ground, x, y, footprint), 0, 1))
+    up = light.direction[2] * light.sun
+    lit = albedo * (up + light.sky)
+    sky = np.square(ground.sky)[:, None, None] * (light.sky + np.float32(0.25) * light.sun)
+    rise = np.clip(rays[2], 0, 1)[:, :, None] ** np.float32(0.6)
+    above = sky[0] + rise * (sky[1] - sky[0])
+    fade = np.exp(-distance / np.float32(ground.haze))[:, :, None]
+    picture = np.where(down[:, :, None] > 1e-4, above + fade * (lit - above), above)
+    share = np.where(down > 1e-4, fade[:, :, 0] * (up / np.maximum(up + light.sky, 1e-6)).mean(), 0)
+    return picture.astype(np.float32), share.astype(np.float32)
+
+
+def ground_colour(ground: Ground, x: Float32, y: Float32, footprint: Float32) -> Float32:
+    """sRGB ``(..., 3)`` of the ground at metres ``x``, ``y``, seen by pixels that cover ``footprint`` metres."""
+    noises = []
+    for period, _ in OCTAVES:
+        scale = np.float32(4 / period)
+        fade = np.clip(np.float32(1.5) - 4 * footprint / np.float32(period), 0, 1)
+        noises.append((noise_at(x * scale + ground.phase, y * scale) - np.float32(0.5)) * fade)
+    texture = np.zeros_like(x)
+    for (_, strength), noise in zip(OCTAVES[1:], noises[1:], strict=True):
+        texture += np.float32(strength) * noise
+    cell = np.exp2(np.ceil(np.log2(np.maximum(footprint, np.float32(0.01))))).astype(np.float32)
+    grain = noise_at(x / cell + np.float32(ground.phase), y / cell) - np.float32(0.5)
+    texture = texture + np.float32(GRAIN) * grain
+    stains = noises[0] * np.float32(OCTAVES[0][1] * ground.stains * 0.3)
+    names = sorted(COLOURS)
+    tinted = np.array([COLOURS[m] for m in names], dtype=np.float32) * ground.tints
+    rough = np.array([ROUGHNESS[m] for m in names], dtype=np.float32)
+    kind = np.full(x.shape, ground.material, dtype=np.int8)
+    colour = np.broadcast_to(tinted[ground.material], (*x.shape, 3)).copy()
+    lines = []
+    for strip in ground.strips:
+        away = np.abs(x * np.float32(np.cos(strip.angle)) + y * np.float32(np.sin(strip.angle)) - strip.offset)
+        if strip.wobble:
+            away = away + np.float32(strip.wobble) * (noises[0] + noises[1])
+        inside = np.clip((strip.half_width - away) / np.maximum(footprint, 0.02) + np.float32(0.5), 0, 1)
+        colour += inside[:, :, None] * (tinted[strip.material] - colour)
+        kind[inside > 0.5] = strip.material
+        if strip.line is not None and not strip.wobble:
+            lines.append((strip.line, np.abs(away - strip.half_width + np.float32(0.25))))
+    if (kind == PAVING).any():
+        grout = _grout(x, y, footprint, ground.tile)
+        colour *= (1 - np.float32(0.3) * grout * (kind == PAVING))[:, :, None]
+    colour *= (1 + stains + rough[kind] * np.float32(2.0) * texture)[:, :, None]
+    for paint, away in lines:
+        cover = np.clip((np.float32(0.06) - away) / np.maximum(footprint, 0.02) + np.float32(0.5), 0, 1)
+        cover *= np.clip(np.float32(0.12) / np.maximum(footprint, 1e-3), 0, 1) * np.float32(0.85)
+        colour += cover[:, :, None] * (np.array(paint, dtype=np.float32) - colour)
+    return colour
+
+
+def _grout(x: Float32, y: Float32, footprint: Float32, tile: float) -> Float32:
+    """Dark joints between slabs, faded where they are narrower than a pixel."""
+    a = np.abs((x / np.float32(tile)) % 1 - np.float32(0.5)) > 0.5 - 0.015 / tile
+    b = np.abs((y / np.float32(tile)) % 1 - np.float32(0.5)) > 0.5 - 0.015 / tile
+    return np.asarray((a | b) * np.clip(np.float32(1.4) - footprint / np.float32(0.1 * tile), 0, 1))

@@ -1,0 +1,222 @@
+"""Puts things into a picture: who hides whom, what is seen of each, and the shadows on the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.people.look import Look
+from tsuiseki.datamodules.scenes.render.raster import Camera, Layer, silhouette_box, trace
+from tsuiseki.datamodules.scenes.render.shading import Light, shade
+from tsuiseki.datamodules.scenes.render.solids import Float32, Solids
+from tsuiseki.tracking.types import BoolArray, FloatArray
+
+# Share of all light that reaches the ground under a thing less than beside it.
+OCCLUSION = 0.3
+
+
+@dataclass(frozen=True)
+class Thing:
+    """Solids that belong together; a person's carry a look."""
+
+    solids: Solids
+    look: Look | None = None
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What the picture shows of one thing.
+
+    Attributes:
+        box: ``(4,)`` pixels, the extent of the whole silhouette, hidden parts and what leaves the image included.
+        visibility: share of the silhouette's pixels that are in the image and not hidden, [0, 1].
+    """
+
+    box: FloatArray
+    visibility: float
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture that more things can be put into.
+
+    Attributes:
+        colour: ``(H, W, 3)`` linear light.
+        distance: ``(H * samples, W * samples)`` metres to what stands there, infinite for ground and sky.
+        samples: subpixels along each side of a pixel.
+    """
+
+    colour: Float32
+    distance: Float32
+    samples: int
+
+    @property
+    def open_ground(self) -> Float32:
+        """``(H, W)`` share of each pixel that nothing stands on."""
+        return _by_pixel(np.isinf(self.distance).astype(np.float32), self.samples)
+
+
+def empty_picture(colour: Float32, samples: int) -> Picture:
+    """``colour`` ``(H, W, 3)`` with nothing in it yet."""
+    height, width = colour.shape[:2]
+    return Picture(colour, np.full((height * samples, width * samples), np.inf, dtype=np.float32), samples)
+
+
+def compose(
+    picture: Picture, things: list[Thing], camera: Camera, light: Light
+) -> tuple[Picture, list[Sighting | None]]:
+    """``picture`` with ``things`` in it, the nearer before the farther, and what is seen of each (None: nothing).
+
+    Soft edges come from the share of a pixel's rays that meet a thing.
+    """
+    samples = picture.samples
+    height, width = picture.distance.shape
+    distance = picture.distance.copy()
+    owner = np.full(distance.shape, -1, dtype=np.int16)
+    # Only of people it matters how much lies outside the image.
+    layers = [trace(t.solids, camera, samples, 0.0 if t.look is None else 1.0) for t in things]
+    for index, layer in enumerate(layers):
+        slices = layer.inside(width, height) if layer else None
+        if layer and slices:
+            closer = layer.distance[slices[1]] < distance[slices[0]]
+            np.copyto(distance[slices[0]], layer.distance[slices[1]], where=closer)
+            np.copyto(owner[slices[0]], np.int16(index), where=closer)
+    added = picture.colour * _by_pixel((owner < 0).astype(np.float32), samples)[:, :, None]
+    sightings: list[Sighting | None] = []
+    for index, (thing, layer) in enumerate(zip(things, layers, strict=True)):
+        if layer is None:
+            sightings.append(None)
+            continue
+        count = _draw(added, owner, index, thing, layer, camera, samples, light)
+        sightings.append(Sighting(silhouette_box(layer, samples), count / max(int(layer.mask.sum()), 1)))
+    return Picture(added, distance, samples), sightings
+
+
+def _draw(
+    colour: Float32,
+    owner: np.ndarray[tuple[int, ...], np.dtype[np.int16]],
+    index: int,
+    thing: Thing,
+    layer: Layer,
+    camera: Camera,
+    samples: int,
+    light: Light,
+) -> int:
+    """Adds the visible part of a thing to ``colour`` and returns how many subpixels that is."""
+    height, width = owner.shape
+    slices = layer.inside(width, height)
+    if slices is None:
+        return 0
+    seen = np.zeros(layer.distance.shape, dtype=np.bool_)
+    seen[slices[1]] = owner[slices[0]] == index
+    count = int(seen.sum())
+    if not count:
+        return 0
+    weight = np.full(seen.shape, 1 / samples**2, dtype=np.float32)
+    if thing.look is None:
+        seen, weight = _fewer(layer, seen, samples)
+    rows, columns = np.nonzero(seen)
+    values = shade(layer, seen, thing.solids, camera, samples, light, thing.look) * weight[rows, columns][:, None]
+    rows, columns = (rows + layer.top) // samples, (columns + layer.left) // samples
+    top, left = rows[0], columns.min()
+    shape = (rows[-1] - top + 1, columns.max() - left + 1)
+    cell = (rows - top) * shape[1] + columns - left
+    for channel in range(3):
+        sums = np.bincount(cell, values[:, channel], minlength=shape[0] * shape[1])
+        colour[top : top + shape[0], left : left + shape[1], channel] += sums.reshape(shape)
+    return count
+
+
+def _fewer(layer: Layer, seen: BoolArray, samples: int) -> tuple[BoolArray, Float32]:
+    """One subpixel for all those of a pixel that show the same solid, and the weights of the subpixels.
+
+    Edges stay as they are; only the texture is sampled less finely, which things that are nobody can bear.
+    """
+    h, w = seen.shape
+    above, before = layer.top % samples, layer.left % samples
+    rows, columns = -(-(above + h) // samples), -(-(before + w) // samples)
+    padded = np.full((rows * samples, columns * samples), -1, dtype=np.int16)
+    padded[above : above + h, before : before + w] = np.where(seen, layer.solid, np.int16(-1))
+    blocks = padded.reshape(rows, samples, columns, samples)
+    first = blocks[:, :1, :, :1]
+    alike = (blocks == first) & (first >= 0)
+    weight = np.full(blocks.shape, 1 / samples**2, dtype=np.float32)
+    weight[:, 0, :, 0] = alike.sum(axis=(1, 3)) / samples**2
+    alike[:, 0, :, 0] = False
+    kept = (blocks >= 0) & ~alike
+    window = (slice(above, above + h), slice(before, before + w))
+    return kept.reshape(padded.shape)[window], weight.reshape(padded.shape)[window]
+
+
+def _by_pixel(fine: Float32, samples: int) -> Float32:
+    """Means over the subpixels of each pixel."""
+    height, width = fine.shape
+    return np.asarray(cv2.resize(fine, (width // samples, height // samples), interpolation=cv2.INTER_AREA))
+
+
+def darken(
+    picture: Picture, things: list[Thing], camera: Camera, light: Light, sunlit: Float32, softness: float
+) -> tuple[Picture, Float32]:
+    """``picture`` with the shadows of ``things`` on its ground, and the ``(H, W)`` sunlit share that is left.
+
+    Beside the sun's shadow, a thing keeps some of the sky's light from the ground right under it.
+
+    Args:
+        picture: to be darkened where nothing stands.
+        things: that throw shadows.
+        camera: of the picture.
+        light: of the scene.
+        sunlit: ``(H, W)`` share of the light that comes straight from the sun.
+        softness: standard deviation of the blur of the shadows, pixels.
+    """
+    sun = shadows(things, camera, light.direction, softness)
+    under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 2.0 + softness)
+    kept = (1 - sun * sunlit) * (1 - np.float32(OCCLUSION) * under)
+    open_ground = picture.open_ground
+    shade_factor = 1 - open_ground * (1 - kept)
+    return replace(picture, colour=picture.colour * shade_factor[:, :, None]), sunlit * (1 - sun) * open_ground
+
+
+def shadows(things: list[Thing], camera: Camera, direction: Float32, softness: float) -> Float32:
+    """``(H, W)`` share of the ground that ``things`` hide from ``direction``, in [0, 1].
+
+    A cone-sphere's shadow is the convex hull of its spheres' shadows; ``softness`` blurs it, in pixels.
+    """
+    mask = np.zeros((camera.height, camera.width), dtype=np.uint8)
+    if direction[2] < 0.05:
+        return mask.astype(np.float32)
+    for thing in things:
+        for polygon in _shadow_polygons(thing.solids, camera, direction):
+            cv2.fillConvexPoly(mask, polygon, 255, lineType=cv2.LINE_AA, shift=4)
+    blurred = cv2.GaussianBlur(mask, (0, 0), softness) if softness > 0 else mask
+    return np.asarray(blurred, dtype=np.float32) / np.float32(255)
+
+
+def _shadow_polygons(
+    solids: Solids, camera: Camera, direction: Float32
+) -> list[np.ndarray[tuple[int, ...], np.dtype[np.int32]]]:
+    sun = direction.astype(np.float64)
+    across = np.cross(sun, [0.0, 0.0, 1.0] if sun[2] < 0.99 else [1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across)
+    upward = np.cross(across, sun)
+    angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    ring = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * upward
+    axes = np.linalg.inv(solids.to_local.astype(np.float64))
+    ends = solids.start[:, None] + np.stack([0 * axes[:, :, 2], axes[:, :, 2] * solids.length[:, None]], axis=1)
+    mean_scale = np.where(solids.box[:, None], 0.0, solids.scale[:, 1:2] * 0.5 + 0.5)
+    points = ends[:, :, None] + ring * (solids.radius * mean_scale)[:, :, None, None]
+    points = points.reshape(len(solids), 16, 3)
+    corner = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+    corners = solids.start[:, None] + np.einsum("kij,cj->kci", axes, np.concatenate([corner, corner]))
+    points = np.where(solids.box[:, None, None], corners, points)
+    points[:, :, 2] = np.maximum(points[:, :, 2], 0)
+    cast = points - points[:, :, 2:] / sun[2] * sun
+    pixels, depth = camera.project(cast.reshape(-1, 3))
+    pixels, seen = pixels.reshape(len(solids), 16, 2), (depth.reshape(len(solids), 16) > 0.3).all(axis=1)
+    limit = 8 * max(camera.width, camera.height)
+    seen &= (np.abs(np.nan_to_num(pixels, nan=1e9)) < limit).all(axis=(1, 2))
+    # fillConvexPoly reads fixed-point numbers and puts a pixel's centre at a whole one.
+    fixed = np.round((pixels[seen] - 0.5) * 16).astype(np.int32)
+    return [cv2.convexHull(p).reshape(-1, 1, 2) for p in fixed]

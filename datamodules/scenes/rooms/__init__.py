@@ -1,0 +1,1 @@
+"""Rooms seen by fixed cameras."""

@@ -1,0 +1,131 @@
+"""Independent random pictures of people with exact boxes, made on the fly to train detectors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.people.person import person_solids, random_person
+from tsuiseki.datamodules.scenes.people.sprites import random_pose
+from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
+from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
+from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
+from tsuiseki.datamodules.scenes.render.shading import random_light
+from tsuiseki.datamodules.scenes.street.staging import apparent_heights, buildings_behind, clutter_around, random_camera
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.geometry import clip_boxes
+from tsuiseki.tracking.types import FloatArray, ImageArray
+
+# Cameras tried until one shows people in the wanted size.
+CAMERAS = 300
+# Share of the image that one piece of clutter may cover.
+LARGEST = 0.12
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What random pictures look like.
+
+    Attributes:
+        width: pixels.
+        height: pixels.
+        people: (fewest, most) people that are tried.
+        person_height: (least, greatest) height of a person, pixels.
+        clutter: (fewest, most) things that are nobody.
+        camera_height: (lowest, highest), metres.
+        degradation: strength of blur, noise and the like; 0 for none.
+        samples: rays along each side of a pixel.
+    """
+
+    width: int = 640
+    height: int = 480
+    people: tuple[int, int] = (3, 20)
+    person_height: tuple[float, float] = (20.0, 250.0)
+    clutter: tuple[int, int] = (4, 22)
+    camera_height: tuple[float, float] = (1.8, 9.0)
+    degradation: float = 1.0
+    samples: int = 2
+
+    def __post_init__(self) -> None:
+        for name in ("people", "person_height", "clutter", "camera_height"):
+            low, high = getattr(self, name)
+            if not 0 <= low <= high:
+                raise RequestError(f"training scenes: expected {name} as (least, greatest) from 0, got {low}, {high}")
+        if min(self.width, self.height) < 32 or not 1 <= self.samples <= 8 or self.degradation < 0:
+            raise RequestError(
+                "training scenes: expected at least 32x32 pixels, samples 1-8 and no negative degradation, "
+                f"got {self.width}x{self.height}, {self.samples} and {self.degradation}"
+            )
+
+
+def random_training_scene(
+    rng: np.random.Generator, settings: TrainingSettings | None = None
+) -> tuple[ImageArray, FloatArray, FloatArray]:
+    """One random picture with people.
+
+    Returns:
+        The image ``(H, W, 3)`` uint8 RGB, the boxes ``(N, 4)`` in pixels of the whole silhouettes, hidden parts
+        included, clipped to the image, and the visibilities ``(N,)`` in (0, 1].
+    """
+    settings = TrainingSettings() if settings is None else settings
+    camera, spots = _camera_with_spots(rng, settings)
+    light = random_light(rng)
+    ground, sunlit = draw_ground(random_ground(rng), camera, light)
+    people = _people(rng, spots)
+    count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1))
+    static = clutter_around(rng, camera, count, spots, LARGEST)
+    static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
+    picture = empty_picture(ground, settings.samples)
+    picture, _ = darken(picture, static + people, camera, light, sunlit, float(rng.uniform(0.5, 2.5)))
+    # One pass: static things and people hide each other alike.
+    picture, sightings = compose(picture, people + static, camera, light)
+    how = random_degradation(rng, settings.degradation)
+    image = degrade(picture.colour, replace(how, exposure=how.exposure * automatic_exposure(picture.colour)), rng)
+    boxes, visibility = seen_boxes(sightings[: len(people)], settings.width, settings.height)
+    return image, boxes, visibility
+
+
+def seen_boxes(sightings: list[Sighting | None], width: int, height: int) -> tuple[FloatArray, FloatArray]:
+    """Boxes ``(N, 4)`` clipped to the image and visibilities ``(N,)`` of those of which anything is seen."""
+    seen = [s for s in sightings if s is not None and s.visibility > 0]
+    boxes = np.array([s.box for s in seen], dtype=np.float64).reshape(-1, 4)
+    return clip_boxes(boxes, width, height), np.array([s.visibility for s in seen], dtype=np.float64)
+
+
+def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> tuple[PinholeCamera, FloatArray]:
+    """A camera and ``(N, 2)`` places on the ground where a person has a wanted size in its image."""
+    count = int(rng.integers(settings.people[0], settings.people[1] + 1))
+    for _ in range(CAMERAS):
+        camera = random_camera(rng, settings.width, settings.height, settings.camera_height)
+        feet = rng.uniform([-0.03, 0.05], [1.03, 1.2], (400, 2)) * [settings.width, settings.height]
+        spots = camera.ground(feet)[:, :2]
+        apparent = apparent_heights(camera, spots)
+        low, high = settings.person_height
+        good = np.flatnonzero((apparent > low) & (apparent < high))
+        if len(good) >= 40:
+            break
+    else:
+        raise RequestError(
+            f"expected a person_height that cameras {settings.camera_height} m over the ground can show, "
+            f"got {settings.person_height} pixels; widen one of the two"
+        )
+    # Few people are as near as the image is large: draw sizes evenly on a logarithmic scale.
+    wanted = np.exp(rng.uniform(np.log(apparent[good].min()), np.log(apparent[good].max()), count))
+    order = np.argsort(np.abs(np.log(apparent[good])[None] - np.log(wanted)[:, None]), axis=1)
+    chosen = spots[good[order[np.arange(count), rng.integers(0, 12, count)]]]
+    beside = rng.random(count) < 0.3
+    beside[:1] = False
+    angle = rng.uniform(0, 2 * np.pi, count)
+    step = rng.uniform(0.35, 1.0, count)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return camera, np.where(beside[:, None], np.roll(chosen, 1, axis=0) + step, chosen)
+
+
+def _people(rng: np.random.Generator, spots: FloatArray) -> list[Thing]:
+    things = []
+    for spot in spots:
+        person = random_person(rng)
+        pose, heading = random_pose(rng, person), float(rng.uniform(0, 2 * np.pi))
+        things.append(Thing(person_solids(person, pose, spot, heading), person.look))
+    return things

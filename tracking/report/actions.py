@@ -1,0 +1,122 @@
+"""What people do, for people to read: captions for the overlay, and a page with a timeline for each person."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.evaluation.coverage import spans
+from tsuiseki.tracking.formats.acting_tracks import ActingTrack
+from tsuiseki.tracking.report.overlay import track_colour
+from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, frame_ticks, seconds_table
+
+ROW, LEFT, WIDTH = 15, 150, 750
+MOST_NAMED = 3
+
+
+@dataclass(frozen=True)
+class ActionReport:
+    """What the page shows.
+
+    Attributes:
+        name: of the video.
+        people: with their actions.
+        names: of the actions.
+        frames: 0-based numbers of the frames that were looked at.
+        threshold: an action is named where its probability is above.
+        frame_rate: frames per second.
+    """
+
+    name: str
+    people: Sequence[ActingTrack]
+    names: Sequence[str]
+    frames: Sequence[int]
+    threshold: float
+    frame_rate: float
+
+
+def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: float) -> dict[int, list[str]]:
+    """By track id, the named actions of each of its boxes, the likeliest first, `MOST_NAMED` at the most."""
+    captions = {}
+    for person in people:
+        if person.multi is None:
+            continue
+        order = np.argsort(-person.multi, axis=1, kind="stable")
+        captions[person.track.id] = [
+            ", ".join(names[a] for a in ranked[:MOST_NAMED].tolist() if said[a] > threshold)
+            for ranked, said in zip(order, person.multi, strict=True)
+        ]
+    return captions
+
+
+def action_page(report: ActionReport, video: Path | None, seconds: Mapping[str, float]) -> str:
+    """The page as HTML, self-contained."""
+    time = f"<section><h2>Time</h2>{seconds_table(seconds, len(report.frames))}</section>"
+    parts = [_video(video), action_timelines(report), time]
+    people = f"{len(report.people)} {'person' if len(report.people) == 1 else 'people'}"
+    return PAGE.format(
+        title=escape(f"People in {report.name}"),
+        introduction=escape(f"{people} in {len(report.frames)} frames at {report.frame_rate:g} a second."),
+        style=STYLE,
+        sections="\n".join(part for part in parts if part),
+    )
+
+
+def _video(path: Path | None) -> str:
+    if path is None:
+        return ""
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    return (
+        "<section><h2>Tracks and actions</h2>"
+        f'<video controls loop muted playsinline src="data:video/webm;base64,{data}"></video>'
+        f"<p class=note>{BOXES_NOTE}</p>"
+        "</section>"
+    )
+
+
+def action_timelines(report: ActionReport) -> str:
+    note = (
+        "<p class=note>A block is a person. Its first row is the time they were followed, pale where no detection "
+        "supports it; each other row is an action, drawn where its probability over the window exceeds "
+        f"{report.threshold:g}. Numbers count frames.</p>"
+    )
+    blocks = "".join(_timeline(person, report) for person in report.people)
+    return f"<section><h2>Who does what when</h2>{note}{blocks or '<p>Nobody was followed.</p>'}</section>"
+
+
+def _timeline(person: ActingTrack, report: ActionReport) -> str:
+    track = person.track
+    first, length = report.frames[0], report.frames[-1] - report.frames[0] + 1
+    scale = WIDTH / length
+    paint = "rgb({},{},{})".format(*track_colour(track.id))
+    rows = [(f"person {track.id}", track.observed.astype(np.int64) + 1)]
+    if person.multi is not None:
+        called = person.multi > report.threshold
+        rows += [(report.names[a], called[:, a].astype(np.int64)) for a in np.flatnonzero(called.any(axis=0)).tolist()]
+    marks = []
+    for number, (label, values) in enumerate(rows):
+        y = number * ROW
+        marks.append(f'<text x="{LEFT - 6}" y="{y + 11}" text-anchor="end">{escape(label)}</text>')
+        for span in spans(track.frames, values):
+            if span.value == 0:
+                continue
+            x, size = LEFT + (span.first - first) * scale, (span.last - span.first + 1) * scale
+            pale = ' fill-opacity="0.35"' if number == 0 and span.value == 1 else ""
+            tip = f"<title>{escape(label)}, frames {span.first + 1}-{span.last + 1}</title>"
+            marks.append(
+                f'<rect x="{x:.1f}" y="{y + 2}" width="{size:.1f}" height="{ROW - 4}" fill="{paint}"{pale}>{tip}</rect>'
+            )
+    height = ROW * len(rows)
+    for frame in frame_ticks(first, length):
+        x = LEFT + (frame - first - 0.5) * scale
+        marks.append(f'<path d="M{x:.1f} 0V{height}" stroke="currentColor" stroke-opacity="0.15"/>')
+        marks.append(f'<text x="{x:.1f}" y="{height + 11}" text-anchor="middle">{frame}</text>')
+    return (
+        f'<svg class="plot" viewBox="0 0 {LEFT + WIDTH + 20} {height + 20}" role="img" '
+        f'aria-label="person {track.id}" font-size="11" fill="currentColor">{"".join(marks)}</svg>'
+    )

@@ -1,0 +1,154 @@
+"""Tracks drawn over the video: boxes with ids, short trails, dashes where no detection supports a box."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.report.webm import VideoWriter
+from tsuiseki.tracking.types import Frame, ImageArray, IntArray, Track
+
+GOLDEN_RATIO = 0.6180339887
+TRAIL_SECONDS = 2.0
+DASH = 4
+# Grey levels between two frames that are taken for noise.
+NOISE_LEVELS = 8
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+Colour = tuple[int, int, int]
+
+
+def track_colour(identity: int) -> Colour:
+    """A bright RGB colour for an id; ids that follow each other get hues far apart."""
+    hue = (identity * GOLDEN_RATIO) % 1
+    red, green, blue = colorsys.hsv_to_rgb(hue, 0.75, 1.0)
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
+class Overlay:
+    """Draws tracks into frames.
+
+    Args:
+        tracks: what to draw.
+        frame_rate: of the video, for the length of the trails.
+        captions: by track id, a text for each of its boxes, beside the id.
+        trail_seconds: length of the trails, 0 for none; under a camera that moves they say nothing.
+    """
+
+    def __init__(
+        self,
+        tracks: Iterable[Track],
+        frame_rate: float,
+        captions: Mapping[int, Sequence[str]] | None = None,
+        trail_seconds: float = TRAIL_SECONDS,
+    ) -> None:
+        self.tracks = list(tracks)
+        self.captions = captions or {}
+        self.trail = max(1, round(trail_seconds * frame_rate)) if trail_seconds > 0 else 0
+        frames = [track.frames for track in self.tracks]
+        numbers = [np.full(len(track), n) for n, track in enumerate(self.tracks)]
+        rows = [np.arange(len(track)) for track in self.tracks]
+        order = np.argsort(np.concatenate(frames), kind="stable") if frames else np.empty(0, dtype=np.int64)
+        self._frames, self._numbers, self._rows = (
+            np.concatenate(parts)[order] if parts else np.empty(0, dtype=np.int64) for parts in (frames, numbers, rows)
+        )
+
+    def draw(self, frame: Frame) -> ImageArray:
+        """The image of ``frame`` with the tracks over it, ``(H, W, 3)`` uint8 RGB; the frame itself stays as it is."""
+        image = frame.image.copy()
+        first, last = np.searchsorted(self._frames, [frame.index, frame.index + 1])
+        present = list(zip(self._numbers[first:last].tolist(), self._rows[first:last].tolist(), strict=True))
+        for number, row in present if self.trail else ():
+            self._draw_trail(image, self.tracks[number], row)
+        for number, row in present:
+            track = self.tracks[number]
+            _draw_box(image, track, row, self.captions[track.id][row] if track.id in self.captions else "")
+        draw_label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))
+        return image
+
+    def _draw_trail(self, image: ImageArray, track: Track, row: int) -> None:
+        """The way of the feet up to ``row``."""
+        recent = slice(np.searchsorted(track.frames, track.frames[row] - self.trail), row + 1)
+        boxes = track.boxes[recent]
+        feet = np.column_stack([(boxes[:, 0] + boxes[:, 2]) / 2, boxes[:, 3]])
+        cv2.polylines(image, [_pixels(feet)], isClosed=False, color=track_colour(track.id), lineType=cv2.LINE_AA)
+
+
+def write_overlay(
+    path: Path,
+    frames: Iterable[Frame],
+    tracks: Iterable[Track],
+    frame_rate: float,
+    captions: Mapping[int, Sequence[str]] | None = None,
+    trail_seconds: float = TRAIL_SECONDS,
+) -> None:
+    """Write the video with its tracks as WebM; see `Overlay`.
+
+    Raises:
+        RunError: the video breaks off, or WebM cannot be written.
+    """
+    overlay = Overlay(tracks, frame_rate, captions, trail_seconds)
+    shown: ImageArray | None = None
+    with VideoWriter(path, frame_rate) as writer:
+        for frame in frames:
+            shown = without_flicker(frame.image, shown)
+            writer.write(overlay.draw(Frame(frame.index, frame.time, shown)))
+
+
+def without_flicker(image: ImageArray, shown: ImageArray | None) -> ImageArray:
+    """``image``, with the pixels of the frame ``shown`` before it where the two differ by no more than noise.
+
+    OpenCV's VP8 spends as many bits as it likes, most of them on the noise of a still background: without it a video is
+    a fifth of the size and written in half the time.
+    """
+    if shown is None or shown.shape != image.shape:
+        return image
+    red, green, blue = cv2.split(cv2.absdiff(image, shown))
+    changed = cv2.threshold(cv2.max(cv2.max(red, green), blue), NOISE_LEVELS, 255, cv2.THRESH_BINARY)[1]
+    calm = shown.copy()
+    cv2.copyTo(image, cv2.medianBlur(changed, 3), calm)
+    return calm
+
+
+def _draw_box(image: ImageArray, track: Track, row: int, caption: str) -> None:
+    colour = track_colour(track.id)
+    x1, y1, x2, y2 = np.round(track.boxes[row]).astype(int).tolist()
+    if track.observed[row]:
+        cv2.rectangle(image, (x1, y1), (x2, y2), colour, 2, cv2.LINE_AA)
+    else:
+        corners = ((x1, y1), (x2, y1), (x2, y2), (x1, y2))
+        for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+            _dashed_line(image, start, end, colour)
+    draw_label(image, f"{track.id} {caption}".rstrip(), (x1, y1 - 2), colour)
+
+
+def _dashed_line(image: ImageArray, start: tuple[int, int], end: tuple[int, int], colour: Colour) -> None:
+    # Clipped first: a box far outside the image would cost thousands of dashes.
+    height, width = image.shape[:2]
+    inside, start_clipped, end_clipped = cv2.clipLine((0, 0, width, height), start, end)
+    if not inside:
+        return
+    a, b = np.asarray(start_clipped, dtype=np.float64), np.asarray(end_clipped, dtype=np.float64)
+    count = max(2, int(np.hypot(*(b - a)) // DASH))
+    points = _pixels(a + np.linspace(0, 1, count)[:, None] * (b - a))
+    dashes = [points[n : n + 2] for n in range(0, count - 1, 2)]
+    cv2.polylines(image, dashes, isClosed=False, color=colour, thickness=2)
+
+
+def draw_label(image: ImageArray, text: str, place: tuple[int, int], colour: Colour) -> None:
+    """``text`` on a patch of ``colour`` whose lower left corner is ``place``, moved into the image."""
+    scale = 0.4
+    (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)
+    x = min(max(place[0], 0), image.shape[1] - width - 4)
+    y = min(max(place[1], height + 4), image.shape[0] - 1)
+    cv2.rectangle(image, (x, y - height - 4), (x + width + 3, y), colour, cv2.FILLED)
+    dark = np.dot(colour, (0.299, 0.587, 0.114)) < 128
+    cv2.putText(image, text, (x + 2, y - 3), FONT, scale, (255, 255, 255) if dark else (0, 0, 0), lineType=cv2.LINE_AA)
+
+
+def _pixels(points: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> IntArray:
+    return np.round(points).astype(np.int32)

@@ -1,0 +1,250 @@
+"""`report.html`: a result on one self-contained page, for light and dark screens.
+
+Everything is inside the file: the overlay as base64 WebM, the plots as inline SVG. Text from inputs is escaped.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+
+from tsuiseki.tracking.evaluation.coverage import Coverage, coverage, spans
+from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
+from tsuiseki.tracking.evaluation.plots import comparison_figure, count_figure, inline_svg
+from tsuiseki.tracking.evaluation.table import COLUMNS, cells
+from tsuiseki.tracking.formats.mot import GroundTruth
+from tsuiseki.tracking.report.overlay import track_colour
+from tsuiseki.tracking.types import Track
+
+LOWER_IS_BETTER = {"id_switches", "false_positives", "false_negatives"}
+TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
+
+
+BOXES_NOTE = "Each colour and number is one person. A dashed box is filled in: no detection supports it."
+
+
+@dataclass(frozen=True)
+class ReportedMethod:
+    """One way to track, and what came of it.
+
+    Attributes:
+        name: for people.
+        scores: against the truth.
+        tracks: the result.
+    """
+
+    name: str
+    scores: PeopleScores
+    tracks: Sequence[Track]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the page shows.
+
+    Attributes:
+        title: heading of the page.
+        introduction: a sentence or two under it.
+        methods: compared with each other, the best last.
+        truth: the labels that they were scored against.
+        length: number of frames.
+        frame_rate: frames per second.
+        overlay: WebM video of the last method's tracks; None leaves it out.
+        seconds: per stage of the run.
+        facts: names and values for the foot of the page: models, versions, seed.
+        more: HTML of further sections, before those about time and origin.
+        overlay_note: what is drawn in the overlay.
+    """
+
+    title: str
+    introduction: str
+    methods: Sequence[ReportedMethod]
+    truth: GroundTruth
+    length: int
+    frame_rate: float
+    overlay: Path | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
+    more: Sequence[str] = ()
+    overlay_note: str = f"{BOXES_NOTE} Lines show where they walked."
+
+
+def write_report(path: Path, report: Report) -> None:
+    """Write the page of ``report``."""
+    path.write_text(report_page(report), encoding="utf-8")
+
+
+def report_page(report: Report) -> str:
+    """The page as HTML."""
+    results = {m.name: PeopleEvaluation({"": m.scores}, m.scores) for m in report.methods}
+    counts = {m.name: list(m.tracks) for m in report.methods}
+    sections = [
+        _section("Scores", _table(report.methods) + _glossary()),
+        _overlay(report),
+        _section("Comparison", inline_svg(lambda ink: comparison_figure(results, ink), "comparison")),
+        _timelines(report),
+        _section(
+            "People in view",
+            inline_svg(lambda ink: count_figure(report.truth, counts, report.length, ink), "counts"),
+        ),
+        *report.more,
+        _section("Time", seconds_table(report.seconds, report.length)) if report.seconds else "",
+        _section("How it was made", _facts(report.facts)) if report.facts else "",
+    ]
+    return PAGE.format(
+        title=escape(report.title),
+        introduction=escape(report.introduction),
+        style=STYLE,
+        sections="\n".join(part for part in sections if part),
+    )
+
+
+def _section(heading: str, body: str) -> str:
+    return f"<section><h2>{escape(heading)}</h2>{body}</section>"
+
+
+def _table(methods: Sequence[ReportedMethod]) -> str:
+    best = {
+        name: (min if name in LOWER_IS_BETTER else max)(getattr(m.scores, name) for m in methods)
+        for _, name, _ in COLUMNS
+    }
+    head = "".join(f"<th scope=col>{heading}</th>" for heading, _, _ in COLUMNS)
+    rows = []
+    for method in methods:
+        marks = [
+            ' class="best"' if len(methods) > 1 and getattr(method.scores, n) == best[n] else "" for _, n, _ in COLUMNS
+        ]
+        values = "".join(f"<td{mark}>{text}</td>" for mark, text in zip(marks, cells(method.scores), strict=True))
+        rows.append(f"<tr><th scope=row>{escape(method.name)}</th>{values}</tr>")
+    return (
+        f'<div class="wide"><table><thead><tr><th scope=col>Method</th>{head}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _glossary() -> str:
+    return (
+        "<p class=note>HOTA balances finding people (DetA) and keeping their ids (AssA). MOTA counts missed people "
+        "(FN), false boxes (FP) and changes of id (IDSW); IDF1 is the share of boxes with the right id throughout. "
+        "MOTP is the mean overlap of right boxes, Rcll and Prcn recall and precision. Boxes match from an overlap of "
+        "0.5 on.</p>"
+    )
+
+
+def _overlay(report: Report) -> str:
+    if report.overlay is None:
+        return ""
+    video = base64.b64encode(report.overlay.read_bytes()).decode("ascii")
+    name = escape(report.methods[-1].name)
+    return _section(
+        f"Tracks by {report.methods[-1].name}",
+        f'<video controls loop muted playsinline aria-label="Tracks by {name}" src="data:video/webm;base64,{video}">'
+        f"</video><p class=note>{escape(report.overlay_note)}</p>",
+    )
+
+
+def _timelines(report: Report) -> str:
+    parts = [
+        f"<h3>{escape(m.name)}</h3>{_timeline(coverage(report.truth, m.tracks), report.length)}" for m in report.methods
+    ]
+    note = (
+        "<p class=note>A row is a person of the ground truth, a bar the time they are in view, its colour the id they "
+        "were given: one colour from end to end is perfect, a change of colour an id switch, grey a miss.</p>"
+    )
+    return _section("Who was followed when", note + "".join(parts))
+
+
+def _timeline(people: Sequence[Coverage], length: int) -> str:
+    """Rows of bars as SVG."""
+    left, width, row = 44, 856, 16
+    height = row * len(people) + 22
+    scale = width / max(length, 1)
+    marks = []
+    for number, person in enumerate(people):
+        y = number * row
+        marks.append(f'<text x="{left - 6}" y="{y + 12}" text-anchor="end">{person.id}</text>')
+        for span in spans(person.frames, person.track_ids):
+            x, size = left + span.first * scale, (span.last - span.first + 1) * scale
+            red, green, blue = track_colour(span.value)
+            paint = f'fill="rgb({red},{green},{blue})"' if span.value else 'fill="currentColor" fill-opacity="0.18"'
+            what = f"id {span.value}" if span.value else "missed"
+            tip = f"<title>person {person.id}: {what}, frames {span.first + 1}-{span.last + 1}</title>"
+            marks.append(f'<rect x="{x:.1f}" y="{y + 2}" width="{size:.1f}" height="{row - 4}" {paint}>{tip}</rect>')
+    for frame in frame_ticks(0, length):
+        x = left + (frame - 0.5) * scale
+        marks.append(f'<path d="M{x:.1f} 0V{row * len(people)}" stroke="currentColor" stroke-opacity="0.15"/>')
+        marks.append(f'<text x="{x:.1f}" y="{height - 6}" text-anchor="middle">{frame}</text>')
+    return (
+        f'<svg class="plot" viewBox="0 0 {left + width + 8} {height}" role="img" aria-label="timeline" '
+        f'font-size="11" fill="currentColor">{"".join(marks)}</svg>'
+    )
+
+
+def frame_ticks(first: int, length: int) -> range:
+    """1-based numbers of frames to mark on an axis of ``length`` frames from the 0-based ``first`` on."""
+    step = next((t for t in TICKS if length / t <= 10), TICKS[-1])
+    return range((first // step + 1) * step, first + length + 1, step)
+
+
+def seconds_table(seconds: Mapping[str, float], frames: int) -> str:
+    """What each stage of a run took, altogether and a frame."""
+    total = max(sum(seconds.values()), 1e-9)
+    rows = "".join(
+        f"<tr><th scope=row>{escape(stage)}</th><td>{value:.2f} s</td>"
+        f"<td>{1000 * value / max(frames, 1):.1f} ms</td>"
+        f'<td class="meter"><span style="width:{100 * value / total:.1f}%"></span></td></tr>'
+        for stage, value in seconds.items()
+    )
+    head = "<thead><tr><th scope=col>Stage</th><th scope=col>All</th><th scope=col>A frame</th><th></th></tr></thead>"
+    return f'<div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>'
+
+
+def _facts(facts: Mapping[str, str]) -> str:
+    return f"<dl>{''.join(f'<dt>{escape(k)}</dt><dd>{escape(v)}</dd>' for k, v in facts.items())}</dl>"
+
+
+STYLE = """
+:root { color-scheme: light dark; --ground: #fbfbfa; --card: #fff; --ink: #1c1f23; --soft: #5c6670; --line: #dfe3e6;
+  --best: #0b6b50; --accent: #0072b2; }
+@media (prefers-color-scheme: dark) { :root { --ground: #14171a; --card: #1c2024; --ink: #e7eaec; --soft: #9aa5ae;
+  --line: #343b41; --best: #5fd3a8; --accent: #56b4e9; } }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--ground); color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
+main { max-width: 62rem; margin: 0 auto; padding: 2rem 1rem 4rem; }
+h1 { font-size: 1.7rem; margin: 0 0 .3rem; } h2 { font-size: 1.15rem; margin: 0 0 .8rem; }
+h3 { font-size: 1rem; margin: 1rem 0 .3rem; font-weight: 600; }
+section { background: var(--card); border: 1px solid var(--line); border-radius: 8px; padding: 1.1rem 1.2rem;
+  margin-top: 1.2rem; }
+p { margin: .4rem 0; } .lead, .note { color: var(--soft); } .note { font-size: .88rem; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .92rem; }
+th, td { padding: .35rem .5rem; text-align: right; border-bottom: 1px solid var(--line); white-space: nowrap; }
+th:first-child { text-align: left; } thead th { color: var(--soft); font-weight: 600; }
+tbody tr:last-child > * { border-bottom: 0; } .best { color: var(--best); font-weight: 700; }
+.meter { width: 40%; } .meter span { display: block; height: .7rem; background: var(--accent); border-radius: 2px; }
+video, svg.plot { display: block; width: 100%; height: auto; } video { border-radius: 4px; background: #000; }
+svg.plot text { font-family: system-ui, sans-serif; }
+dl { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1rem; margin: 0; font-size: .92rem; }
+dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
+"""
+
+PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>{style}</style>
+</head>
+<body>
+<main>
+<h1>{title}</h1>
+<p class="lead">{introduction}</p>
+{sections}
+</main>
+</body>
+</html>
+"""

@@ -1,0 +1,1 @@
+"""The finite-set paper: SMC-PHD and labelled filters."""

@@ -1,0 +1,1 @@
+"""The goldfish paper: particles from learnt correlations of shape and motion."""

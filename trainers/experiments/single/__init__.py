@@ -1,0 +1,1 @@
+"""Thesis chapter 3: correlation filters selected by particles."""
