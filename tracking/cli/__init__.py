@@ -114,14 +114,16 @@ COMMANDS: Tree = {
             "multi-correlation-filter": Command(
                 "correlation filters selected by a particle filter", "reproduce_single", "multi_correlation_filter"
             ),
-            "phd": Command("finite-set filters on the standard scenarios", "reproduce_phd", "phd"),
+            "phd": Command("finite-set filters on the standard scenarios", "reproduce", "phd", forwarded=True),
             "pca-particle-filter": Command(
                 "how many particles a goldfish needs", "reproduce_goldfish", "pca_particle_filter"
             ),
             "drone-action-features": Command(
                 "tracks and actions from a drone improve each other", "reproduce_drone", "action_features"
             ),
-            "phd-equalisation": Command("equal likelihoods keep the weak target", "reproduce_phd", "equalisation"),
+            "phd-equalisation": Command(
+                "equal likelihoods keep the weak target", "reproduce", "phd_equalisation", forwarded=True
+            ),
             "stereo-sphere": Command("a ball in space from two cameras", "reproduce_sphere", "stereo_sphere"),
             "multiview-drone": Command("a drone in space from measured pixels", "reproduce_sphere", "multiview_drone"),
         },

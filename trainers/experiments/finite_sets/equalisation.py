@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,8 @@ from tsuiseki.tracking.filters.region_states import boxes_of, second_order
 from tsuiseki.tracking.filters.region_updates import Equalised, Update, as_printed, average, calibrated
 from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.finite_sets.plots import plot_particles
 
 ARMS: Mapping[str, tuple[Update, RegionLikelihood]] = {
     "as printed": (as_printed, each_alone),
@@ -69,21 +70,30 @@ def run_arm(name: str, settings: BlobSettings, seed: int, density: int) -> Arm:
     return Arm(particles, np.array(expected), _lost(particles, least=0.05 * density))
 
 
-def reproduce_equalisation(out: Path, seeds: int, frames: int, density: int) -> dict[str, Any]:
-    """The whole experiment; the table's numbers, and the plot in the folder ``out``.
+def reproduce(bench: Bench, seeds: int = 20, frames: int = 150, particles: int = 300) -> Outcome:
+    """Whether equal likelihoods keep the weak target of three: particles over time, with and without.
+
+    DIR gets results.json, tables.md and particles.png.
 
     Args:
-        out: an existing folder.
+        bench: where it works.
         seeds: clips.
-        frames: length of each.
-        density: particles for each target.
-    """
-    from tsuiseki.trainers.experiments.finite_sets.plots import plot_particles
+        frames: length of each clip.
+        particles: of each target.
 
+    Raises:
+        RequestError: a number below 1.
+    """
+    at_least_one(seeds=seeds, frames=frames, particles=particles)
     settings = BlobSettings(
         frames=frames, objects=3, purity=(0.45, 0.95), size=(34.0, 34.0), clutter=0, enter=0.0, stay=True, speed=2.0
     )
-    runs = {name: [run_arm(name, settings, seed, density) for seed in range(seeds)] for name in ARMS}
+    jobs = [(name, seed) for name in ARMS for seed in range(seeds)]
+    done = {
+        (name, seed): bench.store.recall(run_arm, name, settings, seed, particles)
+        for name, seed in bench.watch.over(jobs, "clips", len(jobs))
+    }
+    runs = {name: [done[name, seed] for seed in range(seeds)] for name in ARMS}
     purity = [plan_blobs(settings, np.random.default_rng(seed)).purity for seed in range(seeds)]
     order = [np.argsort(one) for one in purity]
     means = {
@@ -91,10 +101,9 @@ def reproduce_equalisation(out: Path, seeds: int, frames: int, density: int) -> 
         for name, arms in runs.items()
     }
     lost = {name: np.array([a.lost[r] for a, r in zip(arms, order, strict=True)]) for name, arms in runs.items()}
-    plot_particles(means, lost, np.sort(purity[0]), out / "particles.png")
     kept = {name: [int(np.sum(arm.lost >= frames)) for arm in arms] for name, arms in runs.items()}
     gained = {name: np.array(kept[name]) - np.array(kept["as printed"]) for name in ARMS if name != "as printed"}
-    return {
+    values: dict[str, Any] = {
         "seeds": seeds,
         "purity": np.sort(purity[0]).tolist(),
         "kept": {name: float(np.mean(values)) for name, values in kept.items()},
@@ -105,6 +114,26 @@ def reproduce_equalisation(out: Path, seeds: int, frames: int, density: int) -> 
             name: float(np.mean([arm.expected[-1] for arm in arms])) for name, arms in runs.items()
         },
     }
+    notes = [
+        f"{name}: at least one more target kept than as printed on {100 * share:.0f} % of {seeds} seeds"
+        for name, share in values["one_more_kept"].items()
+    ]
+    plots = {"particles": plot_particles(means, lost, np.sort(purity[0]))}
+    return Outcome(values, [_table(values)], plots, notes=notes)
+
+
+def _table(values: Mapping[str, Any]) -> Table:
+    purity = [f"frames, purity {share:.2f}" for share in values["purity"]]
+    rows = [
+        (
+            name,
+            f"{kept:.2f}",
+            *(f"{frames:.0f}" for frames in values["frames_until_loss"][name]),
+            f"{values['expected_count_at_end'][name]:.3g}",
+        )
+        for name, kept in values["kept"].items()
+    ]
+    return Table("", ("update", "kept of 3", *purity, "expected count at the end"), rows)
 
 
 def _start(boxes: FloatArray, density: int, rng: np.random.Generator) -> tuple[FloatArray, Any, FloatArray]:

@@ -2,177 +2,62 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence
-from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
-from tsuiseki.tracking.filters.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.phd import PhdFilter
-from tsuiseki.tracking.filters.phd_identity import Identity, by_clusters, by_measurements
-from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_sequence
 from tsuiseki.tracking.trackers.people import PeopleTracker, track_people
 from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
 from tsuiseki.tracking.trackers.sort import Sort
-from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.finite_sets.scenarios import (
-    PointScenario,
-    generated_scenario,
-    read_scenario,
-    scenario_births,
-    scenario_model,
-)
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.finite_sets.plots import plot_ospa, plot_scaling
+from tsuiseki.trainers.experiments.finite_sets.runs import METHODS, ScenarioRow, scaling, scenario_row
+from tsuiseki.trainers.experiments.finite_sets.scenarios import read_scenario
 
-Step = Callable[[FloatArray], PointEstimates]
-METHODS = ("phd-printed", "phd-clusters", "phd", "labelled")
-CUT_OFF = 100.0
-# OSPA p=1 of a plain SMC-PHD filter and of a labelled filter in MATLAB: by the seed of the scenario that they were
-# measured on and by the clutter rate.
-YARDSTICKS: dict[tuple[int, str], dict[float, float]] = {
-    (20061, "phd"): {10: 14.5, 30: 17.0, 60: 19.8},
-    (20061, "labelled"): {10: 10.2, 30: 11.3, 60: 12.8},
-    (20091, "phd"): {10: 32.2, 30: 38.0, 60: 42.4},
-}
+GROWN = (("clutter", [10, 20, 40, 80, 160]), ("targets", [5, 10, 20, 40, 80]))
 
 
-@dataclass(frozen=True)
-class ScenarioRow:
-    """One line of the table: a scenario, a clutter rate and a method, means over the runs."""
+def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int = 1000, runs: int = 10) -> Outcome:
+    """The finite-set filters on the standard scenarios and on real detections: OSPA, identities, time.
 
-    scenario: str
-    clutter: float
-    method: str
-    ospa1: float
-    ospa2: float
-    ospa1_error: float
-    ospa_tracks: float
-    gospa: float
-    cardinality_error: float
-    switches: float
-    milliseconds: float
-    runs: int
-    peer: float | None
+    DIR gets results.json, tables.md, ospa.png and scaling.png.
 
+    Args:
+        bench: where it works.
+        data: folder that holds phd/phd_scenario_*.json and, for the real rows, mot/PETS09-S2L1-first.
+        particles: of each target.
+        runs: Monte-Carlo runs of each scenario; at most as many as it has.
 
-def start_filter(method: str, settings: dict[str, Any], clutter: float, particles: int, seed: int) -> Step:
-    """A fresh filter for a scenario, as a function from measurements to estimates.
-
-    ``phd`` reads targets off by measurements, ``phd-clusters`` by clusters; ``phd-printed`` does so without what goes
-    beyond the paper: particles by weight alone, nothing remembered, everything parted shown at once. ``labelled`` is
-    the multi-Bernoulli filter.
+    Raises:
+        RequestError: no scenario, or a number below 1.
     """
-    model = scenario_model(settings, clutter)
-    births = scenario_births(settings, particles)
-    rng = np.random.default_rng(seed)
-    columns = 4 if settings["kind"] == "linear" else 5
-    if method == "labelled":
-        labelled = LabelledMultiBernoulliFilter(model, births, particles)
-        tracks = labelled.init(columns)
-
-        def step_labelled(measurements: FloatArray) -> PointEstimates:
-            nonlocal tracks
-            tracks, info = labelled.step(tracks, measurements, rng)
-            return info.estimates
-
-        return step_labelled
-    phd = {
-        "phd": PhdFilter(model, births, particles, extract=by_measurements),
-        "phd-clusters": PhdFilter(model, births, particles, extract=by_clusters),
-        "phd-printed": PhdFilter(
-            model, births, particles, identity=Identity(remember=False, confirm=False), extract=by_clusters, least=0
-        ),
-    }[method]
-    state = phd.init(np.empty((0, columns)))
-
-    def step_phd(measurements: FloatArray) -> PointEstimates:
-        nonlocal state
-        state, info = phd.step(state, measurements, rng)
-        return info.estimates
-
-    return step_phd
-
-
-def run_filter(step: Step, measurements: Iterable[FloatArray]) -> tuple[PointTracks, FloatArray]:
-    """The tracks found, and the processor's seconds in each step."""
-    frames, ids, positions, seconds = [], [], [np.empty((0, 2))], []
-    for index, found in enumerate(measurements):
-        begin = time.process_time()
-        estimates = step(found)
-        seconds.append(time.process_time() - begin)
-        frames.append(np.full(len(estimates), index))
-        ids.append(estimates.ids)
-        positions.append(estimates.states[:, [0, 2]])
-    return PointTracks(np.concatenate(frames), np.concatenate(ids), np.concatenate(positions)), np.array(seconds)
-
-
-def scenario_rows(scenario: PointScenario, methods: Iterable[str], particles: int, runs: int) -> list[ScenarioRow]:
-    """Scores of the methods over all clutter rates and the first ``runs`` runs."""
-    rows, truth, settings = [], scenario.true_tracks(), scenario.settings
-    for index, clutter in enumerate(settings["clutter_rates"]):
-        for method in methods:
-            scores, seconds = [], []
-            for run in range(min(runs, settings["runs"])):
-                step = start_filter(method, settings, clutter, particles, seed=run)
-                found, took = run_filter(step, scenario.measurements[run, index])
-                scores.append(evaluate_points(truth, found, settings["K"], CUT_OFF))
-                seconds.append(took)
-            first = np.array([score.ospa1 for score in scores])
-            rows.append(
-                ScenarioRow(
-                    scenario.name,
-                    clutter,
-                    method,
-                    float(first.mean()),
-                    float(np.mean([s.ospa2 for s in scores])),
-                    float(first.std() / np.sqrt(len(first))),
-                    float(np.mean([s.ospa_tracks for s in scores])),
-                    float(np.mean([s.gospa for s in scores])),
-                    float(np.mean([s.cardinality_error for s in scores])),
-                    float(np.mean([s.switches for s in scores])),
-                    1e3 * float(np.median(np.concatenate(seconds))),
-                    len(scores),
-                    YARDSTICKS.get((settings.get("seed", 0), method), {}).get(clutter),
-                )
-            )
-    return rows
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """How the time of a step grows.
-
-    Attributes:
-        method: of the filter.
-        what: ``clutter`` or ``targets``.
-        sizes: how many.
-        milliseconds: median of a step.
-        slope: of the logarithms.
-    """
-
-    method: str
-    what: str
-    sizes: list[int]
-    milliseconds: list[float]
-    slope: float
-
-
-def scaling(method: str, what: str, sizes: list[int], particles: int = 1000, steps: int = 20) -> Scaling:
-    """Times of a method over clutter rates (at 10 targets) or numbers of targets (at clutter 10)."""
-    milliseconds = []
-    for size in sizes:
-        targets, clutter = (10, float(size)) if what == "clutter" else (size, 10.0)
-        settings, measurements = generated_scenario(targets, clutter, steps, seed=size)
-        _, seconds = run_filter(start_filter(method, settings, clutter, particles, seed=0), measurements)
-        # The first steps have no targets yet.
-        milliseconds.append(1e3 * float(np.median(seconds[5:])))
-    slope = float(np.polyfit(np.log(sizes), np.log(milliseconds), 1)[0])
-    return Scaling(method, what, sizes, milliseconds, slope)
+    paths = sorted((data / "phd").glob("phd_scenario_*.json"))
+    if not paths:
+        raise RequestError(f"data: expected phd/phd_scenario_*.json in {data}, found none; give the folder that has it")
+    at_least_one(particles=particles, runs=runs)
+    scenarios = [read_scenario(path) for path in paths]
+    cells = [(s, n, m) for s in scenarios for n, m in product(range(len(s.settings["clutter_rates"])), METHODS)]
+    watched = bench.watch.over(cells, "scenarios", len(cells))
+    rows = [bench.store.recall(scenario_row, *cell, particles, runs) for cell in watched]
+    grown = [bench.store.recall(scaling, method, what, n) for method in ("phd", "labelled") for what, n in GROWN]
+    sequence = data / "mot" / "PETS09-S2L1-first"
+    real = bench.store.recall(real_rows, sequence) if sequence.is_dir() else {}
+    return Outcome(
+        {
+            "scenarios": [asdict(row) for row in rows],
+            "scaling": [asdict(one) for one in grown],
+            "real": {name: asdict(scores) for name, scores in real.items()},
+        },
+        [_scenario_table(rows), _real_table(real)],
+        {"ospa": plot_ospa(rows), "scaling": plot_scaling(grown)},
+        notes=[f"{one.method}: log-log slope over {one.what} {one.slope:.2f}" for one in grown],
+    )
 
 
 def real_rows(folder: Path, seed: int = 0) -> dict[str, PeopleScores]:
@@ -192,33 +77,25 @@ def real_rows(folder: Path, seed: int = 0) -> dict[str, PeopleScores]:
     }
 
 
-def reproduce_phd(data: Path, out: Path, particles: int, runs: int, methods: Iterable[str] = METHODS) -> dict[str, Any]:
-    """The whole experiment; tables and plots go to the folder ``out``.
+def _scenario_table(rows: Sequence[ScenarioRow]) -> Table:
+    columns = ("scenario", "clutter", "method", "OSPA p=1", "p=2", "OSPA(2)", "|count|", "switches", "ms/step")
+    return Table(
+        "",
+        (*columns, "peer p=1"),
+        [
+            (
+                row.scenario, f"{row.clutter:g}", row.method, f"{row.ospa1:.2f} ± {row.ospa1_error:.2f}",
+                f"{row.ospa2:.2f}", f"{row.ospa_tracks:.2f}", f"{row.cardinality_error:.3f}", f"{row.switches:.1f}",
+                f"{row.milliseconds:.2f}", "" if row.peer is None else f"{row.peer:.1f}",
+            )
+            for row in rows
+        ],
+    )  # fmt: skip
 
-    Args:
-        data: folder with ``phd/`` and, for the real rows, ``mot/PETS09-S2L1-first``.
-        out: an existing folder.
-        particles: of each target.
-        runs: Monte-Carlo runs of each scenario.
-        methods: of ``METHODS``.
-    """
-    from tsuiseki.trainers.experiments.finite_sets.plots import plot_ospa, plot_scaling
 
-    methods = list(methods)
-    rows: list[ScenarioRow] = []
-    for path in sorted((data / "phd").glob("phd_scenario_*.json")):
-        rows += scenario_rows(read_scenario(path), methods, particles, runs)
-    grown = [
-        scaling(method, what, sizes)
-        for method in ("phd", "labelled")
-        for what, sizes in (("clutter", [10, 20, 40, 80, 160]), ("targets", [5, 10, 20, 40, 80]))
-    ]
-    real_folder = data / "mot" / "PETS09-S2L1-first"
-    real = real_rows(real_folder) if real_folder.is_dir() else {}
-    plot_ospa(rows, out / "ospa.png")
-    plot_scaling(grown, out / "scaling.png")
-    return {
-        "scenarios": [asdict(row) for row in rows],
-        "scaling": [asdict(one) for one in grown],
-        "real": {name: asdict(scores) for name, scores in real.items()},
-    }
+def _real_table(real: dict[str, PeopleScores]) -> Table:
+    return Table(
+        "",
+        ("PETS09-S2L1-first", "MOTA", "IDF1", "HOTA", "switches"),
+        [(name, f"{s.mota:.3f}", f"{s.idf1:.3f}", f"{s.hota:.3f}", str(s.id_switches)) for name, s in real.items()],
+    )

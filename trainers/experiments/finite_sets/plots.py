@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.finite_sets.runs import Scaling, ScenarioRow
 
-if TYPE_CHECKING:
-    from tsuiseki.trainers.experiments.finite_sets.phd import Scaling, ScenarioRow
+DPI = 90
 
 
-def plot_ospa(rows: Sequence[ScenarioRow], path: Path) -> None:
+def plot_ospa(rows: Sequence[ScenarioRow]) -> Figure:
     """OSPA over the clutter rate, a panel for each scenario, with the peers' values as crosses."""
     kinds = list(dict.fromkeys(row.scenario for row in rows))
-    figure = Figure(figsize=(4.5 * max(len(kinds), 1), 3.6), layout="constrained")
+    figure = Figure(figsize=(4.5 * max(len(kinds), 1), 3.6), dpi=DPI, layout="constrained")
     for place, kind in enumerate(kinds, start=1):
         axes = figure.add_subplot(1, len(kinds), place)
         for method in dict.fromkeys(row.method for row in rows):
@@ -33,12 +30,12 @@ def plot_ospa(rows: Sequence[ScenarioRow], path: Path) -> None:
                 axes.plot(*zip(*peers, strict=True), "x", color=line[0].get_color(), label=f"{method}, peer")
         axes.set(title=kind, xlabel="false measurements a step", ylabel="OSPA, p = 1, c = 100", ylim=(0, None))
         axes.legend(fontsize="small")
-    _save(figure, path)
+    return figure
 
 
-def plot_scaling(grown: Sequence[Scaling], path: Path) -> None:
+def plot_scaling(grown: Sequence[Scaling]) -> Figure:
     """Milliseconds a step over clutter and over targets, both axes logarithmic."""
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    figure = Figure(figsize=(9, 3.6), dpi=DPI, layout="constrained")
     times = [value for one in grown for value in one.milliseconds]
     ticks = [tick for tick in (0.5, 1, 2, 5, 10, 20, 50, 100, 200) if min(times) / 1.5 <= tick <= max(times) * 1.5]
     for place, what in enumerate(("clutter", "targets"), start=1):
@@ -53,21 +50,18 @@ def plot_scaling(grown: Sequence[Scaling], path: Path) -> None:
         axes.minorticks_off()
         axes.legend(fontsize="small")
         axes.grid(visible=True, alpha=0.3)
-    _save(figure, path)
+    return figure
 
 
-def plot_particles(
-    counts: Mapping[str, FloatArray], lost: Mapping[str, FloatArray], purity: FloatArray, path: Path
-) -> None:
+def plot_particles(counts: Mapping[str, FloatArray], lost: Mapping[str, FloatArray], purity: FloatArray) -> Figure:
     """Particles on each target over time, and below how many of the clips still have it; a column for each method.
 
     Args:
         counts: ``(T, K)`` mean over the clips.
         lost: ``(S, K)`` frame at which each clip lost each target, ``T`` where it never did.
         purity: ``(K,)`` of the targets.
-        path: of the picture.
     """
-    figure = Figure(figsize=(3.6 * len(counts), 5.4), layout="constrained")
+    figure = Figure(figsize=(3.6 * len(counts), 5.4), dpi=DPI, layout="constrained")
     panels = figure.subplots(2, len(counts), sharex=True, sharey="row", squeeze=False)
     for name, (above, below) in zip(counts, panels.T, strict=True):
         frames = np.arange(len(counts[name]))
@@ -79,9 +73,4 @@ def plot_particles(
     panels[0, 0].set_ylabel("particles on the target")
     panels[1, 0].set_ylabel("share of clips that still have it")
     panels[0, 0].legend(fontsize="small")
-    _save(figure, path)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=90)
+    return figure

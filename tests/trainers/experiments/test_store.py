@@ -1,0 +1,181 @@
+"""What was computed is taken again for the same arguments, data and code, and for nothing else."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments import store as store_module
+from tsuiseki.trainers.experiments.experiment import Watch
+from tsuiseki.trainers.experiments.store import Store, code_version
+from tsuiseki.trainers.experiments.values import described, plain, restored
+
+CALLS: list[object] = []
+
+
+@dataclass(frozen=True)
+class Settings:
+    size: int = 1
+    share: float | None = None
+
+
+@dataclass(frozen=True)
+class Found:
+    settings: Settings
+    points: FloatArray
+    names: tuple[str, ...]
+    by_name: dict[str, list[float]]
+    pairs: dict[int, tuple[int, float]]
+
+
+def find(settings: Settings, points: FloatArray, path: Path | None = None, watch: Watch | None = None) -> Found:
+    del path, watch
+    CALLS.append(settings)
+    return Found(settings, points * settings.size, ("a", "b"), {"x": [0.1, float("inf")]}, {3: (1, 0.5)})
+
+
+def write(folder: Path, text: str) -> None:
+    CALLS.append(text)
+    folder.mkdir(parents=True)
+    (folder / "text.txt").write_text(text)
+
+
+@pytest.fixture(autouse=True)
+def no_calls() -> None:
+    CALLS.clear()
+
+
+def test_a_value_comes_back_as_it_was(tmp_path: Path) -> None:
+    points = np.array([[0.1, np.nan], [1e-300, -0.0]])
+    first = Store(tmp_path).recall(find, Settings(2), points)
+    again = Store(tmp_path).recall(find, Settings(2), points)
+    assert len(CALLS) == 1
+    for found in (first, again):
+        assert found.points.tobytes() == (2 * points).tobytes()
+        assert (found.settings, found.names, found.by_name, found.pairs) == (
+            Settings(2), ("a", "b"), {"x": [0.1, float("inf")]}, {3: (1, 0.5)},
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("settings", "points"),
+    [(Settings(2), [0.0]), (Settings(1, 0.0), [0.0]), (Settings(1), [1.0]), (Settings(1), [0.0, 0.0])],
+)
+def test_other_arguments_are_computed_anew(tmp_path: Path, settings: Settings, points: Sequence[float]) -> None:
+    store = Store(tmp_path)
+    store.recall(find, Settings(1), np.array([0.0]))
+    assert not store.has(find, settings, np.array(points))
+    store.recall(find, settings, np.array(points))
+    assert len(CALLS) == 2
+
+
+def test_a_path_stands_for_what_is_in_it(tmp_path: Path) -> None:
+    data, store = tmp_path / "data", Store(tmp_path / "store")
+    data.mkdir()
+    (data / "one.txt").write_text("1")
+    given = (Settings(), np.zeros(1), data)
+    store.recall(find, *given)
+    assert store.has(find, *given)
+    (data / "one.txt").write_text("2")
+    assert not store.has(find, *given)
+    (data / "one.txt").write_text("1")
+    assert store.has(find, *given)
+    (data / "one.txt").rename(data / "two.txt")
+    assert not store.has(find, *given)
+
+
+def test_how_progress_is_shown_makes_no_difference(tmp_path: Path) -> None:
+    class Loud(Watch):
+        pass
+
+    store = Store(tmp_path)
+    store.recall(find, Settings(), np.zeros(1), watch=Watch())
+    assert store.has(find, Settings(), np.zeros(1), watch=Loud())
+
+
+def module(folder: Path, name: str, source: str) -> ModuleType:
+    """A module of ours whose file is in ``folder``."""
+    (folder / f"{name}.py").write_text(source)
+    for memory in (store_module._source, store_module._is_module):
+        memory.cache_clear()
+    sys.modules.pop(f"tsuiseki.lab.{name}", None)
+    importlib.invalidate_caches()
+    return importlib.import_module(f"tsuiseki.lab.{name}")
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a package `tsuiseki.lab`."""
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    package = ModuleType("tsuiseki.lab")
+    package.__spec__ = ModuleSpec("tsuiseki.lab", None, is_package=True)
+    package.__path__ = [str(folder)]
+    monkeypatch.setitem(sys.modules, "tsuiseki.lab", package)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    return folder
+
+
+def test_code_that_is_imported_at_any_depth_counts_and_other_code_does_not(lab: Path, tmp_path: Path) -> None:
+    module(lab, "deep", "FACTOR = 2\n")
+    module(lab, "beside", "NOTHING = 0\n")
+    module(lab, "middle", "def double(x):\n    from tsuiseki.lab.deep import FACTOR\n    return FACTOR * x\n")
+    source = "from tsuiseki.lab import middle\ndef compute(x: int) -> int:\n    return middle.double(x)\n"
+    store = Store(tmp_path / "store")
+    assert store.recall(module(lab, "top", source).compute, 4) == 8
+    before = code_version(["tsuiseki.lab.top"])
+    module(lab, "beside", "NOTHING = 1\n")
+    assert code_version(["tsuiseki.lab.top"]) == before
+    module(lab, "deep", "FACTOR = 3\n")
+    assert code_version(["tsuiseki.lab.top"]) != before
+    for name in ("deep", "middle", "top"):
+        sys.modules.pop(f"tsuiseki.lab.{name}")
+    assert store.recall(module(lab, "top", source).compute, 4) == 12
+
+
+def test_a_folder_is_made_once_and_whole(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    first = store.made("clip", write, "text")
+    assert (first / "text.txt").read_text() == "text"
+    assert first == store.made("clip", write, "text")
+    assert first != store.made("clip", write, "other")
+    assert CALLS == ["text", "other"]
+
+    with pytest.raises(FileExistsError):
+        store.made("clip", breaks_off, "text")
+    assert not store.has_made(breaks_off, "text")
+
+
+def breaks_off(folder: Path, text: str) -> None:
+    write(folder, text)
+    write(folder, text)
+
+
+def test_what_has_no_lasting_name_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="lambda"):
+        Store(tmp_path).recall(lambda: 1)
+    for value in (object(), lambda: 1):
+        with pytest.raises(TypeError, match="expected"):
+            described([value])
+    with pytest.raises(TypeError, match="JSON"):
+        plain(object())
+    with pytest.raises(TypeError, match="read back"):
+        restored(object, 1)
+
+
+def test_an_entry_says_what_it_belongs_to(tmp_path: Path) -> None:
+    Store(tmp_path).recall(find, Settings(5), np.zeros(1))
+    (path,) = (tmp_path / "find").iterdir()
+    entry = json.loads(path.read_text())
+    assert entry["arguments"][0]["fields"] == {"size": 5, "share": None}
+    assert {"function", "code", "versions", "value"} <= set(entry)
