@@ -1,7 +1,8 @@
-"""Build the wheel and check its contents: one top level, every package, the shipped models and configurations."""
+"""Build the wheel and check it: one top level, every package, the shipped models and configurations; then import it."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -17,7 +18,7 @@ def expected_files() -> set[str]:
     """The files of the repository that must be in the wheel, by their path there."""
     suffixes = {".py", ".onnx", ".json", ".yaml", ".typed"}
     return {
-        f"tsuiseki/{path.relative_to(REPOSITORY).as_posix()}"
+        f"tsuiseki/{path.relative_to(REPOSITORY).as_posix()}".replace("tsuiseki/tracking/front/", "tsuiseki/")
         for folder in FOLDERS
         for path in (REPOSITORY / folder).rglob("*")
         if path.is_file() and path.suffix in suffixes
@@ -46,11 +47,34 @@ def problems(wheel: Path) -> list[str]:
     return lines
 
 
+USE = """
+import sys, tsuiseki
+heavy = {"numpy", "cv2", "torch", "scipy", "onnxruntime", "matplotlib"} & set(sys.modules)
+assert not heavy, f"import tsuiseki brings {heavy}"
+assert tsuiseki.__file__.startswith(sys.argv[1]), tsuiseki.__file__
+for name in tsuiseki.__all__:
+    getattr(tsuiseki, name)
+people = tsuiseki.Sort().update([[0, 0, 10, 20, 0.9]])
+import tsuiseki.configs, tsuiseki.tracking.cli
+assert tsuiseki.tracking.cli.main(["--version"]) == 0
+"""
+
+
+def failure_of_use(wheel: Path, folder: Path) -> list[str]:
+    """What goes wrong where the wheel, installed into ``folder``, is imported and used; nothing if all is well."""
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(folder), str(wheel)]
+    subprocess.run(pip, check=True)
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+    command = [sys.executable, "-c", USE, str(folder)]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    return [] if done.returncode == 0 else [f"the installed wheel does not work: {done.stderr.strip()}"]
+
+
 def main() -> int:
     """Build, check, and say what is wrong."""
     with tempfile.TemporaryDirectory() as folder:
         wheel = build(Path(folder))
-        lines = problems(wheel)
+        lines = problems(wheel) + failure_of_use(wheel, Path(folder) / "installed")
         print(f"{wheel.name}: {wheel.stat().st_size / 2**20:.1f} MiB", *(lines or ["contents as expected"]), sep="\n")
     return 1 if lines else 0
 

@@ -19,8 +19,8 @@ from collections.abc import Callable
 from walkers import machine, walking_people
 
 from tsuiseki.tracking.formats.mot import find_sequences, read_detections
+from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.deepsort import DeepSort
-from tsuiseki.tracking.trackers.people import PeopleTracker
 from tsuiseki.tracking.trackers.sort import Sort
 from tsuiseki.tracking.types import Detections
 

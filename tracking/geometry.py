@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -75,6 +74,8 @@ def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
     """
     if not len(boxes):
         return np.empty(0, dtype=np.int64)
+    import cv2  # Here, so that trackers of given boxes run where OpenCV does not.
+
     # OpenCV wants scores from 0; only their order matters.
     positive = np.asarray(scores, dtype=np.float64) - np.min(scores) + 1
     kept = cv2.dnn.NMSBoxes(xywh_from_corners(boxes).tolist(), positive.tolist(), 0.0, iou)

@@ -6,7 +6,8 @@ exactly the first pixel of an image is ``0, 0, 1, 1``. Frame numbers are 0-based
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -18,6 +19,7 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 ImageArray: TypeAlias = NDArray[np.uint8]
 
 Status = Literal["tracking", "searching", "lost"]
+StatusArray: TypeAlias = NDArray[np.str_]
 STATUSES: tuple[Status, ...] = ("tracking", "searching", "lost")
 
 
@@ -50,21 +52,30 @@ class Detections:
         boxes: ``(N, 4)`` pixels, x1 < x2 and y1 < y2.
         scores: ``(N,)``, any finite number; a network's scores lie in [0, 1]. NaN where no detector gave one.
         features: ``(N, D)`` unit-length appearance features, or None when nothing described them.
+        actions: ``(N, A)`` probabilities of what each person does, or None when nothing recognised it.
     """
 
     boxes: FloatArray
     scores: FloatArray
     features: FloatArray | None = None
+    actions: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "boxes", check_boxes(self.boxes))
         object.__setattr__(self, "scores", np.asarray(self.scores, dtype=np.float64))
         if self.scores.shape != (len(self.boxes),) or np.isinf(self.scores).any():
             raise ValueError(f"expected {len(self.boxes)} finite scores, got shape {self.scores.shape}")
-        if self.features is not None:
-            object.__setattr__(self, "features", np.asarray(self.features, dtype=np.float64))
-            if self.features.ndim != 2 or len(self.features) != len(self.boxes):
-                raise ValueError(f"expected features of shape ({len(self.boxes)}, D), got {self.features.shape}")
+        for name in ("features", "actions"):
+            self._check_rows(name)
+
+    def _check_rows(self, name: str) -> None:
+        given = getattr(self, name)
+        if given is None:
+            return
+        rows = np.asarray(given, dtype=np.float64)
+        if rows.ndim != 2 or len(rows) != len(self.boxes):
+            raise ValueError(f"expected {name} of shape ({len(self.boxes)}, D), got {rows.shape}")
+        object.__setattr__(self, name, rows)
 
     def __len__(self) -> int:
         return len(self.boxes)
@@ -76,13 +87,74 @@ class Detections:
 
     def select(self, which: BoolArray | IntArray) -> Detections:
         """The detections at a mask or at indices."""
-        return Detections(
-            self.boxes[which], self.scores[which], None if self.features is None else self.features[which]
-        )
+        features = None if self.features is None else self.features[which]
+        actions = None if self.actions is None else self.actions[which]
+        return Detections(self.boxes[which], self.scores[which], features, actions)
 
     def with_features(self, features: FloatArray) -> Detections:
         """The same detections, described by ``features`` ``(N, D)``."""
-        return Detections(self.boxes, self.scores, features)
+        return replace(self, features=features)
+
+
+@dataclass(frozen=True)
+class Target:
+    """One target in one frame, as a tracker of many answers it.
+
+    Attributes:
+        id: positive; stays while the target is followed.
+        box: ``(4,)`` pixels.
+        score: how sure the tracker is of the box; 0 where nothing in the frame supports it.
+        status: ``tracking``, ``searching`` or ``lost``.
+    """
+
+    id: int
+    box: FloatArray
+    score: float
+    status: Status
+
+
+@dataclass(frozen=True)
+class Targets:
+    """The targets of one frame; going through them gives one `Target` after the other.
+
+    Attributes:
+        frame: 0-based number.
+        ids: ``(N,)`` positive, each once.
+        boxes: ``(N, 4)`` pixels.
+        scores: ``(N,)`` how sure the tracker is of each box; 0 where nothing in the frame supports it.
+        status: ``(N,)`` of ``tracking``, ``searching`` and ``lost``.
+    """
+
+    frame: int
+    ids: IntArray
+    boxes: FloatArray
+    scores: FloatArray
+    status: StatusArray
+
+    def __post_init__(self) -> None:
+        lengths = (len(self.ids), len(self.boxes), len(self.scores), len(self.status))
+        if len(set(lengths)) != 1:
+            raise ValueError(f"expected ids, boxes, scores and status of one length, got {lengths}")
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __iter__(self) -> Iterator[Target]:
+        for row in zip(self.ids.tolist(), self.boxes, self.scores.tolist(), self.status.tolist(), strict=True):
+            yield Target(*row)
+
+    @classmethod
+    def empty(cls, frame: int) -> Targets:
+        """Nobody in ``frame``."""
+        return cls(frame, np.empty(0, np.int64), np.empty((0, 4)), np.empty(0), np.empty(0, dtype="U9"))
+
+    def select(self, which: BoolArray | IntArray) -> Targets:
+        """The targets at a mask or at indices."""
+        return Targets(self.frame, self.ids[which], self.boxes[which], self.scores[which], self.status[which])
+
+    def of_status(self, status: Status) -> Targets:
+        """The targets of one status."""
+        return self.select(self.status == status)
 
 
 @dataclass(frozen=True)

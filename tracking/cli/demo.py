@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
     from tsuiseki.tracking.formats.mot import GroundTruth
     from tsuiseki.tracking.timing import StageTimes
-    from tsuiseki.tracking.trackers.people import PeopleTracker
+    from tsuiseki.tracking.trackers.base import PeopleTracker
     from tsuiseki.tracking.video import Source
 
 # What each method is called in table and report; the tracks of the last one are drawn.

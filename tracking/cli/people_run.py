@@ -20,9 +20,9 @@ from tsuiseki.tracking.output import RunRecord
 from tsuiseki.tracking.report.overlay import write_overlay
 from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.trackers.people import PeopleTracker
 from tsuiseki.tracking.trackers.run import FrameLog, run_trackers
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import Detections, Frame, Track

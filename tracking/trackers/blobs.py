@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from tsuiseki.tracking.filters.region_updates import Calibrated, Equalised, as_p
 from tsuiseki.tracking.filters.weights import weighted_mean
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage, ColourRange, region_likelihood
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
-from tsuiseki.tracking.types import Estimate, FloatArray, Frame, Status, Track
+from tsuiseki.tracking.types import Estimate, FloatArray, Frame, Status, Targets, Track
 
 Preset = Literal["calibrated", "paper", "single"]
 
@@ -109,14 +109,15 @@ class BlobTracker:
         self._filter = region_filter(self.settings)
         self._state = self._filter.init(np.empty((0, 6)), np.empty(0, dtype=np.int64), np.empty(0))
 
-    def update(self, frame: Frame) -> None:
-        """Take the next frame."""
+    def update(self, frame: Frame) -> Targets:
+        """Take the next frame; its targets."""
         image = ColourImage.of(frame.image, self.colour)
         self._state, info = self._filter.step(self._state, image, self.rng)
         boxes = boxes_of(info.estimates.states)
         observed = np.nan_to_num(info.likelihood) > info.background
-        self.record.add(info.estimates.ids, boxes, info.estimates.weights, observed)
         self.expected.append(info.expected_count)
+        targets = self.record.add(info.estimates.ids, boxes, info.estimates.weights, observed)
+        return replace(targets, frame=frame.index)
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, by id."""
@@ -144,8 +145,8 @@ class SingleBlobTracker:
             bootstrap(second_order(*noise)), self._log_likelihood
         )
 
-    def update(self, frame: Frame) -> None:
-        """Take the next frame."""
+    def update(self, frame: Frame) -> Targets:
+        """Take the next frame; the target in it, with the id 1."""
         image = ColourImage.of(frame.image, self.colour)
         before = self._state if self._state is not None else self._anywhere(image)
         state, _ = self._filter.step(before, image, self.rng)
@@ -159,6 +160,7 @@ class SingleBlobTracker:
         # A search that found nothing begins anew from (13): particles that stay where nothing is would never find it.
         self._state = None if status == "lost" or (self._unseen and not self._was_tracking()) else state
         self.estimates.append(Estimate(frame.index, box[0], score, status))
+        return Targets(frame.index, np.array([1]), box, np.array([score]), np.array([status]))
 
     def tracks(self) -> list[Track]:
         """The frames where the target was followed, as one track."""

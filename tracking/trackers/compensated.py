@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from tsuiseki.tracking.features.camera_motion import CameraPath, moved_boxes, undone
-from tsuiseki.tracking.trackers.people import PeopleTracker
-from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.trackers.base import PeopleTracker
+from tsuiseki.tracking.types import FloatArray, Targets, Track
 
 
 class MotionCompensated:
@@ -25,11 +26,15 @@ class MotionCompensated:
         self.tracker, self.path = tracker, path
         self._frame = 0
 
-    def update(self, detections: Detections) -> None:
-        """Take the detections of the next frame."""
-        boxes = moved_boxes(detections.boxes, self.path.transforms[self._frame])
+    def update(self, detections: DetectionsLike) -> Targets | None:
+        """Take the detections of the next frame; what the tracker answers, in pixels of the frame it is about."""
+        found = as_detections(detections)
+        boxes = moved_boxes(found.boxes, self.path.transforms[self._frame])
         self._frame += 1
-        self.tracker.update(Detections(boxes, detections.scores, detections.features))
+        targets = self.tracker.update(replace(found, boxes=boxes))
+        if targets is None:
+            return None
+        return replace(targets, boxes=moved_boxes(targets.boxes, undone(self.path.transforms[targets.frame])))
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, in pixels of their own frames."""

@@ -25,8 +25,9 @@ import numpy as np
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.trackers.lifecycle import Lifecycle, LifecycleSettings, Survivors
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets, Track
 
 
 @dataclass(frozen=True)
@@ -57,29 +58,38 @@ class DeepSortSettings:
 
 
 class DeepSort:
-    """Appearance first, then position, each with its own gate."""
+    """Appearance first, then position, each with its own gate. It draws no random numbers."""
 
-    def __init__(self, settings: DeepSortSettings | None = None) -> None:
-        self.settings = settings or DeepSortSettings()
+    def __init__(self, settings: DeepSortSettings | None = None, seed: int = 0) -> None:
+        self.settings, self.seed = settings or DeepSortSettings(), seed
         self._lifecycle = Lifecycle(self.settings.lifecycle, self.settings.motion)
         self._looks = np.empty((0, 0))
 
-    def update(self, detections: Detections) -> None:
+    def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; those without features are matched by position.
+
+        Returns:
+            The people of the frame.
 
         Raises:
             ValueError: the features are of another length than those before.
         """
-        features = self._checked_features(detections)
+        found = as_detections(detections)
+        features = self._checked_features(found)
         predicted = self._lifecycle.predict()
-        seen, detected = assign(self._feature_costs(predicted, detections, features), self.settings.feature_gate)
-        seen, detected = self._match_rest(predicted, detections, seen, detected)
-        parts = self._lifecycle.advance(seen, detected, detections)
+        seen, detected = assign(self._feature_costs(predicted, found, features), self.settings.feature_gate)
+        seen, detected = self._match_rest(predicted, found, seen, detected)
+        parts = self._lifecycle.advance(seen, detected, found)
         self._looks = self._updated_looks(parts, features)
+        return self._lifecycle.targets
 
     def tracks(self) -> list[Track]:
         """The confirmed tracks of all frames so far, by id."""
         return self._lifecycle.tracks()
+
+    def forget(self) -> None:
+        """See `OnlineTracker`."""
+        self._lifecycle.forget()
 
     def _checked_features(self, detections: Detections) -> FloatArray:
         """``(M, D)`` the features, NaN where there are none."""

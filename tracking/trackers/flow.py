@@ -15,6 +15,7 @@ from tsuiseki.tracking.association.rows import DetectionRows, join_rows, no_rows
 from tsuiseki.tracking.association.splitting import SplitSettings, Splitter
 from tsuiseki.tracking.association.tracklets import JoinSettings, join, make_tracklets
 from tsuiseki.tracking.association.windows import Decision, WindowedFlow
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.types import Detections, IntArray, Track
 
 
@@ -76,6 +77,7 @@ class FlowTracker:
         transition: learnt prices of pairs of detections; by default the hand-set ones of the settings. An `Affinity`
             brings the window it was learnt on, where the settings have the gate of `FlowSettings`.
         observation: learnt prices of detections; by default those of the settings.
+        seed: draws nothing here; see `trackers.base`.
     """
 
     def __init__(
@@ -83,7 +85,9 @@ class FlowTracker:
         settings: FlowSettings | None = None,
         transition: TransitionCost | None = None,
         observation: ObservationCost | None = None,
+        seed: int = 0,
     ) -> None:
+        self.seed = seed
         self.settings = _with_learnt_window(settings or FlowSettings(), transition)
         self._transition: TransitionCost = transition or self.settings.transition
         self._observation = observation or self.settings.observation
@@ -101,9 +105,9 @@ class FlowTracker:
         """False once ``longest`` has forced a decision before its time."""
         return self._flow.exact
 
-    def update(self, detections: Detections) -> None:
+    def update(self, detections: DetectionsLike) -> None:
         """Take the detections of the next frame."""
-        self._waiting.append(detections)
+        self._waiting.append(as_detections(detections))
         self._frame += 1
         if self.settings.chunk is not None and self._is_due(self.settings.chunk):
             self._decide()

@@ -15,7 +15,7 @@ from tsuiseki.tracking.filters.kalman import (
     update_boxes,
 )
 from tsuiseki.tracking.trackers.people import Record
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets, Track
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,14 @@ class Survivors:
         detected: the detections they were matched to.
         kept: rows of the earlier tracks that were not seen and live on.
         born: detections that started a track.
+        lost: rows of the earlier tracks that were believed and are given up.
     """
 
     seen: IntArray
     detected: IntArray
     kept: IntArray
     born: IntArray
+    lost: IntArray
 
 
 class Lifecycle:
@@ -69,6 +71,7 @@ class Lifecycle:
         self._numbers = np.empty(0, dtype=np.int64)
         self._hits = np.empty(0, dtype=np.int64)
         self._misses = np.empty(0, dtype=np.int64)
+        self._targets = Targets.empty(0)
 
     def predict(self) -> FloatArray:
         """``(N, 4)`` where the live tracks are expected in the next frame."""
@@ -81,9 +84,18 @@ class Lifecycle:
         """``(N,)`` frames since each live track was last seen."""
         return self._misses
 
+    @property
+    def targets(self) -> Targets:
+        """The confirmed tracks of the last frame: those seen, those kept, and those given up in it."""
+        return self._targets
+
     def tracks(self) -> list[Track]:
         """All confirmed tracks so far."""
         return self._record.tracks()
+
+    def forget(self) -> None:
+        """Drop the boxes so far from `tracks`."""
+        self._record.forget()
 
     def advance(self, seen: IntArray, detected: IntArray, detections: Detections) -> Survivors:
         """Update the tracks ``seen`` by the detections they were matched to, keep or drop the others, start new ones.
@@ -94,6 +106,7 @@ class Lifecycle:
             detections: all of the frame.
         """
         parts = self._divide(seen, detected, detections)
+        lost = self._numbers[parts.lost], self._belief.boxes[parts.lost]
         updated = update_boxes(select_boxes(self._belief, seen), detections.boxes[detected], self._motion)
         old = np.concatenate([seen, parts.kept])
         born = len(parts.born)
@@ -109,22 +122,52 @@ class Lifecycle:
         self._belief = join_boxes(beliefs) if len(beliefs) > 1 else updated
         self._numbers = np.append(self._numbers[old], self._record.start(born)) if born else self._numbers[old]
         self._hits, self._misses = hits, misses
-        self._note(parts, detections)
+        scores = self._note(parts, detections)
+        self._targets = self._answer(scores, *lost)
         return parts
 
     def _divide(self, seen: IntArray, detected: IntArray, detections: Detections) -> Survivors:
-        kept = (self._hits >= self._settings.min_hits) & (self._misses < self._settings.max_age)
-        kept[seen] = False
+        unseen = self._hits >= self._settings.min_hits
+        unseen[seen] = False
+        young = self._misses < self._settings.max_age
         free = detections.scores >= self._settings.start_score
         free[detected] = False
-        return Survivors(seen, detected, np.flatnonzero(kept), np.flatnonzero(free))
+        kept, lost = np.flatnonzero(unseen & young), np.flatnonzero(unseen & ~young)
+        return Survivors(seen, detected, kept, np.flatnonzero(free), lost)
 
-    def _note(self, parts: Survivors, detections: Detections) -> None:
-        """Record the tracks with a detection in this frame."""
+    def _note(self, parts: Survivors, detections: Detections) -> FloatArray:
+        """Record the tracks detected in this frame; ``(N,)`` the scores of all live tracks, 0 for the others."""
         present = self._misses == 0
+        scores = np.zeros(len(present))
         if not present.any():
-            return
+            return scores
         numbers = self._numbers[present]
         self._record.confirm(numbers[self._hits[present] == self._settings.min_hits])
-        scores = detections.scores[np.concatenate([parts.detected, parts.born])]
-        self._record.append(self._frame, numbers, self._belief.boxes[present], scores)
+        scores[present] = np.nan_to_num(detections.scores[np.concatenate([parts.detected, parts.born])])
+        self._record.append(self._frame, numbers, self._belief.boxes[present], scores[present])
+        return scores
+
+    def _answer(self, scores: FloatArray, lost: IntArray, lost_boxes: FloatArray) -> Targets:
+        """The believed among the live tracks, then those given up."""
+        believed = self._hits >= self._settings.min_hits
+        status = np.where(self._misses[believed] == 0, "tracking", "searching")
+        boxes = self._belief.boxes[believed]
+        if len(lost):
+            status = np.append(status, np.full(len(lost), "lost"))
+            boxes = np.concatenate([boxes, lost_boxes])
+        return Targets(
+            self._frame,
+            self._record.ids(np.append(self._numbers[believed], lost)),
+            with_area(boxes),
+            np.append(scores[believed], np.zeros(len(lost))),
+            status,
+        )
+
+
+def with_area(boxes: FloatArray) -> FloatArray:
+    """``(N, 4)`` boxes, those that a prediction has shrunk to nothing one pixel wide or high."""
+    thin = (boxes[:, 2:] - boxes[:, :2]) < 1
+    if not thin.any():
+        return boxes
+    middle = (boxes[:, :2] + boxes[:, 2:]) / 2
+    return np.where(np.tile(thin, 2), np.concatenate([middle - 0.5, middle + 0.5], axis=1), boxes)

@@ -1,30 +1,17 @@
-"""What the trackers of people share: their interface, and the record of what they said.
-
-A tracker is fed the detections of one frame after the other and can be asked for the tracks at any time. IDs live in
-the tracker: two of them in one process never share a counter. The same input gives the same tracks.
-"""
+"""A whole video through a tracker of people, and the record that an online tracker keeps."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol
 
 import numpy as np
 
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.interchange import DetectionsLike
+from tsuiseki.tracking.trackers.base import PeopleTracker
+from tsuiseki.tracking.types import FloatArray, IntArray, Track
 
 
-class PeopleTracker(Protocol):
-    """Turns the detections of a video into tracks."""
-
-    def update(self, detections: Detections) -> None:
-        """Take the detections of the next frame; they are not written to."""
-
-    def tracks(self) -> list[Track]:
-        """The tracks of all frames so far, by id; frames count from 0, the first ``update``."""
-
-
-def track_people(detections: Iterable[Detections], tracker: PeopleTracker) -> list[Track]:
+def track_people(detections: Iterable[DetectionsLike], tracker: PeopleTracker) -> list[Track]:
     """The tracks of a whole video.
 
     Args:
@@ -61,6 +48,15 @@ class Record:
         for number in numbers.tolist():
             self._ids.setdefault(number, len(self._ids) + 1)
 
+    def ids(self, numbers: IntArray) -> IntArray:
+        """``(K,)`` the ids of tracks that have one."""
+        return np.array([self._ids[number] for number in numbers.tolist()], dtype=np.int64)
+
+    def forget(self) -> None:
+        """Drop the boxes so far; numbers and ids go on."""
+        for kept in (self._frames, self._numbers, self._boxes, self._scores):
+            kept.clear()
+
     def append(self, frame: int, numbers: IntArray, boxes: FloatArray, scores: FloatArray) -> None:
         """Add the ``(K, 4)`` boxes of the K tracks that were seen in a frame, and scores, 0 for those not known."""
         self._frames.append(frame)
@@ -70,7 +66,7 @@ class Record:
 
     def tracks(self) -> list[Track]:
         """The confirmed tracks, by id."""
-        if not self._ids:
+        if not self._ids or not self._numbers:
             return []
         lookup = np.zeros(self._started, dtype=np.int64)
         lookup[list(self._ids)] = list(self._ids.values())
@@ -78,6 +74,8 @@ class Record:
         frames = np.repeat(self._frames, [len(numbers) for numbers in self._numbers])
         order = np.lexsort((frames, ids))
         order = order[np.searchsorted(ids[order], 1) :]
+        if not len(order):
+            return []
         boxes, scores = np.concatenate(self._boxes), np.concatenate(self._scores)
         pieces = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
         return [Track(int(ids[piece[0]]), frames[piece], boxes[piece], scores[piece]) for piece in pieces]

@@ -19,8 +19,9 @@ from tsuiseki.tracking.filters.phd import PhdFilter
 from tsuiseki.tracking.filters.point_births import MeasurementBirths
 from tsuiseki.tracking.filters.point_models import GaussianSensor, PointModel
 from tsuiseki.tracking.filters.points import PointEstimates
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
-from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.tracking.types import Detections, FloatArray, Targets, Track
 
 Method = Literal["labelled", "phd"]
 Step = Callable[[FloatArray], PointEstimates]
@@ -137,22 +138,27 @@ class PointTracker:
         self.record = EstimatedTracks(settings.shortest)
         self._step: Step = self._first
 
-    def update(self, detections: Detections) -> None:
-        """Take the detections of the next frame."""
-        used = detections.boxes[detections.scores >= self.settings.least_score]
+    def update(self, detections: DetectionsLike) -> Targets:
+        """Take the detections of the next frame; its targets."""
+        found = as_detections(detections)
+        used = found.boxes[found.scores >= self.settings.least_score]
         centres = (used[:, :2] + used[:, 2:]) / 2
-        self._advance(np.concatenate([centres, used[:, 2:] - used[:, :2]], axis=1))
+        return self._advance(np.concatenate([centres, used[:, 2:] - used[:, :2]], axis=1))
+
+    def forget(self) -> None:
+        """See `OnlineTracker`."""
+        self.record.forget()
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, by id."""
         return self.record.tracks()
 
-    def _advance(self, measurements: FloatArray) -> None:
+    def _advance(self, measurements: FloatArray) -> Targets:
         estimates = self._step(measurements)
         size = np.maximum(estimates.states[:, 4:6], 1.0)
         centres = estimates.states[:, [0, 2]]
         boxes = np.concatenate([centres - size / 2, centres + size / 2], axis=1)
-        self.record.add(estimates.ids, boxes, estimates.weights)
+        return self.record.add(estimates.ids, boxes, estimates.weights)
 
     def _first(self, measurements: FloatArray) -> PointEstimates:
         """Nothing until something was measured; that gives the unit of length."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.trackers.people import PeopleTracker
+from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.types import Detections, Track
 
 

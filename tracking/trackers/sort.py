@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.trackers.lifecycle import Lifecycle, LifecycleSettings
-from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types import Targets, Track
 
 
 @dataclass(frozen=True)
@@ -34,25 +35,33 @@ class Sort:
     """Each frame: predict every track, match predictions to detections by overlap, update what matched.
 
     The matching maximises the overlap (Hungarian method on 1 - IoU, gated). Beyond the paper, the boxes a track had
-    before it was confirmed are reported too once it is.
+    before it was confirmed are in ``tracks()`` too once it is. It draws no random numbers.
 
-    >>> from tsuiseki.tracking.trackers.people import track_people
-    >>> import numpy as np
-    >>> walk = [Detections(np.array([[t, 0, t + 20, 50.0]]), np.array([0.9])) for t in range(5)]
-    >>> [track.frames.tolist() for track in track_people(walk, Sort())]
+    >>> tracker = Sort()
+    >>> for t in range(5):
+    ...     people = tracker.update([[t, 0, t + 20, 50, 0.9]])
+    >>> people.ids, people.status
+    (array([1]), array(['tracking'], dtype='<U9'))
+    >>> [track.frames.tolist() for track in tracker.tracks()]
     [[0, 1, 2, 3, 4]]
     """
 
-    def __init__(self, settings: SortSettings | None = None) -> None:
-        self.settings = settings or SortSettings()
+    def __init__(self, settings: SortSettings | None = None, seed: int = 0) -> None:
+        self.settings, self.seed = settings or SortSettings(), seed
         self._lifecycle = Lifecycle(self.settings.lifecycle, self.settings.motion)
 
-    def update(self, detections: Detections) -> None:
-        """Take the detections of the next frame."""
+    def update(self, detections: DetectionsLike) -> Targets:
+        """Take the detections of the next frame; its people."""
+        found = as_detections(detections)
         predicted = self._lifecycle.predict()
-        seen, detected = assign(1 - iou_matrix(predicted, detections.boxes), 1 - self.settings.min_iou)
-        self._lifecycle.advance(seen, detected, detections)
+        seen, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - self.settings.min_iou)
+        self._lifecycle.advance(seen, detected, found)
+        return self._lifecycle.targets
 
     def tracks(self) -> list[Track]:
         """The confirmed tracks of all frames so far, by id."""
         return self._lifecycle.tracks()
+
+    def forget(self) -> None:
+        """See `OnlineTracker`."""
+        self._lifecycle.forget()

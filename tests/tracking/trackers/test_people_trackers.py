@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings
-from tsuiseki.tracking.trackers.people import PeopleTracker, track_people
+from tsuiseki.tracking.trackers.people import track_people
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import Detections, Track
 

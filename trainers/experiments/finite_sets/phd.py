@@ -12,7 +12,8 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_sequence
-from tsuiseki.tracking.trackers.people import PeopleTracker, track_people
+from tsuiseki.tracking.trackers.base import PeopleTracker
+from tsuiseki.tracking.trackers.people import track_people
 from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
 from tsuiseki.tracking.trackers.sort import Sort
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one

@@ -1,0 +1,1 @@
+../../tracking/front/__init__.py

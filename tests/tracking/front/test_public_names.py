@@ -1,0 +1,52 @@
+"""`import tsuiseki`: light, the same names for people, programs and type checkers, and each of them loads."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import tsuiseki
+
+SOURCE = Path(__file__).resolve().parents[3] / "tracking" / "front" / "__init__.py"
+
+
+def test_every_public_name_loads() -> None:
+    for name in tsuiseki.__all__:
+        assert getattr(tsuiseki, name) is not None
+    assert dir(tsuiseki) == tsuiseki.__all__
+    assert tsuiseki.__version__ == metadata.version("tsuiseki")
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'track_peeple'"):
+        tsuiseki.track_peeple  # noqa: B018
+
+
+def test_type_checkers_see_the_names_that_there_are() -> None:
+    (guarded,) = (node for node in ast.parse(SOURCE.read_text(encoding="utf-8")).body if isinstance(node, ast.If))
+    seen = {
+        alias.asname or alias.name: f"{node.module}.{alias.name}"
+        for node in guarded.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert set(tsuiseki.__all__) == {*seen, "__version__"}
+    assert {name: f"{home}.{name}" for name, home in tsuiseki._HOMES.items()} == seen
+
+
+def test_importing_it_is_light() -> None:
+    code = (
+        "import sys, tsuiseki; sys.exit(' '.join({'numpy', 'scipy', 'cv2', 'torch', 'yaml'} & set(sys.modules)) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_its_trackers_need_no_opencv() -> None:
+    code = "import sys; sys.modules['cv2'] = None\nimport tsuiseki; tsuiseki.Sort().update([]); tsuiseki.DeepSort()"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,97 @@
+"""Track people and objects in video: the names that a user needs, each loaded when it is first used.
+
+    import tsuiseki
+
+    tracker = tsuiseki.Sort()
+    people = tracker.update(detections)
+
+`docs/python.md` shows them all at work. What is not named here is internal and may change.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.errors import RequestError, RunError
+    from tsuiseki.tracking.features.networks import Appearance, Detector
+    from tsuiseki.tracking.interchange import as_detections
+    from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
+    from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+    from tsuiseki.tracking.trackers.sort import Sort, SortSettings
+    from tsuiseki.tracking.types import Detections, Estimate, Frame, Target, Targets, Track
+
+    __version__: str
+
+# Where each name comes from.
+_MODULES = {
+    "errors": (
+        "RequestError",
+        "RunError",
+    ),
+    "features.networks": (
+        "Appearance",
+        "Detector",
+    ),
+    "interchange": ("as_detections",),
+    "trackers.deepsort": (
+        "DeepSort",
+        "DeepSortSettings",
+    ),
+    "trackers.flow": (
+        "FlowSettings",
+        "FlowTracker",
+    ),
+    "trackers.sort": (
+        "Sort",
+        "SortSettings",
+    ),
+    "types": (
+        "Detections",
+        "Estimate",
+        "Frame",
+        "Target",
+        "Targets",
+        "Track",
+    ),
+}
+_HOMES = {name: f"tsuiseki.tracking.{module}" for module, names in _MODULES.items() for name in names}
+
+__all__ = [
+    "Appearance",
+    "DeepSort",
+    "DeepSortSettings",
+    "Detections",
+    "Detector",
+    "Estimate",
+    "FlowSettings",
+    "FlowTracker",
+    "Frame",
+    "RequestError",
+    "RunError",
+    "Sort",
+    "SortSettings",
+    "Target",
+    "Targets",
+    "Track",
+    "__version__",
+    "as_detections",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib import metadata
+
+        value: Any = metadata.version("tsuiseki")
+    elif name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

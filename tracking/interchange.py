@@ -1,0 +1,139 @@
+"""What people have their detections in, turned into `Detections`.
+
+Understood are arrays ``(N, 4)`` of boxes, ``(N, 5)`` with a score and ``(N, 6)`` with a score and a class, nested
+sequences of the same, objects with ``xyxy`` and ``confidence`` (supervision) or ``conf`` (ultralytics, whose results
+hold them under ``boxes``), and dictionaries with ``boxes`` and ``scores`` (torchvision). Tensors of any library that
+NumPy can read are arrays here, and an empty array of any shape is no detection. Boxes are ``x1, y1, x2, y2`` in pixels.
+What has no score gets 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import Detections, FloatArray
+
+
+class BoxesWithConfidence(Protocol):
+    """Boxes as supervision and others hold them."""
+
+    @property
+    def xyxy(self) -> Any:
+        """``(N, 4)`` pixels."""
+
+    @property
+    def confidence(self) -> Any:
+        """``(N,)`` scores, or None."""
+
+
+DetectionsLike: TypeAlias = Detections | BoxesWithConfidence | Mapping[str, Any] | ArrayLike
+
+EXPECTED = (
+    "expected detections as an array (N, 4), (N, 5) or (N, 6) of x1, y1, x2, y2, score, class, as an object with xyxy "
+    "and confidence, or as a dictionary with boxes and scores"
+)
+
+
+def as_detections(found: DetectionsLike | Any, classes: Collection[int] | None = None) -> Detections:
+    """``found`` as `Detections`.
+
+    Args:
+        found: see the module.
+        classes: keep detections of these classes only; by default all.
+
+    Raises:
+        RequestError: it is nothing that the module names, a box has no area or is not finite, scores and boxes differ
+            in number, or ``classes`` are asked for and there are none.
+
+    >>> as_detections([[10, 20, 30, 80, 0.9]]).scores
+    array([0.9])
+    >>> len(as_detections([]))
+    0
+    """
+    if isinstance(found, Detections):
+        if classes is not None:
+            raise RequestError("expected detections that have classes, got Detections, which have none")
+        return found
+    boxes, scores, labels = _parts(found)
+    if classes is not None:
+        if labels is None:
+            raise RequestError("expected detections that have classes, got none; leave the argument classes out")
+        kept = np.isin(labels, list(classes))
+        boxes, scores = boxes[kept], scores[kept]
+    return _checked(boxes, scores)
+
+
+def _parts(found: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Boxes ``(N, 4)``, scores ``(N,)`` and, where they are known, classes ``(N,)``."""
+    found = _unwrapped(found)
+    if isinstance(found, Mapping):
+        if "boxes" not in found:
+            raise RequestError(f"{EXPECTED}; got a dictionary with {', '.join(map(str, found)) or 'nothing'}")
+        return _of_columns(found["boxes"], found.get("scores"), found.get("labels"))
+    if hasattr(found, "xyxy"):
+        scores = getattr(found, "confidence", getattr(found, "conf", None))
+        return _of_columns(found.xyxy, scores, getattr(found, "class_id", getattr(found, "cls", None)))
+    table = _array(found)
+    if table.size == 0:
+        return np.empty((0, 4)), np.empty(0), np.empty(0)
+    if table.ndim != 2 or table.shape[1] not in (4, 5, 6):
+        raise RequestError(f"{EXPECTED}; got an array of shape {table.shape}")
+    scores = table[:, 4] if table.shape[1] > 4 else np.ones(len(table))
+    return table[:, :4], scores, table[:, 5] if table.shape[1] == 6 else None
+
+
+def _unwrapped(found: Any) -> Any:
+    """What holds the boxes, where it came in a list of one image or in a result that has more."""
+    if isinstance(found, Sequence) and len(found) == 1 and not isinstance(found, str | bytes):
+        (inside,) = found
+        if isinstance(inside, Mapping | Detections) or hasattr(inside, "xyxy") or hasattr(inside, "boxes"):
+            found = inside
+    boxes = None if isinstance(found, Mapping) else getattr(found, "boxes", None)
+    if boxes is None or hasattr(found, "xyxy"):
+        return found
+    return boxes if hasattr(boxes, "xyxy") else {"boxes": boxes, "scores": getattr(found, "scores", None)}
+
+
+def _of_columns(boxes: Any, scores: Any, labels: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    rows = _array(boxes)
+    if rows.size == 0:
+        return np.empty((0, 4)), np.empty(0), np.empty(0)
+    if rows.ndim != 2 or rows.shape[1] != 4:
+        raise RequestError(f"expected boxes of shape (N, 4), got {rows.shape}")
+    columns = [np.ones(len(rows)) if scores is None else _array(scores).reshape(-1)]
+    columns += [] if labels is None else [_array(labels).reshape(-1)]
+    for name, column in zip(("scores", "classes"), columns, strict=False):
+        if len(column) != len(rows):
+            raise RequestError(f"expected {len(rows)} {name}, one a box, got {len(column)}")
+    return rows, columns[0], None if labels is None else columns[1]
+
+
+def _array(values: Any) -> FloatArray:
+    """``values`` as numbers; tensors that need gradients or lie on an accelerator come to this memory."""
+    for step in ("detach", "cpu"):
+        values = getattr(values, step)() if hasattr(values, step) else values
+    if values is None:
+        raise RequestError(f"{EXPECTED}; got None")
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise RequestError(f"{EXPECTED}; got {type(values).__name__}") from error
+
+
+def _checked(boxes: FloatArray, scores: FloatArray) -> Detections:
+    bad = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2:] <= boxes[:, :2]).any(axis=1)
+    if bad.any():
+        row = int(bad.argmax())
+        shown = ", ".join(f"{value:g}" for value in boxes[row])
+        raise RequestError(
+            f"expected boxes x1, y1, x2, y2 with x1 < x2 and y1 < y2, got {shown} in row {row}; "
+            "are they x, y, width, height?"
+        )
+    if np.isinf(scores).any():
+        raise RequestError("expected finite scores, got infinity")
+    return Detections(boxes, scores)

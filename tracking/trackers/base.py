@@ -1,0 +1,56 @@
+"""The contract of trackers, on one page.
+
+A tracker of many is fed the detections of one frame after the other, frames without any included:
+
+* ``tracker = Method(settings, seed=0)``. Settings are one frozen dataclass with defaults. All random numbers come
+  from ``numpy.random.default_rng(seed)``; a method that draws none takes ``seed`` all the same, so that methods can be
+  exchanged. The same input and seed give the same tracks.
+* ``update(detections)`` takes the next frame. What it takes is whatever `as_detections` understands, and is never
+  written to. An `OnlineTracker` answers with the `Targets` of this very frame, in time that does not grow with the
+  length of the video. A tracker with a delay of d frames answers with those of the frame d before, and with None as
+  long as there is none; one that decides at the end always answers None.
+* ``tracks()`` gives the tracks of all frames so far, as they are if the video ends here. It may be asked at any time
+  and changes nothing.
+
+Frames count from 0, the first ``update``. IDs count from 1, live in the tracker, and are never given twice: two
+trackers in one process share nothing. An id that was answered stays that target's id, also in ``tracks()``.
+
+What the status of a target says:
+
+* ``tracking``: something in this frame supports its box, a detection or the image.
+* ``searching``: nothing does; its box is where it is expected, and its score is 0.
+* ``lost``: it is given up in this frame, and its id does not come back. A target that ends is not always announced.
+
+A target is answered from the frame on in which its tracker believes in it; ``tracks()`` may begin earlier, with the
+detections that made the tracker believe.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from tsuiseki.tracking.interchange import DetectionsLike
+from tsuiseki.tracking.types import Targets, Track
+
+
+class PeopleTracker(Protocol):
+    """Turns the detections of a video into tracks."""
+
+    def update(self, detections: DetectionsLike) -> Targets | None:
+        """Take the next frame; the targets of a frame, where one is decided."""
+
+    def tracks(self) -> list[Track]:
+        """The tracks of all frames so far, by id."""
+
+
+class OnlineTracker(PeopleTracker, Protocol):
+    """A tracker that answers at once."""
+
+    def update(self, detections: DetectionsLike) -> Targets:
+        """Take the next frame; its targets."""
+
+    def forget(self) -> None:
+        """Drop what is kept for ``tracks()``, which then begins with the next frame; ids go on.
+
+        A run without end needs this: an online tracker holds nothing else that grows with the video.
+        """
