@@ -96,7 +96,7 @@ def test_forgetting_keeps_ids_and_holds_nothing(make: Callable[[], OnlineTracker
         np.testing.assert_array_equal(a.boxes, b.boxes)
         forgetful.forget()
     assert forgetful.tracks() == []
-    forgetful.update(seen()[0])
+    forgetful.update(np.array([walk(k, 40) for k in range(3)]))
     assert {frame for _, frame in rows(forgetful.tracks())} == {40}
 
 
