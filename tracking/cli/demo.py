@@ -124,15 +124,11 @@ def _models(work: Path, *, train: bool) -> dict[str, Path]:
 def _prepare(source: Source, models: Mapping[str, Path], threads: int) -> tuple[Inputs, dict[Method, PeopleTracker]]:
     """Models and trackers as `tsuiseki track people` would use them."""
     from tsuiseki.tracking.association.affinity import Affinity
-    from tsuiseki.tracking.cli.people_run import Inputs, build_tracker
+    from tsuiseki.tracking.cli.people_run import Inputs, MethodSettings, build_tracker
     from tsuiseki.tracking.features.networks import Appearance, Detector
-    from tsuiseki.tracking.trackers.deepsort import DeepSortSettings
-    from tsuiseki.tracking.trackers.flow import FlowSettings
-    from tsuiseki.tracking.trackers.sort import SortSettings
 
     affinity = Affinity(models["affinity"], threads)
-    settings = SortSettings(), DeepSortSettings(), FlowSettings()
-    trackers = {method: build_tracker(method, *settings, affinity) for method in METHODS}
+    trackers = {method: build_tracker(method, MethodSettings(), affinity) for method in METHODS}
     detector = Detector(models["detector"], threads=threads)
     return Inputs(source, detector, Appearance(models["appearance"], threads)), trackers
 

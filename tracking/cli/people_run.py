@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,14 +21,16 @@ from tsuiseki.tracking.report.overlay import write_overlay
 from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.base import PeopleTracker
+from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
 from tsuiseki.tracking.trackers.run import FrameLog, run_trackers
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import Detections, Frame, Track
 from tsuiseki.tracking.video import Source, VideoFile, open_source
 
-Method = Literal["sort", "deepsort", "flow"]
+Method = Literal["sort", "deepsort", "bytetrack", "ocsort", "flow"]
 TRACKS_FILE = "tracks.txt"
 OVERLAY_FILE = "overlay.webm"
 RECORDING_FILE = "recording.webm"
@@ -59,14 +61,25 @@ class Inputs:
         return looked_at or self.source.length is None
 
 
-def build_tracker(
-    method: Method, sort: SortSettings, deepsort: DeepSortSettings, flow: FlowSettings, affinity: Affinity | None
-) -> PeopleTracker:
+@dataclass(frozen=True)
+class MethodSettings:
+    """The settings of every method."""
+
+    sort: SortSettings = field(default_factory=SortSettings)
+    deepsort: DeepSortSettings = field(default_factory=DeepSortSettings)
+    bytetrack: ByteTrackSettings = field(default_factory=ByteTrackSettings)
+    ocsort: OcSortSettings = field(default_factory=OcSortSettings)
+    flow: FlowSettings = field(default_factory=FlowSettings)
+
+
+def build_tracker(method: Method, settings: MethodSettings, affinity: Affinity | None) -> PeopleTracker:
     """A fresh tracker; the flow has hand-set costs where there is no affinity."""
     trackers: dict[Method, Callable[[], PeopleTracker]] = {
-        "sort": lambda: Sort(sort),
-        "deepsort": lambda: DeepSort(deepsort),
-        "flow": lambda: FlowTracker(flow, affinity, affinity.observation if affinity else None),
+        "sort": lambda: Sort(settings.sort),
+        "deepsort": lambda: DeepSort(settings.deepsort),
+        "bytetrack": lambda: ByteTrack(settings.bytetrack),
+        "ocsort": lambda: OcSort(settings.ocsort),
+        "flow": lambda: FlowTracker(settings.flow, affinity, affinity.observation if affinity else None),
     }
     return trackers[method]()
 

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Literal
 from tsuiseki.tracking.cli.models import chosen, shipped
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.frame_range import parse_frames
+from tsuiseki.tracking.trackers.bytetrack import ByteTrackSettings
 from tsuiseki.tracking.trackers.deepsort import DeepSortSettings
 from tsuiseki.tracking.trackers.flow import FlowSettings
+from tsuiseki.tracking.trackers.ocsort import OcSortSettings
 from tsuiseki.tracking.trackers.sort import SortSettings
 
 if TYPE_CHECKING:
@@ -18,8 +20,10 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.types import Detections
     from tsuiseki.tracking.video import Source
 
-Method = Literal["sort", "deepsort", "flow"]
+Method = Literal["sort", "deepsort", "bytetrack", "ocsort", "flow"]
+BY_PLACE = ("sort", "bytetrack", "ocsort")
 SORT, DEEPSORT, FLOW = SortSettings(), DeepSortSettings(), FlowSettings()
+BYTETRACK, OCSORT = ByteTrackSettings(), OcSortSettings()
 
 
 def people(
@@ -41,6 +45,8 @@ def people(
     seed: int = 0,
     sort: SortSettings = SORT,
     deepsort: DeepSortSettings = DEEPSORT,
+    bytetrack: ByteTrackSettings = BYTETRACK,
+    ocsort: OcSortSettings = OCSORT,
     flow: FlowSettings = FLOW,
 ) -> int:
     """Track the people in a video: each gets a number that stays.
@@ -52,8 +58,8 @@ def people(
         source: a video file, a folder of images, a MOTChallenge sequence folder, the number of a webcam (0, 1, …) or
             the address of a stream.
         out: folder for the results.
-        method: sort follows positions; deepsort looks, too; flow links the whole video at once, which is the most
-            accurate and gives its result at the end.
+        method: sort follows positions; bytetrack, through low scores, too; ocsort, through gaps; deepsort looks, too;
+            flow links the whole video at once, which is the most accurate and gives its result at the end.
         detections: MOTChallenge detections (det.txt) to use instead of a detector.
         detector: exported detector; by default the shipped detector_street.onnx.
         appearance: exported appearance network for deepsort and flow; by default the shipped appearance_people.onnx;
@@ -71,12 +77,15 @@ def people(
         seed: of random numbers; kept in run.json, for the methods here draw none.
         sort: settings of --method sort.
         deepsort: settings of --method deepsort.
+        bytetrack: settings of --method bytetrack.
+        ocsort: settings of --method ocsort.
         flow: settings of --method flow.
     """
     given = dict(locals())
     # What runs is imported here, so that help and mistakes in the options come at once.
     from tsuiseki.tracking.cli.people_run import (
         Inputs,
+        MethodSettings,
         build_tracker,
         plain,
         report_end,
@@ -105,7 +114,7 @@ def people(
     if overlay and not opened.has_images:
         raise RequestError(f"{opened.name} has no images to draw on; leave --overlay out")
     learnt = _affinity(method, affinity, threads, given_scores=detections is not None)
-    tracker = build_tracker(method, sort, deepsort, flow, learnt)
+    tracker = build_tracker(method, MethodSettings(sort, deepsort, bytetrack, ocsort, flow), learnt)
     if inputs.camera is not None:
         tracker = MotionCompensated(tracker, inputs.camera)
     times = StageTimes()
@@ -151,9 +160,9 @@ def _describer(source: Source, method: Method, appearance: Path | None, threads:
     """What describes looks, where the method uses them and there are images."""
     from tsuiseki.tracking.features.networks import Appearance
 
-    if method == "sort":
+    if method in BY_PLACE:
         if appearance is not None:
-            raise RequestError("--appearance: --method sort does not look at people; choose deepsort or flow")
+            raise RequestError(f"--appearance: --method {method} does not look at people; choose deepsort or flow")
         return None
     if not source.has_images and appearance is None:
         return None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.filters.kalman import (
+    BoxBelief,
     BoxMotion,
     join_boxes,
     predict_boxes,
@@ -78,6 +79,19 @@ class Lifecycle:
         self._frame += 1
         self._belief = predict_boxes(self._belief, self._motion)
         return self._belief.boxes
+
+    @property
+    def belief(self) -> BoxBelief:
+        """What is known of the live tracks."""
+        return self._belief
+
+    def correct(self, which: IntArray, belief: BoxBelief) -> None:
+        """Replace what is known of the tracks at ``(K,)`` indices."""
+        boxes, velocities, variance = (
+            part.copy() for part in (self._belief.boxes, self._belief.velocities, self._belief.variance)
+        )
+        boxes[which], velocities[which], variance[which] = belief.boxes, belief.velocities, belief.variance
+        self._belief = BoxBelief(boxes, velocities, variance)
 
     @property
     def misses(self) -> IntArray:

@@ -210,7 +210,7 @@ def test_models_of_another_kind(option: str, other: str, inputs: Any, complaint:
         ("ovrlay: true", "unknown option --ovrlay; did you mean --overlay?"),
         ("flow:\n  entri: 3", "unknown option --flow.entri; did you mean --flow.entry?"),
         ("seed: lots", "--seed: expected a whole number, got 'lots'"),
-        ("method: magic", "--method: expected one of 'sort', 'deepsort', 'flow', got 'magic'"),
+        ("method: magic", "--method: expected one of 'sort', 'deepsort', 'bytetrack', 'ocsort', 'flow', got 'magic'"),
         ("flow:\n  entry: high", "--flow.entry: expected a number, got 'high'"),
         ("flow: {entry: -1}", "expected finite entry, exit and miss costs of 0 or more"),
         ("seed: [1", "problems parsing config"),

@@ -32,13 +32,13 @@ def check_result(folder: Path, first: int, last: int) -> None:
     assert np.abs(track.boxes - [8, 8, 24, 40]).max() < 0.01
 
 
-@pytest.mark.parametrize("method", ["sort", "deepsort", "flow"])
+@pytest.mark.parametrize("method", ["sort", "deepsort", "bytetrack", "ocsort", "flow"])
 @pytest.mark.parametrize("source", ["video", "images"])
 def test_a_person_is_tracked_from_any_source_by_any_method(
     inputs: Any, tmp_path: Path, method: str, source: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["track", "people", str(getattr(inputs, source)), "--detector", str(inputs.detector)]
-    words += ["--appearance", str(inputs.appearance)] if method != "sort" else []
+    words += ["--appearance", str(inputs.appearance)] if method in ("deepsort", "flow") else []
     words += ["--affinity", str(inputs.affinity)] if method == "flow" else []
     assert main([*words, "--method", method, "--out", str(tmp_path / "o")]) == 0
     check_result(tmp_path / "o", 0, 11)
