@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.errors import RequestError, RunError
     from tsuiseki.tracking.features.networks import Appearance, Detector
     from tsuiseki.tracking.interchange import as_detections
+    from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
     from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
     from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+    from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
     from tsuiseki.tracking.trackers.sort import Sort, SortSettings
     from tsuiseki.tracking.types import Detections, Estimate, Frame, Target, Targets, Track
 
@@ -35,6 +37,10 @@ _MODULES = {
         "Detector",
     ),
     "interchange": ("as_detections",),
+    "trackers.bytetrack": (
+        "ByteTrack",
+        "ByteTrackSettings",
+    ),
     "trackers.deepsort": (
         "DeepSort",
         "DeepSortSettings",
@@ -42,6 +48,10 @@ _MODULES = {
     "trackers.flow": (
         "FlowSettings",
         "FlowTracker",
+    ),
+    "trackers.ocsort": (
+        "OcSort",
+        "OcSortSettings",
     ),
     "trackers.sort": (
         "Sort",
@@ -60,6 +70,8 @@ _HOMES = {name: f"tsuiseki.tracking.{module}" for module, names in _MODULES.item
 
 __all__ = [
     "Appearance",
+    "ByteTrack",
+    "ByteTrackSettings",
     "DeepSort",
     "DeepSortSettings",
     "Detections",
@@ -68,6 +80,8 @@ __all__ = [
     "FlowSettings",
     "FlowTracker",
     "Frame",
+    "OcSort",
+    "OcSortSettings",
     "RequestError",
     "RunError",
     "Sort",

@@ -57,8 +57,8 @@ class ByteTrackSettings:
 class ByteTrack:
     """Each frame: predict every track, match the sure detections, then the unsure ones to the tracks left over.
 
-    Beyond the paper, the boxes a track had before it was confirmed are in ``tracks()`` too once it is. It draws no random
-    numbers. Somebody who is detected with a low score for two frames stays one track:
+    Beyond the paper, the boxes a track had before it was confirmed are in ``tracks()`` too once it is. It draws no
+    random numbers. Somebody who is detected with a low score for two frames stays one track:
 
     >>> tracker = ByteTrack()
     >>> for time, score in enumerate([0.9, 0.9, 0.3, 0.3, 0.9]):

@@ -73,8 +73,8 @@ class OcSortSettings:
 class OcSort:
     """Each frame: predict, match by overlap and direction (OCM), recover what is left over (OCR), update (ORU).
 
-    Beyond the paper, the boxes a track had before it was confirmed are in ``tracks()`` too once it is. It draws no random
-    numbers. Somebody hidden for ten frames who then walks on is one track:
+    Beyond the paper, the boxes a track had before it was confirmed are in ``tracks()`` too once it is. It draws no
+    random numbers. Somebody hidden for ten frames who then walks on is one track:
 
     >>> tracker = OcSort()
     >>> for time in range(30):

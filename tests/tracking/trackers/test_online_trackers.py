@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.trackers.base import OnlineTracker
+from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings, with_area
+from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import Targets, Track
 
@@ -17,6 +19,8 @@ LIFE = LifecycleSettings(min_hits=3, max_age=2)
 MAKERS: dict[str, Callable[[], OnlineTracker]] = {
     "sort": lambda: Sort(SortSettings(lifecycle=LIFE), seed=1),
     "deepsort": lambda: DeepSort(DeepSortSettings(lifecycle=LIFE), seed=1),
+    "bytetrack": lambda: ByteTrack(ByteTrackSettings(lifecycle=LIFE), seed=1),
+    "ocsort": lambda: OcSort(OcSortSettings(lifecycle=LIFE), seed=1),
 }
 EACH = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
 

@@ -1,4 +1,4 @@
-"""SORT, DeepSORT and flow on people whose tracks are known, then what they share, then bad input."""
+"""The trackers of people, online and flow, on people whose tracks are known, then what they share, then bad input."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ import pytest
 
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.trackers.base import PeopleTracker
+from tsuiseki.tracking.trackers.bytetrack import ByteTrack
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings
+from tsuiseki.tracking.trackers.ocsort import OcSort
 from tsuiseki.tracking.trackers.people import track_people
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import Detections, Track
@@ -20,6 +22,8 @@ from tsuiseki.tracking.types import Detections, Track
 MAKERS: dict[str, Callable[[], PeopleTracker]] = {
     "sort": Sort,
     "deepsort": DeepSort,
+    "bytetrack": ByteTrack,
+    "ocsort": OcSort,
     "flow": lambda: FlowTracker(FlowSettings(chunk=None)),
     "sliding flow": lambda: FlowTracker(FlowSettings(chunk=7)),
 }
