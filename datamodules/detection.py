@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
-from tsuiseki.datamodules.scene_images import write_drone_images, write_scene_images
+from tsuiseki.datamodules.scene_images import write_drone_images, write_scene_images, write_varied_images
 from tsuiseki.datamodules.scenes.drone.clip import DroneSettings
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
@@ -216,6 +216,8 @@ class DetectionData(lightning.LightningDataModule):
             if source.scene == "drone":
                 settings = DroneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
                 write_drone_images(folder, source.generate, settings, source.seed)
+            elif source.scene == "varied":
+                write_varied_images(folder, source.generate, (width, height), source.seed)
             else:
                 write_scene_images(folder, source.generate, TrainingSettings(width, height), source.seed)
 

@@ -30,7 +30,8 @@ class Source:
         fixed_camera: the camera stands still in each sequence, so that people can be cut out and pasted.
         least_visible: people of whom a smaller share is visible are ignored, in [0, 1].
         generate: fill a folder that does not exist with this many random generated pictures.
-        scene: what those show: a street, or people under a drone.
+        scene: what those show: a street; streets, crowds, views from afar and empty places by day and night (varied);
+            or people under a drone.
         seed: of those.
     """
 
@@ -40,7 +41,7 @@ class Source:
     fixed_camera: bool = False
     least_visible: float = 0.25
     generate: int = 0
-    scene: Literal["street", "drone"] = "street"
+    scene: Literal["street", "varied", "drone"] = "street"
     seed: int = 0
 
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.drone.clip import DroneSettings, draw_flight, plan_flight
-from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene
+from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene, varied_settings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
 from tsuiseki.tracking.output import output_folder
@@ -36,6 +36,15 @@ def write_scene_images(folder: Path, count: int, settings: TrainingSettings, see
         RequestError: fewer than one picture, or the folder holds files.
     """
     _write(folder, count, (settings.width, settings.height), partial(_street_picture, settings, seed))
+
+
+def write_varied_images(folder: Path, count: int, size: tuple[int, int], seed: int) -> None:
+    """Render ``count`` pictures of `varied_settings`, ``size`` (width, height); else as `write_scene_images`.
+
+    Raises:
+        RequestError: fewer than one picture, or the folder holds files.
+    """
+    _write(folder, count, size, partial(_varied_picture, size, seed))
 
 
 def write_drone_images(folder: Path, count: int, settings: DroneSettings, seed: int) -> None:
@@ -70,6 +79,14 @@ def _street_picture(settings: TrainingSettings, seed: int, folder: Path, numbers
         _saved(folder, number, *random_training_scene(np.random.default_rng([seed, number]), settings))
         for number in numbers
     ]
+
+
+def _varied_picture(size: tuple[int, int], seed: int, folder: Path, numbers: range) -> list[Labels]:
+    labels = []
+    for number in numbers:
+        rng = np.random.default_rng([seed, number])
+        labels.append(_saved(folder, number, *random_training_scene(rng, varied_settings(rng, *size))))
+    return labels
 
 
 def _drone_pictures(settings: DroneSettings, seed: int, folder: Path, numbers: range) -> list[Labels]:

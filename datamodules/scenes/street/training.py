@@ -10,6 +10,7 @@ from tsuiseki.datamodules.scenes.people.person import person_solids, random_pers
 from tsuiseki.datamodules.scenes.people.sprites import random_pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
+from tsuiseki.datamodules.scenes.render.night import by_night
 from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.street.staging import apparent_heights, buildings_behind, clutter_around, random_camera
@@ -37,6 +38,8 @@ class TrainingSettings:
         camera_height: (lowest, highest), metres.
         degradation: strength of blur, noise and the like; 0 for none.
         samples: rays along each side of a pixel.
+        beside: share of the people who stand or walk close to another.
+        night: chance of a picture by night.
     """
 
     width: int = 640
@@ -47,6 +50,8 @@ class TrainingSettings:
     camera_height: tuple[float, float] = (1.8, 9.0)
     degradation: float = 1.0
     samples: int = 2
+    beside: float = 0.3
+    night: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("people", "person_height", "clutter", "camera_height"):
@@ -58,6 +63,34 @@ class TrainingSettings:
                 "training scenes: expected at least 32x32 pixels, samples 1-8 and no negative degradation, "
                 f"got {self.width}x{self.height}, {self.samples} and {self.degradation}"
             )
+
+
+def varied_settings(rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
+    """What one picture of a varied set shows: an ordinary street, a crowd, a view from afar, or nobody at all."""
+    night = 0.2
+    kinds = (
+        TrainingSettings(width, height, night=night),
+        TrainingSettings(
+            width,
+            height,
+            people=(25, 60),
+            person_height=(20.0, 170.0),
+            camera_height=(1.8, 8.0),
+            beside=0.6,
+            night=night,
+        ),
+        TrainingSettings(
+            width,
+            height,
+            people=(8, 40),
+            person_height=(14.0, 80.0),
+            camera_height=(4.0, 15.0),
+            beside=0.4,
+            night=night,
+        ),
+        TrainingSettings(width, height, people=(0, 0), clutter=(8, 30), night=night),
+    )
+    return kinds[int(rng.choice(len(kinds), p=(0.35, 0.3, 0.2, 0.15)))]
 
 
 def random_training_scene(
@@ -81,8 +114,10 @@ def random_training_scene(
     picture, _ = darken(picture, static + people, camera, light, sunlit, float(rng.uniform(0.5, 2.5)))
     # One pass: static things and people hide each other alike.
     picture, sightings = compose(picture, people + static, camera, light)
+    # Without nights no number is drawn: pictures of earlier seeds stay as they were.
+    colour = by_night(picture.colour, rng) if settings.night and rng.random() < settings.night else picture.colour
     how = random_degradation(rng, settings.degradation)
-    image = degrade(picture.colour, replace(how, exposure=how.exposure * automatic_exposure(picture.colour)), rng)
+    image = degrade(colour, replace(how, exposure=how.exposure * automatic_exposure(colour)), rng)
     boxes, visibility = seen_boxes(sightings[: len(people)], settings.width, settings.height)
     return image, boxes, visibility
 
@@ -115,7 +150,7 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
     wanted = np.exp(rng.uniform(np.log(apparent[good].min()), np.log(apparent[good].max()), count))
     order = np.argsort(np.abs(np.log(apparent[good])[None] - np.log(wanted)[:, None]), axis=1)
     chosen = spots[good[order[np.arange(count), rng.integers(0, 12, count)]]]
-    beside = rng.random(count) < 0.3
+    beside = rng.random(count) < settings.beside
     beside[:1] = False
     angle = rng.uniform(0, 2 * np.pi, count)
     step = rng.uniform(0.35, 1.0, count)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from tsuiseki.datamodules.scenes.people.identities import CropSettings, paste, r
 from tsuiseki.datamodules.scenes.people.look import look_alike, random_look
 from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, degrade
-from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene
+from tsuiseki.datamodules.scenes.render.night import by_night
+from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene, varied_settings
 from tsuiseki.tracking.errors import RequestError
 
 SMALL = TrainingSettings(width=160, height=120, people=(2, 5), person_height=(12, 70), clutter=(2, 5), samples=2)
@@ -128,3 +130,25 @@ def test_degradation_does_what_it_says() -> None:
     edge[:, 20:] = 0.81
     sharp, blurred = (degrade(edge, Degradation(blur=b), rng).astype(int) for b in (0.0, 2.0))
     assert np.abs(np.diff(blurred, axis=1)).max() < 0.5 * np.abs(np.diff(sharp, axis=1)).max()
+
+
+def test_varied_pictures_hold_crowds_and_nobody_and_are_the_same_with_one_seed() -> None:
+    counts = []
+    for seed in range(12):
+        first, again = (varied_settings(np.random.default_rng(seed), 96, 72) for _ in range(2))
+        assert first == again
+        counts.append(first.people)
+    assert {(0, 0), (25, 60)} <= set(counts)
+
+
+def test_a_night_is_darker_less_even_and_has_the_same_people() -> None:
+    day, night = (
+        random_training_scene(np.random.default_rng(4), replace(SMALL, night=chance, degradation=0))
+        for chance in (0.0, 1.0)
+    )
+    np.testing.assert_array_equal(day[1], night[1])
+    light = by_night(np.ones((60, 80, 3), np.float32), np.random.default_rng(0))
+    assert np.isfinite(light).all()
+    assert light.min() >= 0
+    assert np.median(light) < 1
+    assert light.mean(axis=2).std() > 0.1
