@@ -19,11 +19,13 @@ from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.detector import Detector, people_detector
 from tsuiseki.models.losses import IGNORED, PADDING, MultiBoxLoss
 from tsuiseki.models.pretrained import coco_start
+from tsuiseki.models.quality_losses import QualityLoss
 from tsuiseki.models.ssd import ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import Detections
+from tsuiseki.trainers.exported_weights import exported_weights, restore_normalisations
 from tsuiseki.trainers.schedule import decay_groups, scheduled
 
 Architecture = Literal["people", "ssdlite320", "ssd300", "ssd512"]
@@ -46,6 +48,8 @@ _NORMALISATIONS: dict[Normalisation, tuple[tuple[float, ...], tuple[float, ...]]
 }
 COCO_NORMALISATIONS: dict[str, Normalisation] = {"ssdlite320": "symmetric", "ssd300": "bytes"}
 _CANDIDATES = 300
+# Pictures that tell the normalisations of an exported network their statistics.
+_NORM_EXAMPLES = 32
 
 
 def build_detector(
@@ -55,6 +59,7 @@ def build_detector(
     size: tuple[int, int],
     anchors: list[list[tuple[float, float]]],
     channels: int,
+    fine: bool = False,
 ) -> Detector:
     """The person detector that a configuration names.
 
@@ -71,7 +76,7 @@ def build_detector(
             return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
         start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
         if architecture == "people":
-            return people_detector(build_trunk(trunk, start), size, anchors, channels)
+            return people_detector(build_trunk(trunk, start), size, anchors, channels, fine)
         if architecture == "ssd512":
             return ssd512(trunk=build_trunk("vgg16", start))
         if architecture == "ssd300":
@@ -84,17 +89,26 @@ def build_detector(
 def take_over(network: nn.Module, checkpoint: Path) -> int:
     """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; returns how many do.
 
+    Args:
+        network: to fill.
+        checkpoint: of a training, or a detector that was exported from one (``.onnx``).
+
     Raises:
         RequestError: the file is missing or no checkpoint, or no tensor fits.
     """
     if not checkpoint.is_file():
         raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
+    if checkpoint.suffix == ".onnx":
+        return _fill(network, exported_weights(checkpoint), checkpoint)
     try:
         found = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
     except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
         raise RequestError(f"{checkpoint}: expected a checkpoint of `tsuiseki train detector`") from error
+    return _fill(network, {name.removeprefix("network."): value for name, value in found.items()}, checkpoint)
+
+
+def _fill(network: nn.Module, weights: dict[str, Tensor], checkpoint: Path) -> int:
     own = network.state_dict()
-    weights = {name.removeprefix("network."): value for name, value in found.items()}
     fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
     if not fitting:
         raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
@@ -125,7 +139,8 @@ class DetectorTraining(lightning.LightningModule):
         architecture: ``people`` (stride 8, any input), ``ssdlite320``, ``ssd300`` or ``ssd512``.
         trunk: of ``people``.
         weights: start from torchvision's ``imagenet`` trunk, its ``coco`` detector, or null for scratch.
-        start: checkpoint of another detector training whose weights are taken over where their shapes fit.
+        start: checkpoint of another detector training, or exported detector, whose weights are taken over where their
+            shapes fit.
         height: of the input, pixels.
         width: likewise.
         resize: how images are fitted into the input.
@@ -133,12 +148,14 @@ class DetectorTraining(lightning.LightningModule):
         anchors: of ``people``: for strides 8, 16, 32 and maybe 64 the ``[width, height]`` of its anchors in input
             pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels.
         channels: of the top-down path of ``people``.
+        fine: add the trunk's map of stride 4 to the finest map of ``people``.
+        loss: ``multibox`` (smooth L1, hard negatives) or ``quality`` (complete IoU, scores that are to be the overlap).
         optimiser: ``adamw`` or ``sgd``.
         learning_rate: at the end of the warm-up.
         weight_decay: of convolution weights; normalisations and biases have none.
         warmup_steps: of linear rise.
         final_share: of the learning rate that the cosine decay ends with.
-        box_weight: of the box loss against the class loss.
+        box_weight: of the box loss against the class loss; 2 suits ``quality``.
     """
 
     def __init__(
@@ -153,6 +170,8 @@ class DetectorTraining(lightning.LightningModule):
         normalisation: Normalisation | None = None,
         anchors: list[list[tuple[float, float]]] = STREET_ANCHORS,
         channels: int = 96,
+        fine: bool = False,
+        loss: Literal["multibox", "quality"] = "multibox",
         optimiser: Literal["adamw", "sgd"] = "adamw",
         learning_rate: float = 2e-3,
         weight_decay: float = 0.02,
@@ -162,7 +181,8 @@ class DetectorTraining(lightning.LightningModule):
     ) -> None:
         super().__init__()
         self.save_hyperparameters()
-        self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels)
+        self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels, fine)
+        self._foreign_norms = start is not None and start.endswith(".onnx")
         if start is not None:
             take_over(self.network, Path(start))
         name = f"people-{trunk}" if architecture == "people" else architecture
@@ -171,7 +191,8 @@ class DetectorTraining(lightning.LightningModule):
         # A checkpoint is loaded without its starting weights, which must not change its normalisation.
         self.hparams["normalisation"] = normalisation
         self.card = detector_card(name, (height, width), resize, normalisation)
-        self.loss = MultiBoxLoss(box_weight=box_weight)
+        losses = {"multibox": MultiBoxLoss, "quality": QualityLoss}
+        self.loss = losses[loss](box_weight=box_weight)
         self.optimiser = optimiser
         self.learning_rate = learning_rate
         self.weight_decay = weight_decay
@@ -191,8 +212,19 @@ class DetectorTraining(lightning.LightningModule):
         logits, offsets = self.network((images.permute(0, 3, 1, 2).float() - self.mean) / self.std)
         return logits, offsets
 
+    def on_fit_start(self) -> None:
+        """Weights of an exported file get their normalisations back."""
+        if not self._foreign_norms:
+            return
+        examples = [self.trainer.datamodule.training[n] for n in range(_NORM_EXAMPLES)]  # type: ignore[attr-defined]
+        images = torch.stack([torch.from_numpy(e.image) for e in examples]).to(self.device)
+        assert isinstance(self.mean, Tensor)
+        assert isinstance(self.std, Tensor)
+        restore_normalisations(self.network, (images.permute(0, 3, 1, 2).float() - self.mean) / self.std)
+        self.network.train()
+
     def training_step(self, batch: DetectionBatch, batch_index: int) -> Tensor:
-        """The multibox loss of a batch."""
+        """The loss of a batch."""
         del batch_index
         logits, offsets = self(batch.images)
         class_loss, box_loss = self.loss(logits, offsets, self.network.anchors, batch.boxes, batch.labels)

@@ -1,0 +1,92 @@
+"""Weights back out of an exported detector, so that training can go on where only the shipped file is left.
+
+The exporter folds every batch normalisation into the convolution before it. Here the normalisation comes back as one
+that changes nothing, and takes its mean and deviation from pictures, so that the network computes what it did before
+and further training has normalisations to work with.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import onnx
+import torch
+from torch import Tensor, nn
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+
+_PREFIX = "detector."
+
+
+def exported_weights(path: Path) -> dict[str, Tensor]:
+    """State of the network inside the exported detector at ``path``, the calibration of its scores folded into it.
+
+    Raises:
+        RequestError: the file is no detector that `tsuiseki export detector` wrote.
+    """
+    try:
+        model = onnx.load(path)
+        card = ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
+    except Exception as error:
+        raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got another file") from error
+    tensors = {
+        x.name.removesuffix("_half").removeprefix(_PREFIX): torch.tensor(onnx.numpy_helper.to_array(x)).float()
+        for x in model.graph.initializer
+        if x.name.startswith(_PREFIX)
+    }
+    weights: dict[str, Tensor] = {}
+    for name, value in tensors.items():
+        if name.endswith(".0.weight_bias"):
+            norm = name.removesuffix("0.weight_bias") + "1."
+            weights |= {norm + "bias": value, norm + "weight": torch.ones_like(value)}
+            weights |= {norm + "running_mean": torch.zeros_like(value), norm + "running_var": torch.ones_like(value)}
+        else:
+            weights[name] = value
+    scale, shift = card.settings.get("score_calibration", (1.0, 0.0))
+    for name in [n for n in weights if re.fullmatch(r"class_heads\.\d+\.1\.bias", n)]:
+        weights[name.replace("bias", "weight")] *= scale
+        weights[name] = (weights[name].view(-1, 2) * scale + torch.tensor([0.0, shift])).flatten()
+    return weights
+
+
+def restore_normalisations(network: nn.Module, images: Tensor) -> None:
+    """Give the normalisations of ``network`` the statistics of ``images`` ``(B, 3, H, W)``.
+
+    Its outputs stay as they are. Only for weights of `exported_weights`, whose normalisations do nothing but add a
+    bias.
+    """
+    for norm in network.modules():
+        if isinstance(norm, nn.BatchNorm2d) and norm.running_var is not None:
+            norm.running_var.fill_(1 - norm.eps)  # so that it changes nothing yet
+    with torch.no_grad(), _measuring(network) as measured:
+        network.eval()(images)
+        for norm, (mean, variance) in measured.items():
+            assert norm.running_mean is not None
+            assert norm.running_var is not None
+            norm.running_mean.copy_(mean)
+            norm.running_var.copy_(variance)
+            norm.bias.add_(norm.weight * mean)
+            norm.weight.mul_((variance + norm.eps).sqrt())
+
+
+@contextmanager
+def _measuring(network: nn.Module) -> Iterator[dict[nn.BatchNorm2d, tuple[Tensor, Tensor]]]:
+    """Mean and variance of what enters each normalisation during a pass."""
+    measured: dict[nn.BatchNorm2d, tuple[Tensor, Tensor]] = {}
+
+    def measure(norm: nn.Module, inputs: tuple[Any, ...]) -> None:
+        assert isinstance(norm, nn.BatchNorm2d)
+        variance, mean = torch.var_mean(inputs[0], dim=(0, 2, 3))
+        measured[norm] = (mean, variance)
+
+    hooks = [m.register_forward_pre_hook(measure) for m in network.modules() if isinstance(m, nn.BatchNorm2d)]
+    try:
+        yield measured
+    finally:
+        for hook in hooks:
+            hook.remove()
