@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
@@ -20,6 +22,7 @@ from tsuiseki.tracking.errors import RequestError
 Kind = Literal["detector", "appearance", "action", "affinity", "objectness"]
 METADATA_KEY = "tsuiseki"
 FORMAT_VERSION = 1
+_FLOATS = {"tensor(float)": "float32", "tensor(float16)": "float16"}
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,80 @@ class ModelCard:
         return cls(**values)
 
 
+@dataclass(frozen=True)
+class WantedInput:
+    """The picture that a network takes.
+
+    Attributes:
+        name: of the input.
+        shape: ``(N, 3, H, W)`` or ``(3, H, W)``; text where an axis is open.
+        dtype: float32 or float16.
+    """
+
+    name: str
+    shape: tuple[int | str | None, ...]
+    dtype: np.dtype[Any]
+
+
+def open_session(path: str | Path, threads: int = 0) -> onnxruntime.InferenceSession:
+    """The ONNX file at ``path``, ready to run.
+
+    Args:
+        path: the file.
+        threads: CPU threads of a call; 0 leaves it to onnxruntime.
+
+    Raises:
+        RequestError: the file is missing, not ONNX, or newer than onnxruntime can read.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RequestError(f"expected an ONNX file at {path}, found none; export one with `tsuiseki export`")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 3
+    try:
+        return onnxruntime.InferenceSession(path.read_bytes(), options, providers=onnxruntime.get_available_providers())
+    except Exception as error:
+        newer = re.search(r"(opset|IR version:) (\d+)", str(error), re.IGNORECASE)
+        if newer:
+            what = newer.group(1).replace(":", "").replace("Opset", "opset")
+            raise RequestError(
+                f"{path}: its {what} {newer.group(2)} is newer than onnxruntime {onnxruntime.__version__} "
+                "reads; export it with a lower opset, such as 17"
+            ) from error
+        raise RequestError(f"{path} is not a readable ONNX model; export it again with `tsuiseki export`") from error
+
+
+def has_card(session: onnxruntime.InferenceSession) -> bool:
+    """Whether the file behind ``session`` was exported by this toolkit."""
+    return METADATA_KEY in session.get_modelmeta().custom_metadata_map
+
+
+def image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInput:
+    """The picture that a network of others takes.
+
+    Raises:
+        RequestError: its input is no float picture with the channels before the rows.
+    """
+    first = session.get_inputs()[0]
+    shape = tuple(first.shape)
+    shown = "x".join(str(x) for x in shape)
+    if first.type not in _FLOATS:
+        kind = first.type.removeprefix("tensor(").removesuffix(")")
+        raise RequestError(f"{path}: expected a float32 or float16 input, got {kind}; export it with floats in")
+    if len(shape) not in (3, 4):
+        raise RequestError(f"{path}: expected pictures (N, 3, H, W) as input, got {first.name} {shown}")
+    if shape[-3] != 3 and shape[-1] == 3:
+        raise RequestError(
+            f"{path}: expected the channels before the rows (N, 3, H, W), got {shown}; export it as NCHW"
+        )
+    if isinstance(shape[-3], int) and shape[-3] != 3:
+        raise RequestError(f"{path}: expected pictures of 3 channels, got {first.name} {shown}")
+    if len(shape) == 4 and isinstance(shape[0], int) and shape[0] != 1:
+        raise RequestError(f"{path}: expected a batch of 1 or any, got {shape[0]}; export it with batch 1")
+    return WantedInput(first.name, shape, np.dtype(_FLOATS[first.type]))
+
+
 class OnnxModel:
     """An exported model in an onnxruntime session, with its card.
 
@@ -91,19 +168,7 @@ class OnnxModel:
 
     def __init__(self, path: str | Path, kind: Kind, threads: int = 0) -> None:
         self.path = Path(path)
-        if not self.path.is_file():
-            raise RequestError(f"expected an ONNX file at {self.path}, found none; export one with `tsuiseki export`")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.log_severity_level = 3
-        try:
-            self.session = onnxruntime.InferenceSession(
-                self.path.read_bytes(), options, providers=onnxruntime.get_available_providers()
-            )
-        except Exception as error:
-            raise RequestError(
-                f"{self.path} is not a readable ONNX model; export it again with `tsuiseki export`"
-            ) from error
+        self.session = open_session(path, threads)
         self.card = self._read_card(kind)
         self.input_names = [x.name for x in self.session.get_inputs()]
         self.output_names = [x.name for x in self.session.get_outputs()]

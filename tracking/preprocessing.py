@@ -17,20 +17,31 @@ def fit_image(image: ImageArray, card: ModelCard) -> tuple[ImageArray, tuple[flo
 
     ``letterbox`` keeps the aspect ratio and fills the right and lower rest with the mean colour.
     """
-    height, width = image.shape[:2]
     if card.resize == "stretch":
-        scale = card.input_width / width, card.input_height / height
-        return _resize(image, card.input_width, card.input_height), scale
-    ratio = min(card.input_width / width, card.input_height / height)
-    new_width, new_height = max(1, round(width * ratio)), max(1, round(height * ratio))
+        return stretched(image, card.input_height, card.input_width)
+    red, green, blue = np.round(255 * np.asarray(card.mean)).tolist()
+    return letterbox(image, card.input_height, card.input_width, (red, green, blue))
+
+
+def stretched(image: ImageArray, height: int, width: int) -> tuple[ImageArray, tuple[float, float]]:
+    """``image`` at ``height`` times ``width`` pixels, whatever its shape, and the scales in x and y."""
+    return _resize(image, width, height), (width / image.shape[1], height / image.shape[0])
+
+
+def letterbox(
+    image: ImageArray, height: int, width: int, fill: tuple[float, float, float]
+) -> tuple[ImageArray, tuple[float, float]]:
+    """``image`` with its aspect ratio kept, the right and lower rest of ``fill``, and the scales in x and y."""
+    rows, columns = image.shape[:2]
+    ratio = min(width / columns, height / rows)
+    new_width, new_height = max(1, round(columns * ratio)), max(1, round(rows * ratio))
     resized = _resize(image, new_width, new_height)
-    if (new_height, new_width) == (card.input_height, card.input_width):
+    if (new_height, new_width) == (height, width):
         return resized, (ratio, ratio)
-    fill = np.round(255 * np.asarray(card.mean)).tolist()
     padded = cv2.copyMakeBorder(
-        resized, 0, card.input_height - new_height, 0, card.input_width - new_width, cv2.BORDER_CONSTANT, value=fill
+        resized, 0, height - new_height, 0, width - new_width, cv2.BORDER_CONSTANT, value=list(fill)
     )
-    return np.asarray(padded, dtype=np.uint8), (new_width / width, new_height / height)
+    return np.asarray(padded, dtype=np.uint8), (new_width / columns, new_height / rows)
 
 
 def crop_boxes(image: ImageArray, boxes: FloatArray, height: int, width: int) -> ImageArray:

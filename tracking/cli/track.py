@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tsuiseki.tracking.cli.models import chosen, shipped
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.trackers.bytetrack import ByteTrackSettings
 from tsuiseki.tracking.trackers.deepsort import DeepSortSettings
@@ -24,6 +25,7 @@ Method = Literal["sort", "deepsort", "bytetrack", "ocsort", "flow"]
 BY_PLACE = ("sort", "bytetrack", "ocsort")
 SORT, DEEPSORT, FLOW = SortSettings(), DeepSortSettings(), FlowSettings()
 BYTETRACK, OCSORT = ByteTrackSettings(), OcSortSettings()
+DETECTOR, APPEARANCE = DetectorOptions(), AppearanceOptions()
 
 
 def people(
@@ -32,7 +34,9 @@ def people(
     method: Method = "flow",
     detections: Path | None = None,
     detector: Path | None = None,
+    detector_options: DetectorOptions = DETECTOR,
     appearance: Path | None = None,
+    appearance_options: AppearanceOptions = APPEARANCE,
     affinity: Path | None = None,
     frames: str | None = None,
     score_threshold: float = 0.3,
@@ -61,9 +65,12 @@ def people(
         method: sort follows positions; bytetrack, through low scores, too; ocsort, through gaps; deepsort looks, too;
             flow links the whole video at once, which is the most accurate and gives its result at the end.
         detections: MOTChallenge detections (det.txt) to use instead of a detector.
-        detector: exported detector; by default the shipped detector_street.onnx.
-        appearance: exported appearance network for deepsort and flow; by default the shipped appearance_people.onnx;
-            none does without.
+        detector: detector as ONNX; by default the shipped detector_street.onnx. One of other projects (YOLO, YOLOX,
+            RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
+        detector_options: what the file of another project's detector does not tell.
+        appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
+            none does without. One of other projects may be anything from crops to features.
+        appearance_options: what the file of another project's appearance network does not tell.
         affinity: exported link costs for flow; by default the shipped affinity_people.onnx after a detector, and
             hand-set costs after --detections, whose scores it does not know; none takes hand-set costs always.
         frames: track this stretch only, counted from 1 with both ends, such as 301-400.
@@ -104,8 +111,8 @@ def people(
     opened = open_source(source, parse_frames(frames))
     inputs = Inputs(
         opened,
-        _detections(opened, detections, detector, score_range, score_threshold, threads),
-        _describer(opened, method, appearance, threads),
+        _detections(opened, detections, detector, score_range, score_threshold, threads, detector_options),
+        _describer(opened, method, appearance, threads, appearance_options),
         batch_size,
         CameraPath() if moving_camera else None,
     )
@@ -142,10 +149,11 @@ def _detections(
     score_range: tuple[float, float],
     score_threshold: float,
     threads: int,
+    options: DetectorOptions,
 ) -> Detect | list[Detections]:
     """The given detections, or what finds them."""
     from tsuiseki.tracking.cli.people_run import given_detections
-    from tsuiseki.tracking.features.networks import Detector
+    from tsuiseki.tracking.features.networks import open_detector
 
     if detections is not None:
         if detector is not None:
@@ -153,12 +161,14 @@ def _detections(
         return given_detections(detections, source, score_range)
     if not source.has_images:
         raise RequestError(f"{source.name} has no images to find people in; give --detections")
-    return Detector(detector or shipped("detector"), score_threshold, threads=threads)
+    return open_detector(detector or shipped("detector"), score_threshold, threads=threads, options=options)
 
 
-def _describer(source: Source, method: Method, appearance: Path | None, threads: int) -> Describe | None:
+def _describer(
+    source: Source, method: Method, appearance: Path | None, threads: int, options: AppearanceOptions
+) -> Describe | None:
     """What describes looks, where the method uses them and there are images."""
-    from tsuiseki.tracking.features.networks import Appearance
+    from tsuiseki.tracking.features.networks import open_appearance
 
     if method in BY_PLACE:
         if appearance is not None:
@@ -167,7 +177,7 @@ def _describer(source: Source, method: Method, appearance: Path | None, threads:
     if not source.has_images and appearance is None:
         return None
     path = chosen("appearance", appearance)
-    return None if path is None else Appearance(path, threads)
+    return None if path is None else open_appearance(path, threads, options=options)
 
 
 def _affinity(method: Method, affinity: Path | None, threads: int, *, given_scores: bool) -> Affinity | None:

@@ -14,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
+from tsuiseki.tracking.features.foreign_detector import ForeignDetector
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.geometry import clip_boxes, suppress
-from tsuiseki.tracking.onnx import OnnxModel
+from tsuiseki.tracking.onnx import OnnxModel, has_card, open_session
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
@@ -126,6 +129,40 @@ class Appearance:
                 crops = crop_boxes(image, some, card.input_height, card.input_width)
                 features += self.model.run(normalise(crops, card))
         return np.concatenate(features).astype(np.float64)
+
+
+def open_detector(
+    path: str | Path,
+    score_threshold: float = 0.3,
+    iou_threshold: float = 0.5,
+    threads: int = 0,
+    options: DetectorOptions | None = None,
+) -> Detector | ForeignDetector:
+    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises.
+
+    Raises:
+        RequestError: see the two; or ``options`` for a detector of this toolkit, which needs none.
+    """
+    if not has_card(open_session(path, threads)):
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options)
+    if options not in (None, DetectorOptions()):
+        raise RequestError(f"{path} tells all by itself; leave the detector options out")
+    return Detector(path, score_threshold, iou_threshold, threads)
+
+
+def open_appearance(
+    path: str | Path, threads: int = 0, batch_size: int = 32, options: AppearanceOptions | None = None
+) -> Appearance | ForeignAppearance:
+    """The appearance network at ``path``: one of this toolkit, or any that `ForeignAppearance` can run.
+
+    Raises:
+        RequestError: see the two; or ``options`` for a network of this toolkit, which needs none.
+    """
+    if not has_card(open_session(path, threads)):
+        return ForeignAppearance(path, threads, batch_size, options)
+    if options not in (None, AppearanceOptions()):
+        raise RequestError(f"{path} tells all by itself; leave the appearance options out")
+    return Appearance(path, threads, batch_size)
 
 
 def stream(

@@ -178,7 +178,7 @@ def save_detector(path: Path, card: str | None) -> None:
 MODELS: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing": (lambda _: None, "expected an ONNX file"),
     "not ONNX": (lambda path: path.write_text("no model"), "is not a readable ONNX model"),
-    "without metadata": (lambda path: save_detector(path, None), "carries no tsuiseki metadata"),
+    "without metadata": (lambda path: save_detector(path, None), "are of no known layout; known are"),
     "broken metadata": (lambda path: save_detector(path, "{}"), "expected metadata of format version up to"),
     "newer version": (newer_version, f"format version up to {FORMAT_VERSION}, got format version {FORMAT_VERSION + 1}"),
     "other outputs": (
