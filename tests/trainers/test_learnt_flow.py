@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -15,6 +14,7 @@ from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, re
 from tsuiseki.tracking.trackers.flow import FlowTracker
 from tsuiseki.tracking.trackers.people import track_people
 from tsuiseki.tracking.trackers.run import shifted
+from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.affinity import fit_affinity
 
 FIRST, LAST = 300, 399
@@ -25,7 +25,7 @@ FIRST, LAST = 300, 399
 @pytest.mark.parametrize("features", ["extended", "thesis"])
 def test_learnt_costs_reach_their_bars(data_folder: Path, tmp_path: Path, features: FeatureSet) -> None:
     """The appearance is the shipped one, which has seen generated people only."""
-    network = Path(str(resources.files("tsuiseki.tracking") / "weights" / "appearance_people.onnx"))
+    network = shipped("appearance_people")
     sequence = read_sequence(data_folder / "mot" / "PETS09-S2L1-first")
     path = fit_affinity(
         [sequence.folder], tmp_path / "affinity.onnx", frames=(1, 300), appearance=network, features=features

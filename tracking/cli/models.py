@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
+from tsuiseki.tracking import weights
 from tsuiseki.tracking.errors import RequestError
 
 SHIPPED = {
@@ -42,10 +42,11 @@ def shipped(kind: str) -> Path:
         RequestError: this installation has none.
     """
     name = (SHIPPED | DRONE)[kind]
-    path = Path(str(resources.files("tsuiseki.tracking") / "weights" / name))
-    if not path.is_file():
-        raise RequestError(f"this installation ships no {name}; give a model with --{OPTIONS.get(kind, kind)}")
-    return path
+    try:
+        return weights.shipped(Path(name).stem)
+    except RequestError as error:
+        message = f"this installation ships no {name}; give a model with --{OPTIONS.get(kind, kind)}"
+        raise RequestError(message) from error
 
 
 def chosen(kind: str, given: Path | None) -> Path | None:

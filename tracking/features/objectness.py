@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 
 import cv2
@@ -22,11 +21,11 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.weights import shipped
 
 SIDE = 8
 KEPT_BITS = 0xF0
 FORMAT = "tsuiseki-objectness-1"
-SHIPPED = "objectness_scenes.json"
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ def read_objectness(path: Path) -> ObjectnessModel:
 @lru_cache(maxsize=1)
 def shipped_objectness() -> ObjectnessModel:
     """The model that ships with the toolkit, learnt on generated scenes."""
-    return read_objectness(Path(str(resources.files("tsuiseki.tracking") / "weights" / SHIPPED)))
+    return read_objectness(shipped("objectness_scenes"))
 
 
 def binarise(weights: FloatArray, terms: int = 3) -> FloatArray:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
     from tsuiseki.tracking.trackers.sort import Sort, SortSettings
     from tsuiseki.tracking.types import Detections, Estimate, Frame, Target, Targets, Track
+    from tsuiseki.tracking.weights import shipped
 
     __version__: str
 
@@ -91,6 +92,7 @@ __all__ = [
     "Track",
     "__version__",
     "as_detections",
+    "shipped",
 ]
 
 

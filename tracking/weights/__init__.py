@@ -1,0 +1,37 @@
+"""The models that ship with the toolkit: small ONNX files and tables, learnt from generated pictures only."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from tsuiseki.tracking.errors import RequestError
+
+FOLDER = Path(__file__).resolve().parent
+
+
+def shipped(name: str) -> Path:
+    """The file of a shipped model.
+
+    Args:
+        name: of the file, without its ending: ``detector_street``, ``appearance_people``, …; see `shipped_names`.
+
+    Raises:
+        RequestError: this installation ships no such model.
+
+    >>> shipped("detector_street").name
+    'detector_street.onnx'
+    """
+    for suffix in (".onnx", ".json"):
+        path = FOLDER / f"{name}{suffix}"
+        if path.is_file():
+            return path
+    names = shipped_names()
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(names) or 'none'}"
+    raise RequestError(f"this installation ships no model {name!r}; {hint}")
+
+
+def shipped_names() -> list[str]:
+    """The names of all shipped models."""
+    return sorted(path.stem for path in FOLDER.iterdir() if path.suffix in (".onnx", ".json"))
