@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.errors import RequestError, RunError
     from tsuiseki.tracking.features.networks import Appearance, Detector
     from tsuiseki.tracking.interchange import as_detections
+    from tsuiseki.tracking.pipelines.people import follow_people, track_people
     from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
     from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
     from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
@@ -29,45 +30,19 @@ if TYPE_CHECKING:
 
 # Where each name comes from.
 _MODULES = {
-    "errors": (
-        "RequestError",
-        "RunError",
-    ),
-    "features.networks": (
-        "Appearance",
-        "Detector",
-    ),
-    "interchange": ("as_detections",),
-    "trackers.bytetrack": (
-        "ByteTrack",
-        "ByteTrackSettings",
-    ),
-    "trackers.deepsort": (
-        "DeepSort",
-        "DeepSortSettings",
-    ),
-    "trackers.flow": (
-        "FlowSettings",
-        "FlowTracker",
-    ),
-    "trackers.ocsort": (
-        "OcSort",
-        "OcSortSettings",
-    ),
-    "trackers.sort": (
-        "Sort",
-        "SortSettings",
-    ),
-    "types": (
-        "Detections",
-        "Estimate",
-        "Frame",
-        "Target",
-        "Targets",
-        "Track",
-    ),
+    "errors": "RequestError RunError",
+    "features.networks": "Appearance Detector",
+    "interchange": "as_detections",
+    "pipelines.people": "follow_people track_people",
+    "trackers.bytetrack": "ByteTrack ByteTrackSettings",
+    "trackers.deepsort": "DeepSort DeepSortSettings",
+    "trackers.flow": "FlowSettings FlowTracker",
+    "trackers.ocsort": "OcSort OcSortSettings",
+    "trackers.sort": "Sort SortSettings",
+    "types": "Detections Estimate Frame Target Targets Track",
+    "weights": "shipped",
 }
-_HOMES = {name: f"tsuiseki.tracking.{module}" for module, names in _MODULES.items() for name in names}
+_HOMES = {name: f"tsuiseki.tracking.{module}" for module, names in _MODULES.items() for name in names.split()}
 
 __all__ = [
     "Appearance",
@@ -92,7 +67,9 @@ __all__ = [
     "Track",
     "__version__",
     "as_detections",
+    "follow_people",
     "shipped",
+    "track_people",
 ]
 
 

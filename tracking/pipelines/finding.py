@@ -1,0 +1,178 @@
+"""Who is in each frame of a video: given, or found and described by models."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.camera_motion import CameraPath
+from tsuiseki.tracking.features.networks import Describe, Detect, stream
+from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike, as_describer, as_detector
+from tsuiseki.tracking.formats.mot import read_detections
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.types import Detections, Frame
+from tsuiseki.tracking.video import Source, VideoFile
+from tsuiseki.tracking.weights import shipped
+
+GivenDetections: TypeAlias = str | Path | Sequence[DetectionsLike]
+NONE = "none"
+
+
+@dataclass(frozen=True)
+class PeopleInputs:
+    """Where frames, detections and features come from.
+
+    Attributes:
+        source: the video.
+        detect: a detector, or the detections of each frame.
+        describe: an appearance model, if the method compares appearance.
+        batch_size: frames of one call of the detector.
+        camera: gets the frames, where the movement of the camera matters.
+    """
+
+    source: Source
+    detect: Detect | Sequence[Detections]
+    describe: Describe | None = None
+    batch_size: int = 4
+    camera: CameraPath | None = None
+
+    @property
+    def needs_images(self) -> bool:
+        """Whether the frames themselves must be decoded."""
+        looked_at = self.describe is not None or self.camera is not None or not isinstance(self.detect, Sequence)
+        return looked_at or self.source.length is None
+
+    def found(
+        self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
+    ) -> Iterator[tuple[int, Detections]]:
+        """Frame numbers with who was found there; frames are decoded only where somebody looks at them.
+
+        Args:
+            frames: of the source, where somebody watches them; by default they are read.
+            times: gets the seconds of each stage.
+
+        Raises:
+            RequestError: there are detections for frames that the video does not have.
+            RunError: the video breaks off.
+        """
+        if self.needs_images:
+            yield from ((frame.index, found) for frame, found in self.looked_at(frames, times))
+            return
+        assert isinstance(self.detect, Sequence)
+        assert self.source.length is not None
+        wanted = self.source.frames_wanted.within(self.source.length)
+        assert wanted.last is not None
+        for index in range(wanted.first, wanted.last + 1):
+            yield index, self.detect[index] if index < len(self.detect) else Detections.empty()
+
+    def looked_at(
+        self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
+    ) -> Iterator[tuple[Frame, Detections]]:
+        """The frames themselves with who was found there; see `found`."""
+        times, last = times or StageTimes(), -1
+        images = self.source.frames() if frames is None else frames
+        for frame, found in stream(images, self.detect, self.describe, self.batch_size, times):
+            last = frame.index
+            if self.camera is not None:
+                with times.measure("camera"):
+                    self.camera.add(frame.image, found.boxes)
+            yield frame, found
+        self._check_all_used(last)
+
+    def _check_all_used(self, last: int) -> None:
+        if not isinstance(self.detect, Sequence) or self.source.frames_wanted.last is not None:
+            return
+        if self.source.length is None and len(self.detect) > last + 1:
+            raise RequestError(
+                f"detection for frame {len(self.detect)}, but {self.source.name} has {last + 1} frames; "
+                "are these the detections of another video?"
+            )
+
+
+def given_detections(
+    given: GivenDetections, source: Source, score_range: tuple[float, float] = (0.0, 1.0)
+) -> list[Detections]:
+    """Detections that are there already, checked against the length of the video as far as it is known.
+
+    Args:
+        given: a file (MOTChallenge ``det.txt``), or one entry a frame.
+        source: the video.
+        score_range: smallest and largest score that the rows of a file may have.
+
+    Raises:
+        RequestError: see `read_detections` and `as_detections`; or the video is shorter.
+    """
+    if not isinstance(given, str | Path):
+        if source.length is not None and len(given) > source.length:
+            raise RequestError(
+                f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
+                "detections of another video?"
+            )
+        return [as_detections(entry) for entry in given]
+    path = Path(given)
+    found = read_detections(path, source.length, score_range)
+    # The header of a video file only estimates its length; what it misses shows when the video has ended.
+    if isinstance(source, VideoFile) and source.promised and len(found) > source.promised + source.slack:
+        read_detections(path, source.promised, score_range)
+    return found
+
+
+def people_detect(
+    source: Source,
+    detections: GivenDetections | None,
+    detector: DetectorLike | None,
+    default: Path,
+    score_threshold: float = 0.3,
+    score_range: tuple[float, float] = (0.0, 1.0),
+    threads: int = 0,
+) -> Detect | list[Detections]:
+    """The given detections, or what finds people.
+
+    Args:
+        source: the video.
+        detections: see `given_detections`.
+        detector: see `as_detector`.
+        default: file of the detector where neither is given.
+        score_threshold: of a detector that is read from a file.
+        score_range: of detections that are read from a file.
+        threads: CPU threads of a detector that is read from a file.
+
+    Raises:
+        RequestError: both are given, or the source has no images to find people in.
+    """
+    if detections is not None:
+        if detector is not None:
+            raise RequestError("expected `detections` or `detector`, got both; leave one out")
+        return given_detections(detections, source, score_range)
+    if not source.has_images:
+        raise RequestError(f"{source.name} has no images to find people in; give `detections`")
+    return as_detector(default if detector is None else detector, score_threshold, threads)
+
+
+def people_describer(
+    source: Source, compared: bool, appearance: AppearanceLike | None, threads: int = 0
+) -> Describe | None:
+    """What describes appearance, where it is compared and there are images.
+
+    Args:
+        source: the video.
+        compared: the method compares appearance; see `compares_appearance`.
+        appearance: a file, a network or a function; by default the shipped network; ``"none"`` for none.
+        threads: CPU threads of the network.
+
+    Raises:
+        RequestError: the method does not compare appearance; see `as_describer`.
+    """
+    if not compared:
+        if appearance is not None:
+            raise RequestError("expected `appearance` with a method that compares it, flow or deepsort, got another")
+        return None
+    if isinstance(appearance, str | Path) and str(appearance) == NONE:
+        return None
+    if appearance is None and not source.has_images:
+        return None
+    return as_describer(shipped("appearance_people") if appearance is None else appearance, threads)

@@ -1,0 +1,93 @@
+"""The methods that link people, by name, and what each needs besides detections."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.pipelines.finding import NONE
+from tsuiseki.tracking.trackers.base import PeopleTracker
+from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
+from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
+from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
+from tsuiseki.tracking.trackers.sort import Sort, SortSettings
+from tsuiseki.tracking.weights import shipped
+
+PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]
+METHODS: tuple[PeopleMethod, ...] = get_args(PeopleMethod)
+APPEARANCE = ("flow", "deepsort")
+
+
+@dataclass(frozen=True)
+class MethodSettings:
+    """The settings of every method."""
+
+    sort: SortSettings = field(default_factory=SortSettings)
+    deepsort: DeepSortSettings = field(default_factory=DeepSortSettings)
+    bytetrack: ByteTrackSettings = field(default_factory=ByteTrackSettings)
+    ocsort: OcSortSettings = field(default_factory=OcSortSettings)
+    flow: FlowSettings = field(default_factory=FlowSettings)
+
+
+def people_tracker(
+    method: PeopleMethod, settings: MethodSettings | None = None, affinity: Affinity | None = None, seed: int = 0
+) -> PeopleTracker:
+    """A fresh tracker; the flow has hand-set costs where there is no affinity.
+
+    Raises:
+        RequestError: there is no such method.
+    """
+    settings = settings or MethodSettings()
+    observation = None if affinity is None else affinity.observation
+    makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
+        "flow": lambda: FlowTracker(settings.flow, affinity, observation, seed),
+        "deepsort": lambda: DeepSort(settings.deepsort, seed),
+        "sort": lambda: Sort(settings.sort, seed),
+        "bytetrack": lambda: ByteTrack(settings.bytetrack, seed),
+        "ocsort": lambda: OcSort(settings.ocsort, seed),
+    }
+    if method not in makers:
+        raise RequestError(f"expected the method {', '.join(makers)} or a tracker, got {method!r}")
+    return makers[method]()
+
+
+def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:
+    """Whether the method looks at more than boxes."""
+    return method in APPEARANCE if isinstance(method, str) else isinstance(method, FlowTracker | DeepSort)
+
+
+def people_affinity(
+    method: str, affinity: str | Path | Affinity | None, threads: int = 0, *, known_scores: bool
+) -> Affinity | None:
+    """Learnt link costs, where the method uses them.
+
+    Args:
+        method: of the tracker; only ``flow`` uses them.
+        affinity: a file or the costs themselves; None takes the shipped ones where they know the scores.
+        threads: CPU threads of the network.
+        known_scores: the detections come from a detector whose scores the shipped costs were fitted to.
+
+    Raises:
+        RequestError: another method; or they ask for actions, which nothing recognises here.
+    """
+    if method != "flow":
+        if affinity is not None:
+            raise RequestError(f"expected `affinity` with the method flow only, which alone uses it, got {method}")
+        return None
+    if affinity is None:
+        affinity = shipped("affinity_people") if known_scores else NONE
+    if isinstance(affinity, str | Path):
+        if str(affinity) == NONE:
+            return None
+        affinity = Affinity(affinity, threads)
+    if "action" in affinity.card.class_names:
+        raise RequestError(
+            "expected `affinity` without actions, which nothing recognises here, got costs that ask for them; use "
+            "track_drone"
+        )
+    return affinity
