@@ -1,11 +1,11 @@
 """How much better actions would have to be recognised for the alternation to pay: networks helped by the truth.
 
-    python benchmarks/drone_recognition.py --work out/cache/drone-experiment --fit out/cache/drone/validation \
+    python benchmarks/drone_recognition.py --work out/cache/experiments --fit out/cache/drone/validation \
         [--seeds 2] [--clips 3] [--frames 150] [--shares 0,0.3,1] [--keep-camera-motion]
 
 What the action streams say of a detection is moved towards its label by a share: 0 is the networks alone, 1 the truth.
 For every share the costs are fitted anew on the clips of ``--fit`` and all methods are run on the test clips of
-`tsuiseki reproduce drone-action-features --simulated-detections`; what that has left in --work is used again.
+`tsuiseki reproduce drone-action-features --simulated-detections`; what that has left in its --cache is used again.
 """
 
 from __future__ import annotations
@@ -27,8 +27,17 @@ from tsuiseki.tracking.features.observations import Observation
 from tsuiseki.tracking.formats.mot import find_sequences
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.trainers.affinity_drone import fit_drone_affinity, labelled_clip
-from tsuiseki.trainers.experiments.drone.clips import FIRST_SEED, TEST_SCENE, Clip, Networks, look_at, prepare_clips
+from tsuiseki.trainers.experiments.drone.clips import (
+    FIRST_SEED,
+    TEST_SCENE,
+    Clip,
+    Networks,
+    look_at,
+    observations_in,
+    prepare_clips,
+)
 from tsuiseki.trainers.experiments.drone.rows import METHODS, Costs, people_row, people_scores, track_all
+from tsuiseki.trainers.experiments.store import Store
 
 SAME = 0.3
 
@@ -44,12 +53,13 @@ def main() -> None:
     parser.add_argument("--shares", default="0,0.3,1")
     parser.add_argument("--keep-camera-motion", action="store_true")
     given = parser.parse_args()
+    store = Store(given.work)
     networks = Networks(tuple(shipped(f"action_{name}") for name in STREAMS), shipped("appearance"))
     scene = replace(TEST_SCENE, frames=given.frames)
     seeds = [FIRST_SEED + 100 * s + k for s in range(given.seeds) for k in range(given.clips)]
     names = [(f"test-{seed}-{given.frames}", scene, seed) for seed in seeds]
-    test = prepare_clips(given.work, names, networks, print)
-    fit = look_at([s.folder for s in find_sequences(given.fit)], given.work / "observations", networks)
+    test = prepare_clips(store, names, networks, print)
+    fit = look_at([s.folder for s in find_sequences(given.fit)], observations_in(store), networks)
     for share in map(float, given.shares.split(",")):
         with tempfile.TemporaryDirectory() as folder:
             costs = fitted([helped(clip, share) for clip in fit], Path(folder), keep=given.keep_camera_motion)

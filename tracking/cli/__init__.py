@@ -112,20 +112,28 @@ COMMANDS: Tree = {
         "a paper's table or figure: paper and here, plus the plot",
         {
             "multi-correlation-filter": Command(
-                "correlation filters selected by a particle filter", "reproduce_single", "multi_correlation_filter"
+                "correlation filters selected by a particle filter",
+                "reproduce",
+                "multi_correlation_filter",
+                forwarded=True,
             ),
             "phd": Command("finite-set filters on the standard scenarios", "reproduce", "phd", forwarded=True),
             "pca-particle-filter": Command(
-                "how many particles a goldfish needs", "reproduce_goldfish", "pca_particle_filter"
+                "how many particles a goldfish needs", "reproduce", "pca_particle_filter", forwarded=True
             ),
             "drone-action-features": Command(
-                "tracks and actions from a drone improve each other", "reproduce_drone", "action_features"
+                "tracks and actions from a drone improve each other",
+                "reproduce",
+                "drone_action_features",
+                forwarded=True,
             ),
             "phd-equalisation": Command(
                 "equal likelihoods keep the weak target", "reproduce", "phd_equalisation", forwarded=True
             ),
-            "stereo-sphere": Command("a ball in space from two cameras", "reproduce_sphere", "stereo_sphere"),
-            "multiview-drone": Command("a drone in space from measured pixels", "reproduce_sphere", "multiview_drone"),
+            "stereo-sphere": Command("a ball in space from two cameras", "reproduce", "stereo_sphere", forwarded=True),
+            "multiview-drone": Command(
+                "a drone in space from measured pixels", "reproduce", "multiview_drone", forwarded=True
+            ),
         },
     ),
 }

@@ -93,8 +93,6 @@ def _outcome(experiment: Callable[..., Outcome], cache: Path, options: Mapping[s
 def _write(outcome: Outcome, out: Path, overwrite: bool, name: str, options: Mapping[str, Any]) -> None:
     import json
 
-    import cv2
-
     from tsuiseki.tracking.output import RunRecord, output_folder
 
     with output_folder(out, overwrite) as work:
@@ -103,22 +101,21 @@ def _write(outcome: Outcome, out: Path, overwrite: bool, name: str, options: Map
         (work / "tables.md").write_text(text.strip() + "\n", encoding="utf-8")
         for plot, figure in outcome.plots.items():
             figure.savefig(work / f"{plot}.png", facecolor="white")
-        for picture, image in outcome.pictures.items():
-            cv2.imwrite(str(work / picture), image[:, :, ::-1])
-        for file, content in outcome.texts.items():
-            (work / file).write_text(content, encoding="utf-8")
+        for file, content in outcome.files.items():
+            (work / file).write_bytes(content if isinstance(content, bytes) else content.encode())
         seed = int(options.get("seed", 0))
         RunRecord(["tsuiseki", "reproduce", name], options, seed).write(work)
 
 
 def show(table: Table) -> None:
     """Print a table; nothing where it has no row."""
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table as Shown
 
     if not table.rows:
         return
-    shown = Shown(title=table.title or None, title_justify="left")
+    shown = Shown(title=table.title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for number, heading in enumerate(table.columns):
         shown.add_column(heading, justify="right" if number else "left")
     for row in table.rows:
@@ -128,3 +125,8 @@ def show(table: Table) -> None:
 
 phd = partial(run, "phd", "finite_sets.phd")
 phd_equalisation = partial(run, "phd-equalisation", "finite_sets.equalisation")
+multi_correlation_filter = partial(run, "multi-correlation-filter", "single.multi_correlation_filter")
+stereo_sphere = partial(run, "stereo-sphere", "sphere.stereo_sphere")
+multiview_drone = partial(run, "multiview-drone", "sphere.multiview_drone")
+pca_particle_filter = partial(run, "pca-particle-filter", "goldfish.pca_particle_filter")
+drone_action_features = partial(run, "drone-action-features", "drone.action_features")

@@ -161,8 +161,13 @@ class LearntMotion:
 
 def write_motion(path: Path, motion: LearntMotion) -> None:
     """Write the file that `read_motion` reads."""
+    path.write_text(motion_text(motion), encoding="utf-8")
+
+
+def motion_text(motion: LearntMotion) -> str:
+    """What is in that file."""
     values = {"format": FORMAT, **asdict(motion)}
-    path.write_text(json.dumps(values, indent=1, default=lambda array: array.tolist()) + "\n", encoding="utf-8")
+    return json.dumps(values, indent=1, default=lambda array: array.tolist()) + "\n"
 
 
 def read_motion(path: Path, body: str, dimension: int) -> LearntMotion:

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.trainers.experiments.store import Store
@@ -72,23 +74,28 @@ class Outcome:
     """What an experiment found.
 
     Attributes:
-        values: all numbers, for results.json.
+        values: all numbers, for results.json: dictionaries, lists and plain values.
         tables: the paper's and ours.
         plots: figures by name, written as NAME.png.
-        pictures: images by file name.
-        texts: further files by name.
+        files: what else is written, by name: text, or the bytes of a picture.
         notes: lines that stand below the tables.
         finished: False where it was stopped by its own limit: then nothing but the notes is shown, and running it
             again goes on.
     """
 
-    values: Mapping[str, Any] = field(default_factory=dict)
+    values: Any = None
     tables: Sequence[Table] = ()
     plots: Mapping[str, Figure] = field(default_factory=dict)
-    pictures: Mapping[str, ImageArray] = field(default_factory=dict)
-    texts: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str | bytes] = field(default_factory=dict)
     notes: Sequence[str] = ()
     finished: bool = True
+
+
+def png(image: ImageArray) -> bytes:
+    """A picture as the bytes of a PNG file."""
+    import cv2
+
+    return bytes(cv2.imencode(".png", np.ascontiguousarray(image[:, :, ::-1]))[1])
 
 
 def at_least_one(**numbers: float) -> None:

@@ -71,15 +71,17 @@ class Store:
         Raises:
             TypeError: as `recall`.
         """
-        home = self._entry(write, args, kwargs)
+        home = self._entry(write, (name, *args), kwargs)
         if not home.is_dir():
             with output_folder(home, overwrite=True) as work:
                 write(work / name, *args, **kwargs)
         return home / name
 
-    def has_made(self, write: Callable[Concatenate[Path, P], Any], *args: P.args, **kwargs: P.kwargs) -> bool:
+    def has_made(
+        self, name: str, write: Callable[Concatenate[Path, P], Any], *args: P.args, **kwargs: P.kwargs
+    ) -> bool:
         """Whether `made` would find the folder on disk."""
-        return self._entry(write, args, kwargs).is_dir()
+        return self._entry(write, (name, *args), kwargs).is_dir()
 
     def _entry(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Path:
         """The path of an entry, without suffix."""

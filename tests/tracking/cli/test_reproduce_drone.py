@@ -12,13 +12,13 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.features.action_inputs import STREAMS
-from tsuiseki.trainers.experiments.drone import experiment as drone
+from tsuiseki.trainers.experiments.drone import action_features as drone
 
 
 def words(models: Path, folder: Path, out: str, *more: str) -> list[str]:
     streams = ",".join(str(models / f"{name}.onnx") for name in STREAMS)
     plan = ["--seeds", "1", "--clips", "1", "--frames", "12", "--simulated-detections"]
-    given = ["--actions", streams, "--affinity", str(models), "--work", str(folder / "work")]
+    given = ["--actions", streams, "--affinity", str(models), "--cache", str(folder / "cache")]
     return ["reproduce", "drone-action-features", "--out", str(folder / out), *plan, *given, *more]
 
 

@@ -148,12 +148,13 @@ def test_a_folder_is_made_once_and_whole(tmp_path: Path) -> None:
     first = store.made("clip", write, "text")
     assert (first / "text.txt").read_text() == "text"
     assert first == store.made("clip", write, "text")
+    assert not store.has_made("other clip", write, "text")
     assert first != store.made("clip", write, "other")
     assert CALLS == ["text", "other"]
 
     with pytest.raises(FileExistsError):
         store.made("clip", breaks_off, "text")
-    assert not store.has_made(breaks_off, "text")
+    assert not store.has_made("clip", breaks_off, "text")
 
 
 def breaks_off(folder: Path, text: str) -> None:

@@ -32,6 +32,7 @@ from tsuiseki.tracking.formats.mot import (
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.trackers.given import as_detections
 from tsuiseki.tracking.types import IntArray
+from tsuiseki.trainers.experiments.store import Store, code_version
 
 # Fixed on clips of other seeds, before anything was compared: violent motion, people dressed alike, and a detector that
 # misses two in five. There the flow alone switches more than twice in a hundred frames.
@@ -81,31 +82,36 @@ class Clip:
 ClipPlan: TypeAlias = tuple[str, SceneSettings, int]
 
 
-def prepare_clips(work: Path, plans: Sequence[ClipPlan], networks: Networks, say: Callable[[str], None]) -> list[Clip]:
+def prepare_clips(
+    store: Store, plans: Sequence[ClipPlan], networks: Networks, say: Callable[[str], None]
+) -> list[Clip]:
     """Make or load clips, on all cores; what is there from an earlier run is not made again.
 
     Args:
-        work: folder that keeps clips and observations.
+        store: keeps clips and observations.
         plans: name, scene and seed of each.
         networks: that look at them.
         say: gets a line for each clip.
     """
     clips = []
-    for clip, drawn in on_all_cores(partial(_prepare, work, networks), plans):
+    for clip, drawn in on_all_cores(partial(_prepare, store, networks), plans):
         clips.append(clip)
         say(f"{clip.folder.name}: {'drawn and ' if drawn else ''}looked at, {len(clips)} of {len(plans)} clips")
     return clips
 
 
-def _prepare(work: Path, networks: Networks, plan: ClipPlan) -> tuple[Clip, bool]:
+def _prepare(store: Store, networks: Networks, plan: ClipPlan) -> tuple[Clip, bool]:
     """The clip, and whether it had to be drawn."""
     name, scene, seed = plan
-    folder = work / "clips" / name
-    missing = not (folder / "seqinfo.ini").is_file()
-    if missing:
-        write_drone(folder, scene, seed, overwrite=True)
-    (clip,) = look_at([folder], work / "observations", networks)
+    missing = not store.has_made(name, write_drone, scene, seed)
+    folder = store.made(name, write_drone, scene, seed)
+    (clip,) = look_at([folder], observations_in(store), networks)
     return clip, missing
+
+
+def observations_in(store: Store) -> Path:
+    """The folder for observations that this version of the code makes."""
+    return store.folder / "observations" / code_version([video_observations.__module__])
 
 
 def look_at(folders: Sequence[Path], cache: Path, networks: Networks) -> list[Clip]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -12,13 +11,25 @@ from tsuiseki.tracking.evaluation.coverage import Coverage, coverage
 from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.types import IntArray
 from tsuiseki.trainers.experiments.drone.clips import Clip
-from tsuiseki.trainers.experiments.drone.strips import StripRow, write_strip
+from tsuiseki.trainers.experiments.drone.strips import StripRow, strip
 
 # Frames side by side.
 SHOWN = 5
 
 People = Sequence[Sequence[ActingTrack]]
-Shown = dict[str, str | int]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A strip of a switch.
+
+    Attributes:
+        shows: clip, person and frame (both as in its files, from 1).
+        jpeg: bytes of the file.
+    """
+
+    shows: dict[str, str | int]
+    jpeg: bytes
 
 
 @dataclass(frozen=True)
@@ -77,18 +88,17 @@ class Followers:
         return np.array([by_frame.get(frame, 0) for frame in frames], dtype=np.int64)
 
 
-def draw_pictures(clips: Sequence[Clip], flow: People, iterations: Sequence[People], out: Path) -> dict[str, Shown]:
-    """``prevented.jpg`` (Fig. 5.7): a switch of the flow that the alternation prevents. ``remaining.jpg`` (5.9): where
+def draw_pictures(clips: Sequence[Clip], flow: People, iterations: Sequence[People]) -> dict[str, Picture]:
+    """``prevented`` (Fig. 5.7): a switch of the flow that the alternation prevents. ``remaining`` (5.9): where
     one person's id changes most often to the end.
 
     Args:
         clips: that were tracked.
         flow: people without action features.
         iterations: people by iteration of the alternation, at least 6.
-        out: folder for the pictures.
 
     Returns:
-        Clip, person and frame (both as in its files, from 1) of each picture that there was a switch for.
+        Each picture that there was a switch for.
     """
     rows = [
         Result("flow", flow),
@@ -98,25 +108,24 @@ def draw_pictures(clips: Sequence[Clip], flow: People, iterations: Sequence[Peop
     ]
     last = Result(f"MAF, iteration {len(iterations)}", iterations[-1])
     prevented = _prevented(clips, flow, iterations[5])
-    drawn = {"prevented": _draw(clips, prevented, rows, out / "prevented.jpg")}
-    drawn["remaining"] = _draw(clips, _remaining(clips, last.people), [*rows[:2], last], out / "remaining.jpg")
-    return {name: said for name, said in drawn.items() if said}
+    drawn = {"prevented": _draw(clips, prevented, rows)}
+    drawn["remaining"] = _draw(clips, _remaining(clips, last.people), [*rows[:2], last])
+    return {name: picture for name, picture in drawn.items() if picture is not None}
 
 
-def draw_second(clips: Sequence[Clip], iterations: Sequence[People], out: Path) -> dict[str, Shown]:
-    """``second.jpg`` (Fig. 5.10): a switch of SAF that one repetition prevents, on clips unlike those learnt from.
+def draw_second(clips: Sequence[Clip], iterations: Sequence[People]) -> dict[str, Picture]:
+    """``second`` (Fig. 5.10): a switch of SAF that one repetition prevents, on clips unlike those learnt from.
 
     Args:
         clips: that were tracked.
         iterations: people by iteration of the alternation, at least 2.
-        out: folder for the picture.
 
     Returns:
         As `draw_pictures`.
     """
     rows = [Result("SAF, iteration 1", iterations[0], single=True), Result("MAF, iteration 2", iterations[1])]
-    said = _draw(clips, _prevented(clips, iterations[0], iterations[1]), rows, out / "second.jpg")
-    return {"second": said} if said else {}
+    picture = _draw(clips, _prevented(clips, iterations[0], iterations[1]), rows)
+    return {} if picture is None else {"second": picture}
 
 
 def _frames_around(switch: Switch, length: int) -> range:
@@ -174,7 +183,7 @@ def _height(clips: Sequence[Clip], switch: Switch) -> float:
     return float(box[3] - box[1])
 
 
-def _draw(clips: Sequence[Clip], switch: Switch | None, results: Sequence[Result], path: Path) -> Shown | None:
+def _draw(clips: Sequence[Clip], switch: Switch | None, results: Sequence[Result]) -> Picture | None:
     if switch is None:
         return None
     clip, frames = clips[switch.clip], _frames_around(switch, len(clips[switch.clip].seen))
@@ -187,5 +196,5 @@ def _draw(clips: Sequence[Clip], switch: Switch | None, results: Sequence[Result
         )
         for result in results
     ]
-    write_strip(path, clip, switch.person, frames, rows)
-    return {"clip": clip.folder.name, "person": switch.person, "frame": switch.frame + 1}
+    shows: dict[str, str | int] = {"clip": clip.folder.name, "person": switch.person, "frame": switch.frame + 1}
+    return Picture(shows, strip(clip, switch.person, frames, rows))

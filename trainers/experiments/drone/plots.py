@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 
-def plot_iterations(curves: Mapping[str, Sequence[Mapping[str, float]]], path: Path) -> None:
+def plot_iterations(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
     """Fig. 5.8: recall and precision, and switches and MOTA, over the iterations of the alternation."""
-    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    figure = Figure(figsize=(9, 4.2), dpi=90, layout="constrained")
     left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
     other = right.twinx()
     for number, (method, rows) in enumerate(curves.items()):
@@ -30,23 +28,17 @@ def plot_iterations(curves: Mapping[str, Sequence[Mapping[str, float]]], path: P
     for axes, lines in ((left, left.get_lines()), (right, [*right.get_lines(), *other.get_lines()])):
         names = [str(line.get_label()) for line in lines]
         axes.legend(lines, names, fontsize="x-small", loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
-    _save(figure, path)
+    return figure
 
 
-def plot_gains(gains: Mapping[str, float | None], path: Path) -> None:
+def plot_gains(gains: Mapping[str, float | None]) -> Figure:
     """Fig. 5.11: change of the average precision of every action from iteration 1 to iteration 10."""
     shown = {name: value for name, value in gains.items() if value is not None}
-    figure = Figure(figsize=(7, 3.4), layout="constrained")
+    figure = Figure(figsize=(7, 3.4), dpi=90, layout="constrained")
     axes = figure.add_subplot()
     colours = ["C0" if value >= 0 else "C3" for value in shown.values()]
     axes.barh(list(shown), list(shown.values()), color=colours)
     axes.axvline(0, color="black", linewidth=0.8)
     axes.invert_yaxis()
     axes.set(xlabel="AP after iteration 10 minus AP after iteration 1, points")
-    _save(figure, path)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    FigureCanvasAgg(figure)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=90)
+    return figure

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -50,11 +49,10 @@ class StripRow:
     single: bool = False
 
 
-def write_strip(path: Path, clip: Clip, person: int, frames: range, rows: Sequence[StripRow]) -> None:
-    """Write the strip as JPEG.
+def strip(clip: Clip, person: int, frames: range, rows: Sequence[StripRow]) -> bytes:
+    """The strip as the bytes of a JPEG file.
 
     Args:
-        path: of the file.
         clip: where the person is seen.
         person: id in the ground truth.
         frames: 0-based, to show.
@@ -72,8 +70,8 @@ def write_strip(path: Path, clip: Clip, person: int, frames: range, rows: Sequen
             for (view, square), follower in zip(views, row.followers, strict=True)
         ]
         parts += [_band(row.name, len(cells)), np.concatenate(cells, axis=1)]
-    strip = np.concatenate([*parts, _band(LEGEND, len(frames))], axis=0)
-    cv2.imwrite(str(path), strip[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    whole = np.concatenate([*parts, _band(LEGEND, len(frames))], axis=0)
+    return bytes(cv2.imencode(".jpg", whole[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
 
 
 def _squares(clip: Clip, person: int, frames: range) -> FloatArray:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tsuiseki.datamodules.scenes.fish.turns import sudden_turns
@@ -21,7 +20,7 @@ from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video import open_source
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, Learnt
-from tsuiseki.trainers.experiments.goldfish.pca_particle_filter import BODY, TRACKER
+from tsuiseki.trainers.experiments.goldfish.pieces import BODY, TRACKER
 from tsuiseki.trainers.experiments.goldfish.runs import Clip
 
 SHOWN_PARTICLES = 10
@@ -29,19 +28,17 @@ ZOOM = 3
 HALF = 110
 
 
-def plot_success(values: Mapping[str, Any], part: str, which: str, path: Path) -> None:
+def plot_success(values: Mapping[str, Any], part: str, which: str) -> Figure:
     """Fish followed to the end over the number of particles, with intervals over seeds: Fig. 6, and Fig. 7 for turns.
 
     Args:
         values: see `summarise`.
         part: ``arms`` or ``beyond``.
         which: ``all`` or ``turning``.
-        path: image to write.
     """
     rows = [row for row in values["table"] if row["part"] == part]
     total = values["fish"] if which == "all" else values["turning"]
-    figure = Figure(figsize=(7, 4.8), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = Figure(figsize=(7, 4.8), dpi=110, layout="constrained")
     axes = figure.subplots()
     arms = list(dict.fromkeys(row["arm"] for row in rows))
     for place, arm in enumerate(arms):
@@ -60,14 +57,14 @@ def plot_success(values: Mapping[str, Any], part: str, which: str, path: Path) -
     axes.set(xlabel="particles", ylabel=f"{what} followed to the end", ylim=(0, 1.06 * total))
     axes.grid(visible=True, alpha=0.3)
     figure.legend(fontsize="small", loc="outside lower center", ncols=2, frameon=False)
-    figure.savefig(path, dpi=110, facecolor="white")
+    return figure
 
 
 def _colour(place: int) -> str:
     return (*COLOURS, "#000000", "#999999", "#b8860b", "#8b0000")[place]
 
 
-def draw_particles(clip: Clip, folder: Path, learnt: Learnt, path: Path, particles: int = 500) -> None:
+def draw_particles(clip: Clip, folder: Path, learnt: Learnt, particles: int = 500) -> ImageArray:
     """Ten particles of the first and of the third arm as they are drawn in a sudden turn, side by side: Figs. 8 and 9.
 
     Both arms follow a fish from its exact state three frames before it has turned.
@@ -76,13 +73,12 @@ def draw_particles(clip: Clip, folder: Path, learnt: Learnt, path: Path, particl
         clip: to look at; its first fish that turns in time is shown.
         folder: of the clip.
         learnt: what the arms draw from.
-        path: image to write.
         particles: that are drawn, of which ten are shown.
     """
     fish, frame = first_turn(clip)
     image = list(open_source(folder).frames())[frame].image
     tiles = [_tile(image, predicted(clip, arm, learnt, fish, frame, particles), ARMS[arm].title) for arm in "AC"]
-    cv2.imwrite(str(path), np.concatenate(tiles, axis=1)[:, :, ::-1])
+    return np.concatenate(tiles, axis=1)
 
 
 def first_turn(clip: Clip) -> tuple[int, int]:
@@ -121,15 +117,3 @@ def _tile(image: ImageArray, states: FloatArray, title: str) -> ImageArray:
     cv2.putText(tile, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
     tile[:, -2:] = 255
     return tile
-
-
-def table_rows(values: Mapping[str, Any], part: str) -> tuple[Sequence[str], list[Sequence[str]]]:
-    """Heading and rows of the printed table: fish followed, of all and of those that turn, by number of particles."""
-    rows = [row for row in values["table"] if row["part"] == part]
-    numbers = sorted({row["particles"] for row in rows})
-    lines: list[Sequence[str]] = []
-    for arm in dict.fromkeys(row["arm"] for row in rows):
-        own = {row["particles"]: row for row in rows if row["arm"] == arm}
-        cells = [f"{own[n]['all'][0]:.1f} / {own[n]['turning'][0]:.1f}" for n in numbers]
-        lines.append([own[numbers[0]]["title"], *cells])
-    return ["fish followed: all / turning", *map(str, numbers)], lines

@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND, interval, paired_interval
-from tsuiseki.trainers.experiments.goldfish.pca_particle_filter import Piece
+from tsuiseki.trainers.experiments.goldfish.pieces import Piece
 
 # What is compared with what: name, arm and number of particles, twice. The first is the paper's claim.
 CLAIMS = (

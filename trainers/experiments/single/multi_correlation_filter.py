@@ -1,196 +1,243 @@
-"""The thesis's chapter 3 again: sweeps, comparison, attributes; paper beside here.
-
-The paper's numbers are areas under the success curve with 11 thresholds over the 50 sequences of TB-50; here they are
-the same over the sequences that are given, so levels differ and the shapes of the curves are what can be compared.
-"""
+"""The thesis's chapter 3 (`reproduce multi-correlation-filter`): correlation filters selected by a particle filter."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from tsuiseki.tracking.evaluation.single import SequenceScores
-from tsuiseki.tracking.trackers.single import kcf
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.single import find_single_sequences, read_published
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS, KcfParticleSettings
-from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
-from tsuiseki.tracking.trackers.single.methods import Method, make_tracker
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, Runs
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
+from tsuiseki.trainers.experiments.single import comparison, plots
+from tsuiseki.trainers.experiments.single.comparison import GAINS, SWEEPS, Repeated, Sweep
+from tsuiseki.trainers.experiments.single.runs import Clip, generated_clips, load
+from tsuiseki.trainers.experiments.single.search_intervals import Intervals, intervals, one_pass
 
-BASELINES: tuple[Method, ...] = (
-    "csk", "mosse", "template", "histogram", "kalman", "meanshift", "camshift", "medianflow", "colour-particle", "mil",
-)  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """One parameter, the others at the thesis's values.
-
-    Attributes:
-        name: of the parameter.
-        figure: of the thesis.
-        paper: its areas by value, where the text gives them, in percent.
-        values: tried here.
-        settings: for a value.
-    """
-
-    name: str
-    figure: str
-    paper: Mapping[float, float]
-    values: tuple[float, ...]
-    settings: Callable[[float], KcfParticleSettings]
+PARTS = ("sweeps", "comparison", "additions", "intervals", "pictures")
+PUBLISHED = ("CSK", "VTS", "Struck", "MIL", "TLD", "SCM")
+# Areas of Fig. 3.9 that the text gives, percent.
+PAPER = {"KCF, fixed size": "38.38", "combined, thesis": "40.64"}
+BY_ATTRIBUTE = ("KCF, fixed size", "combined, thesis", "KCF, scale search", "combined, robust")
+SEARCHES = {"thesis": THESIS, "robust": ROBUST}
 
 
-SWEEPS = (
-    Sweep(
-        "epsilon_2", "Fig. 3.6", {0.0: 32.84, 0.03: 37.73}, (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.1),
-        lambda v: replace(THESIS, convergence=v, response_share=1.0, hypotheses=1),
-    ),
-    Sweep(
-        "alpha", "Fig. 3.7", {0.3: 38.60, 1.0: 37.73}, (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0),
-        lambda v: replace(THESIS, response_share=v, hypotheses=1),
-    ),
-    Sweep(
-        "M", "Fig. 3.8", {1: 38.60, 20: 40.64}, (1, 2, 5, 10, 20, 30, 40, 50),
-        lambda v: replace(THESIS, hypotheses=int(v)),
-    ),
-    Sweep(
-        "mu, uniform", "Table 3.4", {0.0: 39.97, 0.25: 39.28, 0.5: 40.64, 0.75: 38.95, 1.0: 38.84},
-        (0.0, 0.25, 0.5, 0.75, 1.0), lambda v: replace(THESIS, past_share=v),
-    ),
-    Sweep(
-        "mu, score", "Table 3.4", {}, (0.0, 0.25, 0.5, 0.75, 1.0),
-        lambda v: replace(THESIS, past_share=v, past="score"),
-    ),
-)  # fmt: skip
+def reproduce(
+    bench: Bench,
+    data: list[Path] | None = None,
+    attributes: Path | None = None,
+    published: Path | None = None,
+    parts: list[str] = list(PARTS),  # noqa: B006, the parser shows it and nobody changes it
+    seeds: int = 5,
+    sweep_seeds: int = 2,
+) -> Outcome:
+    """Correlation filters selected by a particle filter: Figs. 3.6-3.12 and Table 3.4, paper and here.
 
-
-def combined(settings: KcfParticleSettings) -> Entrant:
-    """The combined tracker."""
-    return Entrant(repr(settings), lambda seed: KcfParticle(settings, seed))
-
-
-def alone(settings: kcf.KcfSettings) -> Entrant:
-    """The correlation filter alone."""
-    return Entrant(repr(settings), lambda _: KcfTracker(settings), random=False)
-
-
-def baseline(method: Method) -> Entrant:
-    """A tracker of chapter 2."""
-    return Entrant(method, lambda seed: make_tracker(method, seed=seed), random=method == "colour-particle")
-
-
-def additions() -> dict[str, Entrant]:
-    """Ours, and ours with one addition at a time taken back to the thesis's value."""
-    named: dict[str, dict[str, Any]] = {
-        "all additions": {},
-        "mixture of equal maxima": {"prefers_near": THESIS.prefers_near},
-        "heaviest particle": {"densest": THESIS.densest},
-        "not uphill": {"climbs": THESIS.climbs},
-        "one window": {"reach": THESIS.reach},
-        "S of the thesis": {"spread": THESIS.spread},
-        "likelihood to the first power": {"sharpness": THESIS.sharpness},
-        "no colours in the likelihood": {"colour": THESIS.colour},
-        "no relative switch": {"relative_switch": THESIS.relative_switch},
-        "no drift switch": {"drift_switch": THESIS.drift_switch},
-        "ends on agreement alone": {"ends_when_sure": THESIS.ends_when_sure},
-        "learns while searching": {"learns_while_searching": THESIS.learns_while_searching},
-        "first filter not kept": {"keeps_first": THESIS.keeps_first},
-        "U = 20, every frame": {"stored": THESIS.stored, "store_interval": THESIS.store_interval},
-        "past drawn uniformly": {"past": THESIS.past},
-        "H = 50": {"plain_frames": THESIS.plain_frames},
-    }
-    return {name: combined(replace(ROBUST, **fields)) for name, fields in named.items()}
-
-
-def compared() -> dict[str, Entrant]:
-    """Fig. 3.9: KCF and the combined tracker, the thesis's and ours, and the baselines of chapter 2."""
-    return {
-        "KCF, fixed size": alone(kcf.THESIS),
-        "KCF, scale search": alone(kcf.KcfSettings()),
-        "combined, thesis": combined(THESIS),
-        "combined, robust, fixed size": combined(replace(ROBUST, kcf=kcf.THESIS)),
-        "combined, robust": combined(ROBUST),
-    } | {method: baseline(method) for method in BASELINES}
-
-
-GAINS = {
-    "combined, thesis": "KCF, fixed size",
-    "combined, robust, fixed size": "KCF, fixed size",
-    "combined, robust": "KCF, scale search",
-}
-
-
-@dataclass(frozen=True)
-class Repeated:
-    """One tracker over sequences and seeds.
-
-    Attributes:
-        scores: per seed, by sequence.
-    """
-
-    scores: tuple[Mapping[str, SequenceScores], ...]
-
-    def areas(self, thesis: bool = True, names: Sequence[str] | None = None) -> FloatArray:
-        """Mean areas over sequences in percent, one a seed, with 11 (``thesis``) or 21 thresholds."""
-        return 100 * np.array(
-            [
-                np.mean([(s.thesis_auc if thesis else s.auc) for n, s in one.items() if names is None or n in names])
-                for one in self.scores
-            ]
-        )
-
-    def success(self) -> FloatArray:
-        """``(21,)`` mean success curve."""
-        return np.asarray(np.mean([s.success for one in self.scores for s in one.values()], axis=0))
-
-
-def repeat(runs: Runs, clips: Sequence[Clip], entrant: Entrant, seeds: Sequence[int]) -> Repeated:
-    """A new tracker for every seed and sequence; one seed where it makes no difference."""
-    used = seeds if entrant.random else seeds[:1]
-    return Repeated(tuple({c.sequence.name: runs.score(c, entrant, seed) for c in clips} for seed in used))
-
-
-def gains(results: Mapping[str, Repeated], names: Sequence[str] | None = None) -> dict[str, FloatArray]:
-    """What the combined tracker gains over the correlation filter it is built on, `GAINS`: points of area, one a seed.
+    DIR gets results.json, tables.md, sweeps.png, comparison.png, attributes.png, intervals-*.png and search-NAME.png.
 
     Args:
-        results: from `compare`.
-        names: the sequences to take the mean over; all by default.
+        bench: where it works.
+        data: folders of sequences (OTB, VOT, UAV123), separated by commas; by default four generated chases.
+        attributes: OTB's list of attributes; only sequences in it are used.
+        published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
+        parts: sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Figs. 3.9, 3.11, and by sequence), additions (ours without
+            one of them at a time), intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
+        seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
+        sweep_seeds: likewise for the sweeps, which are most of the work.
+
+    Raises:
+        RequestError: an unknown part, a number below 1, or no sequence with images.
     """
-    return {
-        name: results[name].areas(thesis=False, names=names) - results[base].areas(thesis=False, names=names).mean()
-        for name, base in GAINS.items()
+    if unknown := sorted(set(parts) - set(PARTS)):
+        raise RequestError(f"parts: expected some of {', '.join(PARTS)}, got {unknown[0]!r}")
+    at_least_one(seeds=seeds, sweep_seeds=sweep_seeds)
+    clips = _clips(data, attributes)
+    jobs = _jobs(bench, clips, parts, seeds, sweep_seeds)
+    for job in bench.watch.over(jobs, "passes", len(jobs)):
+        job()
+    names = [clip.sequence.name for clip in clips]
+    values: dict[str, Any] = {"sequences": names, "seeds": seeds, "sweep_seeds": sweep_seeds}
+    found: list[Outcome] = []
+    if "sweeps" in parts:
+        found.append(_sweeps(bench, clips, range(sweep_seeds)))
+    if "comparison" in parts:
+        found.append(_comparison(bench, clips, range(seeds), published))
+    if "additions" in parts:
+        found.append(_additions(bench, clips, range(sweep_seeds)))
+    if "intervals" in parts:
+        found.append(_intervals(bench, clips, range(seeds)))
+    if "pictures" in parts:
+        strips = {clip.sequence.name: plots.search_pictures(clip, KcfParticle(ROBUST, 0)) for clip in clips}
+        files = {f"search-{name}.png": png(strip) for name, strip in strips.items() if strip is not None}
+        found.append(Outcome(files=files))
+    return Outcome(
+        values | {name: value for one in found for name, value in (one.values or {}).items()},
+        [table for one in found for table in one.tables],
+        {name: plot for one in found for name, plot in one.plots.items()},
+        {name: file for one in found for name, file in one.files.items()},
+        [note for one in found for note in one.notes],
+    )
+
+
+def _clips(data: Sequence[Path] | None, attributes: Path | None) -> list[Clip]:
+    if not data:
+        return generated_clips(4)
+    clips = load(s for folder in data for s in find_single_sequences(folder, attributes))
+    if not clips:
+        raise RequestError("data: expected sequences with images, found none")
+    return clips
+
+
+def _jobs(
+    bench: Bench, clips: Sequence[Clip], parts: Sequence[str], seeds: int, sweep_seeds: int
+) -> list[Callable[[], object]]:
+    """Every pass that the parts ask for."""
+    store, jobs = bench.store, list[Callable[[], object]]()
+    if "sweeps" in parts:
+        entrants = [sweep.settings(value) for sweep in SWEEPS for value in sweep.values]
+        jobs += comparison.passes(store, clips, entrants, range(sweep_seeds))
+    if "comparison" in parts:
+        jobs += comparison.passes(store, clips, comparison.compared().values(), range(seeds))
+    if "additions" in parts:
+        jobs += comparison.passes(store, clips, comparison.additions().values(), range(sweep_seeds))
+    if "intervals" in parts:
+        jobs += [
+            partial(store.recall, one_pass, c, s, k) for s in SEARCHES.values() for k in range(seeds) for c in clips
+        ]
+    return jobs
+
+
+def _spread(areas: FloatArray) -> str:
+    return f"{areas.mean():.2f} ± {areas.std():.2f}"
+
+
+def _sweeps(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
+    sweeps = [(sweep, comparison.run_sweep(bench.store, sweep, clips, seeds)) for sweep in SWEEPS]
+    values = {
+        sweep.name: {
+            f"{value:g}": {"paper": sweep.paper.get(value), "here": result.areas().tolist()}
+            for value, result in results.items()
+        }
+        for sweep, results in sweeps
     }
+    tables = [_sweep_table(sweep, results) for sweep, results in sweeps]
+    return Outcome({"sweeps": values}, tables, {"sweeps": plots.plot_sweeps(sweeps)})
 
 
-def run_sweep(runs: Runs, sweep: Sweep, clips: Sequence[Clip], seeds: Sequence[int]) -> dict[float, Repeated]:
-    """Results by value of the parameter."""
-    return {value: repeat(runs, clips, combined(sweep.settings(value)), seeds) for value in sweep.values}
+def _sweep_table(sweep: Sweep, results: Mapping[float, Repeated]) -> Table:
+    rows = [
+        (f"{value:g}", f"{sweep.paper[value]:.2f}" if value in sweep.paper else "-", _spread(result.areas()))
+        for value, result in results.items()
+    ]
+    return Table(f"{sweep.figure}, {sweep.name}: AUC with 11 thresholds [%]", ("value", "thesis", "here"), rows)
 
 
-def compare(runs: Runs, clips: Sequence[Clip], seeds: Sequence[int]) -> dict[str, Repeated]:
-    """Results of `compared`."""
-    return {name: repeat(runs, clips, entrant, seeds) for name, entrant in compared().items()}
+def _comparison(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int], published: Path | None) -> Outcome:
+    results = comparison.compare(bench.store, clips, seeds)
+    found, missing = _published(published)
+    attributes = comparison.by_attribute(clips, results)
+    gained, by_sequence = _sequences(results)
+    trackers = [
+        (name, PAPER.get(name, "-"), _spread(result.areas()), _spread(result.areas(thesis=False)))
+        for name, result in results.items()
+    ]
+    trackers += [(f"{name}, published on TB-50", "-", f"{area:.2f}", "") for name, area in found.items()]
+    tables = [
+        Table("Fig. 3.9: AUC [%]", ("tracker", "thesis", "11 thresholds", "21 thresholds"), trackers),
+        by_sequence,
+    ]
+    figures = {"comparison": plots.plot_comparison(results)}
+    if attributes:
+        rows = [(name, *(f"{areas[one]:.1f}" for one in BY_ATTRIBUTE)) for name, areas in attributes.items()]
+        tables.append(Table("Fig. 3.11: AUC with 11 thresholds [%]", ("attribute", *BY_ATTRIBUTE), rows))
+        figures["attributes"] = plots.plot_attributes(attributes)
+    values = {
+        "comparison": {
+            name: {
+                "auc_11": r.areas().tolist(),
+                "auc_21": r.areas(thesis=False).tolist(),
+                "sequences": {n: [100 * one[n].auc for one in r.scores] for n in r.scores[0]},
+            }
+            for name, r in results.items()
+        },
+        "gains": gained,
+        "published": found,
+        "attributes": attributes,
+    }
+    notes = [f"no published scores of {', '.join(missing)}: give their folder as published"] if missing else []
+    return Outcome(values, tables, figures, notes=notes)
 
 
-def passes(
-    runs: Runs, clips: Sequence[Clip], entrants: Sequence[Entrant], seeds: Sequence[int]
-) -> Iterator[Callable[[], SequenceScores]]:
-    """Every single pass that `repeat` asks for, to be run one by one where progress is to be seen."""
-    for entrant in entrants:
-        for seed in seeds if entrant.random else seeds[:1]:
-            for clip in clips:
-                yield partial(runs.score, clip, entrant, seed)
+def _sequences(results: Mapping[str, Repeated]) -> tuple[dict[str, dict[str, list[float]]], Table]:
+    """KCF and the combined tracker sequence by sequence, and what the second gains over the first."""
+    bases = list(dict.fromkeys(GAINS.values()))
+    sequences = list(results[bases[0]].scores[0])
+    named = {name: [name] for name in sequences} | ({"mean of all": sequences} if len(sequences) > 1 else {})
+    columns = [
+        c.removeprefix("combined, ").replace("fixed size", "fixed").replace(" search", "") for c in (*bases, *GAINS)
+    ]
+    rows, values = [], {}
+    for row, names in named.items():
+        gained = comparison.gains(results, names)
+        cells = [f"{results[base].areas(thesis=False, names=names).mean():.1f}" for base in bases]
+        for tracker, points in gained.items():
+            areas = results[tracker].areas(thesis=False, names=names)
+            cells.append(f"{areas.mean():.1f} ± {areas.std():.1f} ({points.mean():+.1f})")
+        rows.append((row, *cells))
+        values[row] = {tracker: points.tolist() for tracker, points in gained.items()}
+    title = "AUC [%], 21 thresholds: mean ± deviation over seeds (gain over KCF with the same sizes)"
+    return values, Table(title, ("sequence", *columns), rows)
 
 
-def by_attribute(clips: Sequence[Clip], results: Mapping[str, Repeated]) -> dict[str, dict[str, float]]:
-    """Fig. 3.11: mean areas by attribute and tracker, for the attributes that occur."""
-    attributes = sorted({a for c in clips for a in c.sequence.attributes})
-    names = {a: [c.sequence.name for c in clips if a in c.sequence.attributes] for a in attributes}
-    return {a: {t: float(r.areas(names=names[a]).mean()) for t, r in results.items()} for a in attributes}
+def _published(folder: Path | None) -> tuple[dict[str, float], list[str]]:
+    """Areas of the thesis's comparison trackers that come as files, percent, and which of them are missing."""
+    found, missing = {}, []
+    for name in PUBLISHED:
+        path = folder / name / "scores_tb50" if folder is not None else None
+        if path is not None and (path / "ALL.json").is_file():
+            found[name] = 100 * sum(read_published(path)["ALL"].success[::2]) / 11
+        else:
+            missing.append(name)
+    return found, missing
+
+
+def _additions(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
+    areas = {
+        name: comparison.repeat(bench.store, clips, entrant, seeds).areas(thesis=False)
+        for name, entrant in comparison.additions().items()
+    }
+    title = "Ours, and ours with one addition taken back: AUC [%], 21 thresholds"
+    table = Table(title, ("", "here"), [(name, _spread(one)) for name, one in areas.items()])
+    return Outcome({"additions": {name: one.tolist() for name, one in areas.items()}}, [table])
+
+
+def _intervals(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
+    found = {name: intervals(bench.store, clips, settings, seeds) for name, settings in SEARCHES.items()}
+    values = {
+        name: {
+            title: {way: one.area(overlaps) for way, overlaps in part.items()}
+            for title, part in _stretches(one).items()
+        }
+        for name, one in found.items()
+    }
+    tables = [
+        Table(
+            f"Fig. 3.10, {name}: AUC with 11 thresholds [%]",
+            ("", "frames", *one.during),
+            [
+                (title, str(len(part["KCF"])), *(f"{area:.1f}" for area in values[name][title].values()))
+                for title, part in _stretches(one).items()
+            ],
+        )
+        for name, one in found.items()
+    ]
+    figures = {f"intervals-{name}": plots.plot_intervals(one) for name, one in found.items()}
+    return Outcome({"intervals": values}, tables, figures)
+
+
+def _stretches(found: Intervals) -> dict[str, Mapping[str, FloatArray]]:
+    return {"during the search": found.during, "10 frames after": found.after}

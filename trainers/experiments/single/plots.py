@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import cv2
 import numpy as np
+from matplotlib.figure import Figure
 
 from tsuiseki.tracking.evaluation.plots import COLOURS
 from tsuiseki.tracking.evaluation.single import OVERLAPS
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.types import ImageArray
-from tsuiseki.trainers.experiments.single.multi_correlation_filter import Repeated, Sweep
+from tsuiseki.trainers.experiments.single.comparison import Repeated, Sweep
 from tsuiseki.trainers.experiments.single.runs import Clip
 from tsuiseki.trainers.experiments.single.search_intervals import Intervals
 
+DPI = 110
 STYLES = ("-", "--", ":")
 PICTURES = 4
 
 
-def plot_sweeps(sweeps: Sequence[tuple[Sweep, Mapping[float, Repeated]]], path: Path) -> None:
+def plot_sweeps(sweeps: Sequence[tuple[Sweep, Mapping[float, Repeated]]]) -> Figure:
     """One panel a parameter: the mean over seeds with its spread, and the paper's points."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(3.2 * len(sweeps), 3.2), layout="constrained")
+    figure = Figure(figsize=(3.2 * len(sweeps), 3.2), dpi=DPI, layout="constrained")
     for axes, (sweep, results) in zip(np.atleast_1d(figure.subplots(1, len(sweeps))), sweeps, strict=True):
         areas = [r.areas() for r in results.values()]
         axes.errorbar(
@@ -42,14 +41,12 @@ def plot_sweeps(sweeps: Sequence[tuple[Sweep, Mapping[float, Repeated]]], path: 
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(frameon=False, fontsize=8)
     figure.supylabel("AUC, 11 thresholds [%]", fontsize=9)
-    figure.savefig(path, dpi=110, facecolor="white")
+    return figure
 
 
-def plot_comparison(results: Mapping[str, Repeated], path: Path) -> None:
+def plot_comparison(results: Mapping[str, Repeated]) -> Figure:
     """Fig. 3.9: success curves, best first."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 4.8), layout="constrained")
+    figure = Figure(figsize=(9, 4.8), dpi=DPI, layout="constrained")
     axes = figure.subplots()
     ranked = sorted(results.items(), key=lambda item: -item[1].areas().mean())
     for n, (name, result) in enumerate(ranked):
@@ -61,15 +58,13 @@ def plot_comparison(results: Mapping[str, Repeated], path: Path) -> None:
     axes.set_ylabel("Frames above it [%]")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
-    figure.savefig(path, dpi=110, facecolor="white")
+    return figure
 
 
-def plot_attributes(values: Mapping[str, Mapping[str, float]], path: Path) -> None:
+def plot_attributes(values: Mapping[str, Mapping[str, float]]) -> Figure:
     """Fig. 3.11: KCF and the combined tracker by attribute."""
-    from matplotlib.figure import Figure
-
     shown = ("KCF, fixed size", "combined, thesis", "KCF, scale search", "combined, robust")
-    figure = Figure(figsize=(8.5, 3.4), layout="constrained")
+    figure = Figure(figsize=(8.5, 3.4), dpi=DPI, layout="constrained")
     axes = figure.subplots()
     for n, name in enumerate(shown):
         heights = [areas[name] for areas in values.values()]
@@ -78,14 +73,12 @@ def plot_attributes(values: Mapping[str, Mapping[str, float]], path: Path) -> No
     axes.set_ylabel("AUC, 11 thresholds [%]")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1))
-    figure.savefig(path, dpi=110, facecolor="white")
+    return figure
 
 
-def plot_intervals(found: Intervals, path: Path) -> None:
+def plot_intervals(found: Intervals) -> Figure:
     """Fig. 3.10: success in the frames of search, and after it."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    figure = Figure(figsize=(9, 3.6), dpi=DPI, layout="constrained")
     titles = ("(a) during the search", "(b) the 10 frames after")
     for axes, title, part in zip(figure.subplots(1, 2), titles, (found.during, found.after), strict=True):
         for n, (name, overlaps) in enumerate(part.items()):
@@ -97,11 +90,11 @@ def plot_intervals(found: Intervals, path: Path) -> None:
         axes.set_ylim(0, 102)
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(frameon=False)
-    figure.savefig(path, dpi=110, facecolor="white")
+    return figure
 
 
-def search_pictures(clip: Clip, tracker: KcfParticle, path: Path) -> bool:
-    """Like Fig. 3.12: frames about the longest search, with the box, the truth and the particles; False without one."""
+def search_pictures(clip: Clip, tracker: KcfParticle) -> ImageArray | None:
+    """Like Fig. 3.12: frames about the longest search, with the box, the truth and the particles; None without one."""
     tracker.start(clip.images[0], clip.sequence.boxes[0])
     shown: list[tuple[int, ImageArray, bool]] = []
     for t, image in enumerate(clip.images[1:], 1):
@@ -110,13 +103,12 @@ def search_pictures(clip: Clip, tracker: KcfParticle, path: Path) -> bool:
         shown.append((t, _picture(clip, tracker, image, box, t), tracker.searched_frames > count))
     searching = np.array([s for _, _, s in shown])
     if not searching.any():
-        return False
+        return None
     edges = np.flatnonzero(np.diff(np.concatenate([[False], searching, [False]]).astype(int)))
     runs = edges.reshape(-1, 2)
     first, last = runs[int(np.argmax(runs[:, 1] - runs[:, 0]))]
     chosen: Sequence[int] = np.unique(np.clip([first - 1, first, last - 1, last + 2], 0, len(shown) - 1)).tolist()
-    strip = np.concatenate([shown[k][1] for k in chosen], axis=1)
-    return bool(cv2.imwrite(str(path), np.ascontiguousarray(strip[..., ::-1])))
+    return np.concatenate([shown[k][1] for k in chosen], axis=1)
 
 
 def _picture(clip: Clip, tracker: KcfParticle, image: ImageArray, box: np.ndarray, t: int) -> ImageArray:

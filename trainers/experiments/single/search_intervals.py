@@ -12,7 +12,8 @@ from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import KcfParticleSettings
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.trainers.experiments.single.runs import Clip, Runs
+from tsuiseki.trainers.experiments.single.runs import Clip
+from tsuiseki.trainers.experiments.store import Store
 
 AFTERWARDS = 10
 WAYS = ("KCF", "Fix", "Proposed")
@@ -38,21 +39,16 @@ class Intervals:
         return 100 * float(np.mean([(overlaps > t).mean() for t in np.linspace(0, 1, 11)]))
 
 
-def intervals(runs: Runs, clips: Sequence[Clip], settings: KcfParticleSettings, seeds: Sequence[int]) -> Intervals:
+def intervals(store: Store, clips: Sequence[Clip], settings: KcfParticleSettings, seeds: Sequence[int]) -> Intervals:
     """At each start of a search, KCF and a standing box go on from the same state beside the particles."""
-    found = [one_pass(runs, clip, settings, seed) for clip in clips for seed in seeds]
+    found = [store.recall(one_pass, clip, settings, seed) for clip in clips for seed in seeds]
     parts = ({way: np.concatenate([np.array(one[part][way]) for one in found]) for way in WAYS} for part in range(2))
     return Intervals(*parts)
 
 
-def one_pass(runs: Runs, clip: Clip, settings: KcfParticleSettings, seed: int) -> list[dict[str, list[float]]]:
+def one_pass(clip: Clip, settings: KcfParticleSettings, seed: int) -> list[dict[str, list[float]]]:
     """Overlaps during the searches of one pass and after them, by way."""
-    key = ("intervals", repr(settings), clip.fingerprint, str(seed))
-    found: list[dict[str, list[float]]] = runs.recall(key, lambda: _run(clip, KcfParticle(settings, seed)))
-    return found
-
-
-def _run(clip: Clip, tracker: KcfParticle) -> list[dict[str, list[float]]]:
+    tracker = KcfParticle(settings, seed)
     during: dict[str, list[float]] = {way: [] for way in WAYS}
     after: dict[str, list[float]] = {way: [] for way in WAYS}
     tracker.start(clip.images[0], clip.sequence.boxes[0])

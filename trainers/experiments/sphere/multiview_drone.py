@@ -1,231 +1,117 @@
-"""A flying drone seen by six unsynchronised cameras: the 3D filter with point measurements, against RTK.
-
-Cameras and clocks are calibrated from the first half of the trajectory only; the second half is tracked and scored. The
-filter and plain triangulation get the same pixels, interpolated to common times. The noise of the filter and the lag of
-its smoother are chosen on the first half too, for each number of cameras: better than triangulation in both respects
-(`DroneScores.better`), and of those the least median distance to RTK.
-"""
+"""A drone in space from measured pixels (`reproduce multiview-drone`): the 3D filter beside triangulation."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from tsuiseki.datamodules.readers.multiview_drone import DroneFlight, DroneView
-from tsuiseki.tracking.cameras.moving_target import TimedCamera, calibrate_by_path
-from tsuiseki.tracking.cameras.triangulation import triangulate
-from tsuiseki.tracking.evaluation.space import acceleration
-from tsuiseki.tracking.output import output_file
-from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.sphere.multiview_filter import Course, DroneSettings, track_points
-
-CAMERA_COUNTS = (2, 3, 4, 6)
-STEP = 0.04
-# Pixels are interpolated over at most so many missing frames.
-LARGEST_GAP = 3.5
-OFFSETS = np.arange(-120.0, 120.0, 0.5)
-MARGIN = 1.0
-# What is tried on the first half.
-AGITATIONS = (1.0, 2.0, 4.0)
-INFLATIONS = (1.0, 2.0)
-LAGS = (0.0, 0.12, 0.24, 0.48, 0.96)
-
-Candidate: TypeAlias = tuple[float, float]
-"""Agitation and inflation."""
+from tsuiseki.datamodules.readers.multiview_drone import read_drone_flight
+from tsuiseki.tracking.cameras.moving_target import TimedCamera
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
+from tsuiseki.trainers.experiments.sphere.flights import (
+    AGITATIONS,
+    CAMERA_COUNTS,
+    INFLATIONS,
+    FlightScores,
+    Trial,
+    calibrate_flight,
+    chosen,
+    half_of,
+    score_flight,
+    surveyed_errors,
+    try_noise,
+)
 
 
-@dataclass(frozen=True)
-class DroneScores:
-    """Errors in metres against RTK over the moments that two cameras saw, and apart those that one saw.
+def reproduce(bench: Bench, data: Path = Path("../shared/data/stereo/multiview-drone-3"), seed: int = 0) -> Outcome:
+    """The 3D filter on measured pixels of a flying drone (six cameras, RTK), beside triangulation frame by frame.
 
-    Attributes:
-        cameras: how many were used.
-        moments: compared.
-        filter_median, triangulation_median: of the distance to RTK.
-        filter_tail, triangulation_tail: 95th percentiles.
-        filter_acceleration, triangulation_acceleration: root mean square, m/s^2.
-        alone: moments that one camera saw, at most `DroneSettings.longest_alone` after two did.
-        alone_median, alone_tail: of the filter's distance there; NaN where there is none.
+    DIR gets results.json and tables.md.
+
+    Args:
+        bench: where it works.
+        data: folder of the data set multiview-drone-3, with the folder calibration beside it.
+        seed: of all random numbers.
+
+    Raises:
+        RequestError: the data set is not there.
     """
-
-    cameras: int
-    moments: int
-    filter_median: float
-    triangulation_median: float
-    filter_tail: float
-    triangulation_tail: float
-    filter_acceleration: float
-    triangulation_acceleration: float
-    alone: int
-    alone_median: float
-    alone_tail: float
-
-    @property
-    def better(self) -> bool:
-        """Whether the filter's median is no larger than triangulation's and its acceleration at most half."""
-        return (
-            self.filter_median <= self.triangulation_median
-            and self.filter_acceleration <= 0.5 * self.triangulation_acceleration
-        )
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One way to set the filter, on the first half.
-
-    Attributes:
-        settings: tried.
-        scores: there.
-        log_evidence: of the pixels; the same for all lags.
-    """
-
-    settings: DroneSettings
-    scores: DroneScores
-    log_evidence: float
-
-
-def calibrate_flight(
-    flight: DroneFlight, watch: Callable[[Iterable[DroneView]], Iterable[DroneView]] = iter
-) -> list[TimedCamera]:
-    """All cameras and their clocks, from the first half of the trajectory."""
-    half = len(flight.times) // 2
-    trajectory = CubicSpline(flight.times[: half + 1], flight.points[: half + 1])
-    span = (0.0, float(flight.times[half]))
-    return [
-        calibrate_by_path(trajectory, span, v.frames, v.pixels, v.intrinsics, v.frame_rate, OFFSETS)
-        for v in watch(flight.views)
-    ]
-
-
-def half_of(
-    flight: DroneFlight, cameras: Sequence[TimedCamera], first: bool
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What the first C cameras saw in one half of the flight.
-
-    Returns:
-        Common times ``(T,)``, pixels ``(T, C, 2)`` with NaN where a camera saw nothing, true positions ``(T, 3)``.
-    """
-    middle, end = float(flight.times[len(flight.times) // 2]), float(flight.times[-1])
-    begin, end = (0.0, middle) if first else (middle, end)
-    times = np.arange(begin + MARGIN, end - MARGIN, STEP)
-    pixels = np.stack([_at(times, v, c) for v, c in zip(flight.views[: len(cameras)], cameras, strict=True)], axis=1)
-    return times, pixels, np.asarray(CubicSpline(flight.times, flight.points)(times))
-
-
-def try_settings(
-    flight: DroneFlight,
-    cameras: Sequence[TimedCamera],
-    seed: int,
-    watch: Callable[[Iterable[Candidate]], Iterable[Candidate]] = iter,
-) -> list[Trial]:
-    """Every noise and lag on the whole first half of the flight.
-
-    The evidence of each noise is kept beside it. It is not what decides: errors of calibration and clocks last for many
-    frames, and the filter's likelihood takes them for independent.
-    """
-    times, pixels, truth = half_of(flight, cameras, first=True)
-    triangulated, _ = triangulate([c.camera for c in cameras], pixels)
-    trials = []
-    for agitation, inflation in watch([(a, i) for a in AGITATIONS for i in INFLATIONS]):
-        settings = DroneSettings(agitation=agitation, inflation=inflation)
-        rng = np.random.default_rng((seed, len(cameras), 6))
-        course = track_points(cameras, times, pixels, triangulated, settings, rng)
-        for lag in LAGS:
-            scores = _scores(len(cameras), course, lag, triangulated, truth)
-            trials.append(Trial(replace(settings, lag=lag), scores, course.log_evidence))
-    return trials
-
-
-def chosen(trials: Sequence[Trial]) -> Trial:
-    """Of those better than triangulation in both respects, or of all if there is none, that of the least median."""
-    return min(trials, key=lambda t: (not t.scores.better, t.scores.filter_median))
-
-
-def score_flight(
-    cameras: Sequence[TimedCamera],
-    times: FloatArray,
-    pixels: FloatArray,
-    truth: FloatArray,
-    settings: DroneSettings,
-    seed: int,
-) -> DroneScores:
-    """Filter and triangulation with ``cameras`` against the truth."""
-    triangulated, _ = triangulate([c.camera for c in cameras], pixels)
-    course = track_points(cameras, times, pixels, triangulated, settings, np.random.default_rng((seed, len(cameras))))
-    return _scores(len(cameras), course, settings.lag, triangulated, truth)
-
-
-def _scores(cameras: int, course: Course, lag: float, triangulated: FloatArray, truth: FloatArray) -> DroneScores:
-    estimates = course.smoothed(lag)
-    both = np.isfinite(triangulated[:, 0]) & np.isfinite(estimates[:, 0])
-    away, plain = (np.sqrt(np.square(p - truth).sum(axis=1)) for p in (estimates, triangulated))
-    single = away[course.alone & np.isfinite(away)]
-    shown = [np.where(both[:, None], p, np.nan) for p in (estimates, triangulated)]
-    return DroneScores(
-        cameras,
-        int(both.sum()),
-        float(np.median(away[both])),
-        float(np.median(plain[both])),
-        float(np.percentile(away[both], 95)),
-        float(np.percentile(plain[both], 95)),
-        acceleration(course.times, shown[0], STEP),
-        acceleration(course.times, shown[1], STEP),
-        len(single),
-        float(np.median(single)) if len(single) else float("nan"),
-        float(np.percentile(single, 95)) if len(single) else float("nan"),
-    )
-
-
-def kept_comparison(
-    folder: Path,
-    flight: DroneFlight,
-    cameras: Sequence[TimedCamera],
-    seed: int,
-    watch: Callable[[Iterable[Candidate]], Iterable[Candidate]] = iter,
-) -> tuple[DroneScores, list[Trial]]:
-    """Scores on the second half with the settings chosen on the first, and what was tried there.
-
-    Read from ``folder`` when these cameras were compared before, else kept there.
-    """
-    path = folder / f"{len(cameras)}-{seed}.json"
-    if path.is_file():
-        content = json.loads(path.read_text(encoding="utf-8"))
-        trials = [
-            Trial(DroneSettings(**t["settings"]), DroneScores(**t["scores"]), t["log_evidence"])
-            for t in content["trials"]
+    if seed < 0:
+        raise RequestError(f"seed: expected a whole number from 0, got {seed}")
+    flight = read_drone_flight(data)
+    cameras = calibrate_flight(flight, bench.watch)
+    scores, trials = [], {}
+    for count in CAMERA_COUNTS:
+        used = cameras[:count]
+        noises = list(itertools.product(AGITATIONS, INFLATIONS))
+        watched = bench.watch.over(noises, f"{count} cameras, choosing on the first half", len(noises))
+        trials[count] = [
+            trial for noise in watched for trial in bench.store.recall(try_noise, flight, used, seed, *noise)
         ]
-        return DroneScores(**content["scores"]), trials
-    trials = try_settings(flight, cameras, seed, watch)
-    scores = score_flight(cameras, *half_of(flight, cameras, first=False), chosen(trials).settings, seed)
-    folder.mkdir(parents=True, exist_ok=True)
-    with output_file(path, overwrite=True) as work:
-        work.write_text(json.dumps({"scores": asdict(scores), "trials": [asdict(t) for t in trials]}), encoding="utf-8")
-    return scores, trials
+        best = chosen(trials[count]).settings
+        scores.append(bench.store.recall(score_flight, used, *half_of(flight, used, first=False), best, seed))
+    values = {
+        "scores": [asdict(s) for s in scores],
+        "trials": {str(count): [asdict(t) for t in tried] for count, tried in trials.items()},
+    }
+    tables = [_score_table(scores), _camera_table(cameras), _choice_table(trials)]
+    return Outcome(values, tables, notes=_survey(data, cameras))
 
 
-def surveyed_errors(cameras: Sequence[TimedCamera], surveyed: FloatArray) -> FloatArray:
-    """``(C,)`` distances of the cameras to ``surveyed`` ``(C, 3)``, metres, after the best rigid motion: a check only.
-
-    The survey lives in a frame of its own, so the cameras' frame is first laid upon it (Kabsch).
-    """
-    places = np.stack([c.camera.position for c in cameras])
-    a, b = places - places.mean(axis=0), surveyed - surveyed.mean(axis=0)
-    u, _, vt = np.linalg.svd(a.T @ b)
-    turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return np.asarray(np.sqrt(np.square(a @ turn - b).sum(axis=1)))
+def _survey(data: Path, cameras: Sequence[TimedCamera]) -> list[str]:
+    """How far the cameras are from where a survey found them, which nothing else uses."""
+    survey = data / "camera-locations" / "campos.txt"
+    if not survey.is_file():
+        return []
+    # The file lists the cameras in another order than the rest of the data set.
+    away = surveyed_errors(cameras, np.loadtxt(survey)[[0, 4, 2, 1, 3, 5]])
+    return [f"Distance to the surveyed camera positions (a check only): {', '.join(f'{v:.2f}' for v in away)} m"]
 
 
-def _at(times: FloatArray, view: DroneView, camera: TimedCamera) -> FloatArray:
-    """Pixels ``(T, 2)`` at ``times``, interpolated between neighbouring frames."""
-    stamps = camera.times(view.frames)
-    after = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
-    share = (times - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
-    inside = (share >= 0) & (share <= 1) & (view.frames[after] - view.frames[after - 1] <= LARGEST_GAP)
-    pixels = view.pixels[after - 1] + share[:, None] * (view.pixels[after] - view.pixels[after - 1])
-    return np.where(inside[:, None], pixels, np.nan)
+def _score_table(scores: Sequence[FlightScores]) -> Table:
+    columns = (
+        "cameras", "moments", "median, m: filter", "triangulation", "95 %, m: filter", "triangulation",
+        "rms acceleration, m/s²: filter", "triangulation", "one camera only: moments", "median, m", "95 %, m",
+    )  # fmt: skip
+    rows = [
+        (
+            f"{s.cameras}", f"{s.moments}", f"{s.filter_median:.4f}", f"{s.triangulation_median:.4f}",
+            f"{s.filter_tail:.3f}", f"{s.triangulation_tail:.3f}", f"{s.filter_acceleration:.1f}",
+            f"{s.triangulation_acceleration:.1f}", f"{s.alone}", f"{s.alone_median:.2f}", f"{s.alone_tail:.2f}",
+        )
+        for s in scores
+    ]  # fmt: skip
+    return Table("On the second half of the flight", columns, rows)
+
+
+def _camera_table(cameras: Sequence[TimedCamera]) -> Table:
+    rows = [
+        (f"{k}", f"{np.median(c.residuals):.2f} px", f"{c.offset:.3f}", f"{1 / c.period:.3f}")
+        for k, c in enumerate(cameras)
+    ]
+    return Table("", ("camera", "fitted pixels, median error", "time of frame 0, s", "frames/s"), rows)
+
+
+def _choice_table(trials: Mapping[int, Sequence[Trial]]) -> Table:
+    columns = (
+        "cameras", "agitation, m/s", "inflation", "lag, s", "median there, m: filter", "triangulation",
+        "rms acceleration there, m/s²: filter", "triangulation", "the evidence's choice: agitation", "inflation",
+    )  # fmt: skip
+    rows = []
+    for count, tried in trials.items():
+        best = chosen(tried)
+        likely = max(tried, key=lambda t: t.log_evidence).settings
+        s, f = best.settings, best.scores
+        rows.append(
+            (
+                f"{count}", f"{s.agitation:g}", f"{s.inflation:g}", f"{s.lag:g}", f"{f.filter_median:.4f}",
+                f"{f.triangulation_median:.4f}", f"{f.filter_acceleration:.1f}", f"{f.triangulation_acceleration:.1f}",
+                f"{likely.agitation:g}", f"{likely.inflation:g}",
+            )
+        )  # fmt: skip
+    return Table("Chosen on the first half", columns, rows)

@@ -24,7 +24,7 @@ SPREAD, SPEED, ANEW = 0.3, 4.0, 0.2
 
 
 @dataclass(frozen=True)
-class DroneSettings:
+class FlightSettings:
     """Of the filter.
 
     Attributes:
@@ -83,7 +83,7 @@ def track_points(
     times: FloatArray,
     pixels: FloatArray,
     start: FloatArray,
-    settings: DroneSettings,
+    settings: FlightSettings,
     rng: np.random.Generator,
 ) -> Course:
     """The filter over all moments.

@@ -15,7 +15,7 @@ from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.experiments.drone.clips import Clip
-from tsuiseki.trainers.experiments.drone.pictures import SHOWN, draw_pictures, draw_second
+from tsuiseki.trainers.experiments.drone.pictures import SHOWN, Picture, draw_pictures, draw_second
 from tsuiseki.trainers.experiments.drone.strips import BAND, CELL, LINE
 
 FRAMES = 12
@@ -55,9 +55,9 @@ def people(*switched: tuple[int, int]) -> list[list[ActingTrack]]:
     return [found]
 
 
-def shown(path: Path, rows: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+def shown(picture: Picture, rows: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
     """``(rows, SHOWN, CELL, CELL, 3)`` cells of a strip."""
-    image = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+    image = cv2.cvtColor(cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
     assert image.shape == (rows * (BAND + CELL + LINE) + BAND, SHOWN * (CELL + LINE), 3)
     lines = image[:-BAND].reshape(rows, BAND + CELL + LINE, SHOWN, CELL + LINE, 3)
     return np.asarray(lines[:, BAND : BAND + CELL, :, :CELL].transpose(0, 2, 1, 3, 4), dtype=np.uint8)
@@ -69,24 +69,24 @@ def middles(cells: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> set[int]:
     return set((np.abs(middle - COLOURS).sum(axis=2).argmin(axis=1) + 1).tolist())
 
 
-def test_the_right_people_are_shown(clip: Clip, tmp_path: Path) -> None:
+def test_the_right_people_are_shown(clip: Clip) -> None:
     flow = people((1, 3), (2, 6), (3, 6))
     # The switch of 1 stays, that of 3 comes a frame later, that of 2 is prevented from the second iteration on.
     iterations = [people((1, 3), (2, 6), (3, 7)), *[people((1, 3), (3, 7))] * 5]
-    said = draw_pictures([clip], flow, iterations, tmp_path) | draw_second([clip], iterations, tmp_path)
-    assert said == {
+    drawn = draw_pictures([clip], flow, iterations) | draw_second([clip], iterations)
+    assert {name: picture.shows for name, picture in drawn.items()} == {
         "prevented": {"clip": "clip", "person": 2, "frame": 7},
         "remaining": {"clip": "clip", "person": 3, "frame": 8},
         "second": {"clip": "clip", "person": 2, "frame": 7},
     }
-    assert middles(shown(tmp_path / "prevented.jpg", 4)) == {2}
-    assert middles(shown(tmp_path / "remaining.jpg", 3)) == {3}
-    assert all((tmp_path / f"{name}.jpg").stat().st_size < 150_000 for name in said)
+    assert middles(shown(drawn["prevented"], 4)) == {2}
+    assert middles(shown(drawn["remaining"], 3)) == {3}
+    assert all(len(picture.jpeg) < 150_000 for picture in drawn.values())
 
 
-def test_a_row_shows_its_own_ids_and_actions(clip: Clip, tmp_path: Path) -> None:
-    draw_second([clip], [people((2, 6)), people()], tmp_path)
-    first, second = shown(tmp_path / "second.jpg", 2).astype(int)
+def test_a_row_shows_its_own_ids_and_actions(clip: Clip) -> None:
+    drawn = draw_second([clip], [people((2, 6)), people()])
+    first, second = shown(drawn["second"], 2).astype(int)
     # Frames 5 to 9: the box turns from one colour to another in the third cell; with one id it never does.
     changes = [
         [np.abs(a - b).max() for a, b in itertools.pairwise(row)] for row in (no_numbers(first), no_numbers(second))
@@ -103,7 +103,6 @@ def no_numbers(
     return cells[:, : CELL - 25]
 
 
-def test_without_a_switch_there_is_no_picture(clip: Clip, tmp_path: Path) -> None:
-    assert draw_pictures([clip], people(), [people()] * 6, tmp_path) == {}
-    assert draw_second([clip], [people((1, 3)), people((1, 4))], tmp_path) == {}
-    assert not list(tmp_path.glob("*.jpg"))
+def test_without_a_switch_there_is_no_picture(clip: Clip) -> None:
+    assert draw_pictures([clip], people(), [people()] * 6) == {}
+    assert draw_second([clip], [people((1, 3)), people((1, 4))]) == {}

@@ -10,43 +10,70 @@ import pytest
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
 from tsuiseki.datamodules.scenes.fish.sets import GoldfishSets
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.annealed import Annealed
 from tsuiseki.tracking.filters.body_motion import Noise, RandomWalk
 from tsuiseki.trainers.experiments.goldfish import pca_particle_filter
+from tsuiseki.trainers.experiments.goldfish import pieces as pieces_module
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND, interval, paired_interval
-from tsuiseki.trainers.experiments.goldfish.pca_particle_filter import Experiment, Piece, Run, run_pieces
+from tsuiseki.trainers.experiments.goldfish.pieces import Piece, Run
 from tsuiseki.trainers.experiments.goldfish.summary import gather, summarise
-
-SMALL = Experiment(seeds=2, particles=(60, 120), beyond=(60,))
+from tsuiseki.trainers.experiments.values import restored
 
 
 @pytest.fixture(scope="module")
-def sets(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("clips")
+def folders(tmp_path_factory):
+    """Where one experiment of two clips was run: its store and its results."""
+    root = tmp_path_factory.mktemp("goldfish")
     settings = GoldfishSettings(frames=16, fish=2)
-    return GoldfishSets(
-        (write_goldfish(folder / "learning-01", settings, 1),), (write_goldfish(folder / "test-01", settings, 2),)
+    sets = GoldfishSets(
+        (write_goldfish(root / "learning-01", settings, 1),), (write_goldfish(root / "test-01", settings, 2),)
     )
 
+    def kept():
+        return {path: path.stat().st_mtime_ns for path in (root / "cache" / "run_piece").iterdir()}
 
-@pytest.fixture(scope="module")
-def pieces(sets, tmp_path_factory):
-    work = tmp_path_factory.mktemp("work")
+    def run(out, *more):
+        words = ["--out", str(root / out), "--cache", str(root / "cache"), "--seeds", "2", *more]
+        return main(["reproduce", "pca-particle-filter", *words])
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pca_particle_filter, "write_goldfish_sets", lambda *_: sets)
-        patch.setattr(pca_particle_filter, "LEARNING_PARTICLES", 800)
-        first = list(run_pieces(work, SMALL, minutes=10))
-        written = {path: path.stat().st_mtime_ns for path in (work / "pieces").iterdir()}
-        again = list(run_pieces(work, SMALL, minutes=0))
-        more = list(run_pieces(work, Experiment(seeds=3, particles=(60, 120), beyond=(60,)), minutes=0))
-        with pytest.raises(RequestError, match="another experiment"):
-            list(run_pieces(work, Experiment(seeds=2, particles=(60,), beyond=(60,)), minutes=0))
-    assert first == again
-    assert more == [*first, None]
-    assert written == {path: path.stat().st_mtime_ns for path in (work / "pieces").iterdir()}
-    assert json.loads((work / "motion.json").read_text())["body"] == "goldfish"
-    return first
+        patch.setattr(pca_particle_filter, "goldfish_sets", lambda *_: sets)
+        patch.setattr(pca_particle_filter, "PARTICLES", (60, 120))
+        patch.setattr(pca_particle_filter, "BEYOND_PARTICLES", (60,))
+        patch.setattr(pieces_module, "LEARNING_PARTICLES", 800)
+        assert run("first") == 0
+        before = kept()
+        assert run("second") == 0
+        assert kept() == before
+        assert len(before) == 2
+        assert run("third", "--seeds", "3", "--minutes", "1e-9") == 0
+        assert kept() == before
+        assert not (root / "third").exists()
+        patch.setattr(pca_particle_filter, "PARTICLES", (60,))
+        assert run("other") == 0
+        assert len(kept()) == 4
+    return root
+
+
+def test_an_experiment_is_whole_and_the_same_again(folders):
+    first, second = (json.loads((folders / name / "results.json").read_text()) for name in ("first", "second"))
+    assert first == second
+    assert {"success.png", "turns.png", "beyond.png", "particles.png", "motion.json", "tables.md", "run.json"} <= {
+        path.name for path in (folders / "first").iterdir()
+    }
+    assert json.loads((folders / "first/motion.json").read_text())["body"] == "goldfish"
+    other = json.loads((folders / "other/results.json").read_text())
+    assert {row["particles"] for row in other["table"]} == {60}
+
+
+@pytest.fixture
+def pieces(folders):
+    found = [
+        restored(Piece, entry["value"])
+        for path in (folders / "cache" / "run_piece").iterdir()
+        if (entry := json.loads(path.read_text()))["arguments"][2] == [60, 120]
+    ]
+    return sorted(found, key=lambda piece: piece.seed)
 
 
 def test_every_arm_and_number_is_run_once(pieces):
@@ -115,6 +142,6 @@ def test_annealing_draws_nearer_to_what_is_likely():
 
 @pytest.mark.parametrize("words", [["--seeds", "0"], ["--minutes", "0"], ["--clips", "-1"]])
 def test_wrong_requests_get_one_line(tmp_path, capsys, words):
-    base = ["reproduce", "pca-particle-filter", "--out", str(tmp_path / "out"), "--work", str(tmp_path / "work")]
+    base = ["reproduce", "pca-particle-filter", "--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
     assert main([*base, *words]) == 2
     assert "expected" in capsys.readouterr().err

@@ -9,8 +9,9 @@ from tsuiseki.tracking.cameras.moving_target import TimedCamera, calibrate_by_pa
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.experiments.sphere.multiview_drone import (
-    DroneScores,
+from tsuiseki.trainers.experiments.experiment import Watch
+from tsuiseki.trainers.experiments.sphere.flights import (
+    FlightScores,
     Trial,
     calibrate_flight,
     chosen,
@@ -18,7 +19,7 @@ from tsuiseki.trainers.experiments.sphere.multiview_drone import (
     score_flight,
     surveyed_errors,
 )
-from tsuiseki.trainers.experiments.sphere.multiview_filter import DroneSettings, track_points
+from tsuiseki.trainers.experiments.sphere.multiview_filter import FlightSettings, track_points
 
 
 @pytest.fixture(scope="module")
@@ -30,14 +31,14 @@ def flight(data_folder):
 @pytest.mark.slow
 def test_two_cameras_calibrated_on_the_first_half_hold_in_the_second(flight):
     pair = DroneFlight(flight.times, flight.points, (flight.views[3], flight.views[5]))
-    cameras = calibrate_flight(pair)
+    cameras = calibrate_flight(pair, Watch())
     times, pixels, truth = half_of(pair, cameras, first=False)
     for camera, seen in zip(cameras, pixels.transpose(1, 0, 2), strict=True):
         away = np.linalg.norm(camera.camera.project(truth)[0] - seen, axis=1)
         # The pixels' own scatter is 0.7 and 0.8; RTK stands still for a few tenths of a second at times.
         assert np.nanmedian(away) < 2.0
     stretch = slice(0, 1000)
-    settings = DroneSettings(particles=500)
+    settings = FlightSettings(particles=500)
     scores = score_flight(cameras, times[stretch], pixels[stretch], truth[stretch], settings, 0)
     assert scores.filter_median < 0.3
     assert scores.filter_acceleration < scores.triangulation_acceleration
@@ -92,7 +93,7 @@ def test_a_calm_filter_follows_a_sharp_turn(manoeuvres):
     pixels = np.stack([view.project(path)[0] for view in views], axis=1)
     pixels += rng.normal(0, 0.8, pixels.shape)
     triangulated, _ = triangulate(views, pixels)
-    settings = DroneSettings(agitation=0.5, manoeuvres=manoeuvres, kick=4.0, inflation=1.0)
+    settings = FlightSettings(agitation=0.5, manoeuvres=manoeuvres, kick=4.0, inflation=1.0)
     course = track_points(cameras, times, pixels, triangulated, settings, rng)
     away = np.linalg.norm(course.means[:, :3] - path, axis=1)
     assert (course.stretch == 0).all()
@@ -103,7 +104,7 @@ def test_a_calm_filter_follows_a_sharp_turn(manoeuvres):
 
 def test_settings_are_chosen_by_both_criteria_and_then_by_the_median():
     def trial(median, acceleration):
-        return Trial(DroneSettings(), DroneScores(2, 9, median, 0.10, 0.3, 0.3, acceleration, 20.0, 0, 0.0, 0.0), 0.0)
+        return Trial(FlightSettings(), FlightScores(2, 9, median, 0.10, 0.3, 0.3, acceleration, 20.0, 0, 0.0, 0.0), 0.0)
 
     jumps, good, worse, off = trial(0.05, 30.0), trial(0.08, 10.0), trial(0.09, 2.0), trial(0.11, 2.0)
     assert chosen([jumps, worse, good, off]) is good

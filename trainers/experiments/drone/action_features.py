@@ -1,19 +1,21 @@
-"""`tsuiseki reproduce drone-action-features`: the experiments of thesis chapter 5 on generated clips.
+"""The experiments of thesis chapter 5 on generated clips (`reproduce drone-action-features`).
 
-Clips and what the networks say of them stay in a folder of their own, so that a run that was interrupted goes on from
-there, and one with other costs takes a minute.
+Clips and what the networks say of them are kept, so that a run that was interrupted goes on from there, and one with
+other costs takes a minute.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.cli.models import shipped
 from tsuiseki.tracking.evaluation.action_table import action_values
+from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.trainers.experiments.drone.ablation import ablation
 from tsuiseki.trainers.experiments.drone.clips import (
     FAULTS,
@@ -24,6 +26,7 @@ from tsuiseki.trainers.experiments.drone.clips import (
     Clip,
     ClipPlan,
     Networks,
+    observations_in,
     prepare_clips,
 )
 from tsuiseki.trainers.experiments.drone.pictures import draw_pictures, draw_second
@@ -32,7 +35,6 @@ from tsuiseki.trainers.experiments.drone.rows import (
     METHODS,
     MOST_ITERATIONS,
     Costs,
-    Method,
     action_scores,
     by_iteration,
     mean_rows,
@@ -41,26 +43,9 @@ from tsuiseki.trainers.experiments.drone.rows import (
     recognition,
     track_all,
 )
+from tsuiseki.trainers.experiments.drone.tables import tables
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, at_least_one
 
-# Thesis Table 5.3: recall, precision, IDs, MOTA, MOTP; the names are those of the table's rows.
-PAPER_PEOPLE: dict[Method, tuple[float, float, int, float, float]] = {
-    "deepsort": (29.10, 70.81, 584, 17.29, 32.85),
-    "flow": (32.42, 73.93, 597, 21.43, 32.99),
-    "flow-saf": (32.13, 74.10, 558, 21.20, 33.01),
-    "flow-maf": (32.48, 74.24, 528, 21.57, 33.01),
-}
-# Table 5.4, the second data set.
-PAPER_SECOND: dict[Method, tuple[float, float, int, float, float]] = {
-    "flow-saf": (89.68, 83.23, 47, 41.29, 33.98),
-    "flow-maf": (89.68, 83.23, 43, 43.87, 33.98),
-}
-# Table 5.5, averages.
-PAPER_ACTIONS = {
-    "Single frame (local)": 42.88,
-    "Single frame (local+global)": 45.94,
-    "Multi frames (local)": 45.09,
-    "Multi frames (local+global)": 47.80,
-}
 LEAST_SWITCHES, RECALL = 2.0, (30.0, 90.0)
 
 
@@ -79,29 +64,64 @@ class Plan:
     frames: int = 300
 
 
-def reproduce_drone(
-    out: Path,
-    work: Path,
-    plan: Plan,
-    networks: Networks,
-    costs: Costs,
-    say: Callable[[str], None],
-    *,
-    compensate: bool,
-) -> dict[str, Any]:
-    """Run everything; returns the values of all tables and figures, and draws plots and pictures into ``out``.
+def reproduce(
+    bench: Bench,
+    seeds: int = 3,
+    clips: int = 6,
+    frames: int = 300,
+    full: bool = False,
+    affinity: Path | None = None,
+    actions: list[Path] | None = None,
+    appearance: Path | None = None,
+    detector: Path | None = None,
+    simulated_detections: bool = False,
+    keep_camera_motion: bool = False,
+) -> Outcome:
+    """Thesis chapter 5 on generated clips from a violently moving drone: Tables 5.3, 5.4 and 5.5, Figs. 5.8 and 5.11.
+
+    DIR gets results.json, tables.md, iterations.png, action_gain.png and pictures of switches like Figs. 5.7, 5.9 and
+    5.10: prevented.jpg, remaining.jpg, second.jpg.
 
     Args:
-        out: folder for plots and pictures.
-        work: folder that keeps clips and observations.
+        bench: where it works; clips and what the networks say of them are kept.
+        seeds: sets of test clips.
+        clips: of each set.
+        frames: of each clip.
+        full: 5 sets of 10 clips of 600 frames, whatever the three options above say.
+        affinity: folder with the costs that tsuiseki train affinity-drone wrote; by default the shipped ones.
+        actions: exported action streams, separated by commas; by default the shipped ones.
+        appearance: exported appearance network; by default the shipped one.
+        detector: exported detector; by default the shipped one.
+        simulated_detections: draw faulty detections from the labels instead.
+        keep_camera_motion: compare places as they are in the pictures; costs should be learnt likewise.
+
+    Raises:
+        RequestError: a number below 1, or a model that is not there.
+    """
+    at_least_one(seeds=seeds, clips=clips, frames=frames)
+    plan = Plan(5, 10, 600) if full else Plan(seeds, clips, frames)
+    networks = Networks(
+        tuple(actions or [shipped(f"action_{name}") for name in STREAMS]),
+        appearance or shipped("appearance"),
+        None if simulated_detections else detector or shipped("detector_drone"),
+    )
+    costs = Costs.read(affinity or shipped("affinity_drone").parent)
+    return run_plan(bench, plan, networks, costs, compensate=not keep_camera_motion)
+
+
+def run_plan(bench: Bench, plan: Plan, networks: Networks, costs: Costs, *, compensate: bool) -> Outcome:
+    """All tables, figures and pictures.
+
+    Args:
+        bench: where it works.
         plan: how much.
         networks: exported models.
         costs: learnt.
-        say: gets a line of progress.
         compensate: take the camera's motion out of the places.
     """
+    say = bench.watch.say
     # All clips in one go, so that every core has one to draw until the end.
-    clips = prepare_clips(work, [*_test_plans(plan), *_second_plans(plan)], networks, say)
+    clips = prepare_clips(bench.store, [*_test_plans(plan), *_second_plans(plan)], networks, say)
     sets = [clips[first : first + plan.clips] for first in range(0, plan.seeds * plan.clips, plan.clips)]
     carried = clips[plan.seeds * plan.clips :]
     say("tracking")
@@ -114,30 +134,35 @@ def reproduce_drone(
             iterations[str(method)] = by_iteration(every, method, costs, compensate=compensate)
     curves = {m: [people_row(people_scores(every, found)) for found in results] for m, results in iterations.items()}
     say("recognising actions")
-    actions = recognition(every)
+    recognised = recognition(every)
     gains = _gains(every, iterations["flow-maf"])
     second = {
         str(method): people_row(people_scores(carried, track_all(carried, method, costs, compensate=compensate)))
         for method in METHODS
     }
-    plot_iterations(curves, out / "iterations.png")
-    plot_gains(gains, out / "action_gain.png")
     say("showing switches")
     flow = track_all(every, "flow", costs, compensate=compensate)
     repeated = by_iteration(carried, "flow-maf, one-sided", costs, compensate=compensate, count=2)
-    pictures = draw_pictures(every, flow, iterations["flow-maf, one-sided"], out) | draw_second(carried, repeated, out)
-    return {
+    drawn = draw_pictures(every, flow, iterations["flow-maf, one-sided"]) | draw_second(carried, repeated)
+    values: dict[str, Any] = {
         "plan": asdict(plan),
         "conditions": _conditions(people, plan),
         "people": people,
         "iterations": curves,
         "second": second,
-        "ablation": ablation(sets, work / "observations", networks, costs, say),
-        "actions": action_values(actions),
+        "ablation": ablation(sets, observations_in(bench.store), networks, costs, say),
+        "actions": action_values(recognised),
         "action_gain": gains,
-        "pictures": pictures,
+        "pictures": {name: picture.shows for name, picture in drawn.items()},
         "faults": None if networks.detector else asdict(FAULTS),
     }
+    return Outcome(
+        values,
+        tables(values, compensate=compensate),
+        {"iterations": plot_iterations(curves), "action_gain": plot_gains(gains)},
+        {f"{name}.jpg": picture.jpeg for name, picture in drawn.items()},
+        [_said_of_conditions(values["conditions"])],
+    )
 
 
 def _test_plans(plan: Plan) -> list[ClipPlan]:
@@ -181,3 +206,10 @@ def _conditions(people: Mapping[str, Mapping[str, Any]], plan: Plan) -> dict[str
         "recall_of_flow": recall,
         "hold": bool(switches >= LEAST_SWITCHES and RECALL[0] <= recall <= RECALL[1]),
     }
+
+
+def _said_of_conditions(held: Mapping[str, Any]) -> str:
+    return (
+        f"flow alone: {held['switches_of_flow_in_100_frames']:.1f} switches in 100 frames at a recall of "
+        f"{held['recall_of_flow']:.1f} %; the conditions {'hold' if held['hold'] else 'do not hold'}"
+    )
