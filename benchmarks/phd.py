@@ -19,11 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.filters.phd import PhdFilter, PhdState
-from tsuiseki.tracking.filters.phd_identity import Clusters, Identity
+from tsuiseki.tracking.filters.base import TargetEstimates
+from tsuiseki.tracking.filters.phd import PhdFilter
+from tsuiseki.tracking.filters.phd_identity import Clusters, Identity, PhdState
 from tsuiseki.tracking.filters.point_models import GaussianSensor
-from tsuiseki.tracking.filters.points import PointEstimates
-from tsuiseki.trainers.experiments.finite_sets.phd import start_filter
+from tsuiseki.trainers.experiments.finite_sets.runs import start_filter
 from tsuiseki.trainers.experiments.finite_sets.scenarios import (
     PointScenario,
     read_scenario,
@@ -107,10 +107,10 @@ class Unlabelled(Identity):
         return posterior, clusters
 
 
-def no_targets(posterior: PhdState, clusters: Clusters) -> PointEstimates:
+def no_targets(posterior: PhdState, clusters: Clusters) -> TargetEstimates:
     """No target is read off: the peer has none either."""
     del clusters
-    return PointEstimates(np.empty(0, dtype=np.int64), np.empty((0, posterior.particles.shape[1])), np.empty(0))
+    return TargetEstimates(np.empty(0, dtype=np.int64), np.empty((0, posterior.particles.shape[1])), np.empty(0))
 
 
 class CountedPhd:
@@ -121,7 +121,9 @@ class CountedPhd:
         density = (SURVIVING + BORN) // 14
         births = scenario_births(scenario.settings, density)
         model = scenario_model(scenario.settings, clutter)
-        alone = PhdFilter(model, births, density, identity=Unlabelled(remember=False), extract=no_targets, least=0)
+        alone = PhdFilter(
+            model, births, density, identity=Unlabelled(remember=False), extract=no_targets, smallest_cluster=0
+        )
         self.filter = PhdFilter(model, births, density) if labelled else alone
         self.state, self.rng = self.filter.init(np.empty((0, 4))), np.random.default_rng(0)
         self.particles: list[int] = []

@@ -11,7 +11,7 @@ from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cameras.files import PlacedCamera
-    from tsuiseki.tracking.filters.motion_3d import Motion3D
+    from tsuiseki.tracking.filters import base as filters
     from tsuiseki.tracking.likelihoods.views import ViewLikelihood
     from tsuiseki.tracking.types import FloatArray, Frame
     from tsuiseki.tracking.video import Source
@@ -206,7 +206,7 @@ def _checked_frames(source: Source, placed: PlacedCamera) -> Iterator[Frame]:
         yield frame
 
 
-def _motion(name: Motion, agitation: float | None, radius: float, floor: float, bounce: float) -> Motion3D:
+def _motion(name: Motion, agitation: float | None, radius: float, floor: float, bounce: float) -> filters.Motion:
     from tsuiseki.tracking.filters.motion_3d import Ballistic, ConstantVelocity, RandomWalk
 
     if name == "random-walk":

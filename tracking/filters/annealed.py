@@ -10,8 +10,8 @@ from typing import Generic
 
 import numpy as np
 
+from tsuiseki.tracking.filters.base import LogLikelihood, Observation
 from tsuiseki.tracking.filters.body_motion import BodyMotion
-from tsuiseki.tracking.filters.particle import LogLikelihood, Observation
 from tsuiseki.tracking.filters.resampling import Resampler, systematic
 from tsuiseki.tracking.filters.weights import probabilities
 from tsuiseki.tracking.types import FloatArray

@@ -1,7 +1,8 @@
 """How bodies move: random walk (8), constant velocity (9) and body-fixed velocity (16)-(18) of the goldfish paper.
 
 The first columns of a particle are the body's state: image position ``a, b`` in pixels, heading ``theta`` in radians,
-and whatever bends, one column each. A motion may keep more columns behind them. Units are those of one frame.
+and whatever bends, one column each. A motion may keep more columns behind them. Numbers are those of one frame; the
+motion of a filter is ``each_frame(partial(draw, motion))``.
 
 Noise is an argument. The motions (16)-(18) and the same with independent noise differ in nothing else.
 """
@@ -80,7 +81,7 @@ def drift(motion: BodyMotion, particles: FloatArray) -> FloatArray:
 
 
 def draw(motion: BodyMotion, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Where particles go, drawn."""
+    """Particles ``(N, …)`` one frame later."""
     return motion.moved(particles, motion.noise.draw(len(particles), rng))
 
 

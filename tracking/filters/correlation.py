@@ -17,7 +17,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import IntArray
 
 Float32Array = NDArray[np.float32]
 ComplexArray = NDArray[np.complex64]
@@ -168,50 +168,3 @@ def gaussian_labels(shape: tuple[int, int], sigma: float) -> ComplexArray:
 def cosine_window(shape: tuple[int, int]) -> Float32Array:
     """``(rows, columns)`` product of two Hann windows, zero on the border."""
     return np.outer(np.hanning(shape[0]), np.hanning(shape[1])).astype(np.float32)
-
-
-def _parabola_offset(before: float, at: float, after: float) -> float:
-    """Where the parabola through three values has its maximum, in (-0.5, 0.5) around the middle one."""
-    curvature = 2 * at - before - after
-    return 0.5 * (after - before) / curvature if curvature > 1e-12 else 0.0
-
-
-def signed_shift(index: FloatArray | float, length: int) -> FloatArray:
-    """Cyclic map positions as shifts in [-length/2, length/2)."""
-    return np.asarray((index + length / 2) % length - length / 2)
-
-
-def peak(response: Float32Array) -> tuple[FloatArray, float]:
-    """Shift ``(x, y)`` in cells of the greatest value of one map, to sub-cell precision, and the value."""
-    row, column = divmod(int(np.argmax(response)), response.shape[1])
-    return peak_near(response, np.array([column, row]))
-
-
-def peak_near(response: Float32Array, cell: IntArray) -> tuple[FloatArray, float]:
-    """Shift ``(x, y)`` of the maximum about the cell ``(x, y)`` of one map, to sub-cell precision, and its value."""
-    rows, columns = response.shape
-    column, row = int(cell[0]) % columns, int(cell[1]) % rows
-    value = float(response[row, column])
-    dx = _parabola_offset(float(response[row, column - 1]), value, float(response[row, (column + 1) % columns]))
-    dy = _parabola_offset(float(response[row - 1, column]), value, float(response[(row + 1) % rows, column]))
-    shift = np.array([float(signed_shift(column + dx, columns)), float(signed_shift(row + dy, rows))])
-    return shift, value
-
-
-def local_maxima(response: Float32Array, count: int) -> tuple[FloatArray, FloatArray]:
-    """The ``count`` greatest local maxima of a cyclic map, greatest first.
-
-    A cell is one when no neighbour of its eight is greater and one is smaller; fewer come back where there are fewer.
-
-    Returns:
-        Shifts ``(M, 2)`` x, y in whole cells and values ``(M,)``.
-    """
-    padded = np.pad(response, 1, mode="wrap")
-    rows, columns = response.shape
-    around = np.stack([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)])
-    is_maximum = (response >= around.max(axis=0)) & (response > around.min(axis=0))
-    flat = np.flatnonzero(is_maximum)
-    order = flat[np.argsort(-response.ravel()[flat], kind="stable")[:count]]
-    row, column = np.divmod(order, columns)
-    shifts = np.stack([signed_shift(column.astype(np.float64), columns), signed_shift(row.astype(np.float64), rows)], 1)
-    return shifts, response.ravel()[order].astype(np.float64)

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.belief_propagation import association_marginals
+from tsuiseki.tracking.filters.base import Births, BornParticles, TargetEstimates
+from tsuiseki.tracking.filters.belief_propagation import association_marginals
+from tsuiseki.tracking.filters.labelled_particles import first_particles
 from tsuiseki.tracking.filters.pairs import Pairs, find_pairs
-from tsuiseki.tracking.filters.point_births import Births, BornParticles
 from tsuiseki.tracking.filters.point_models import PointModel, check_measurements
-from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.tracking.filters.resampling import systematic_rows
+from tsuiseki.tracking.filters.weights import logarithms
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 
@@ -56,7 +57,7 @@ class LabelledInfo:
         pairs: gated pairs of tracks and measurements.
     """
 
-    estimates: PointEstimates
+    estimates: TargetEstimates
     expected_count: float
     tracks: int
     pairs: int
@@ -76,17 +77,23 @@ class LabelledMultiBernoulliFilter:
     """
 
     model: PointModel
-    births: Births
+    births: Births[FloatArray]
     particles: int = 1000
     report: float = 0.5
     prune: float = 1e-3
     resample_below: float = 0.5
 
-    def init(self, columns: int) -> LabelledState:
-        """No target, for states of length ``columns``."""
+    def init(self, particles: FloatArray, count: float = 0.0) -> LabelledState:
+        """``count`` targets never measured, spread evenly over particles ``(N, D)``; ``(0, D)`` begins with no target.
+
+        Raises:
+            ValueError: a particle is not finite, or the count is negative or has no particle to stand on.
+        """
+        first = first_particles(particles, count)
+        starts = np.zeros(min(len(first), 1), dtype=np.int64)
+        hidden = BornParticles(first.particles, first.log_weights, starts)
+        shape, columns = (0, self.particles), first.particles.shape[1]
         nothing = np.empty(0)
-        hidden = BornParticles(np.empty((0, columns)), nothing, np.empty(0, dtype=np.int64))
-        shape = (0, self.particles)
         return LabelledState(
             np.empty(0, dtype=np.int64), nothing, np.empty((*shape, columns)), np.empty(shape), hidden, 1
         )
@@ -102,17 +109,19 @@ class LabelledMultiBernoulliFilter:
         updated, pairs, free = self._track_update(predicted, measurements, unclaimed)
         begun = free * np.divide(new_mass, unclaimed, out=np.zeros_like(new_mass), where=unclaimed > 0)
         joined = self._join(updated, begun, new_particles, hidden)
-        count = float(joined.existence.sum() + hidden.weights.sum())
+        count = float(joined.existence.sum() + np.exp(hidden.log_weights).sum())
         info = LabelledInfo(self._estimate(joined), count, len(joined), pairs)
         return self._resample(joined, rng), info
 
     def _predict(self, state: LabelledState, measurements: FloatArray, rng: np.random.Generator) -> LabelledState:
         """Tracks and hidden targets move and survive, (44); the births join the hidden."""
-        moved = self.model.motion(state.particles.reshape(-1, state.particles.shape[-1]), rng)
+        moved = self.model.moved(state.particles.reshape(-1, state.particles.shape[-1]), rng)
         born, old = self.births.draw(measurements, rng), state.hidden
+        with np.errstate(divide="ignore"):
+            survived = np.log(self.model.survival) + old.log_weights
         hidden = BornParticles(
-            np.concatenate([self.model.motion(old.particles, rng), born.particles]),
-            np.concatenate([self.model.survival * old.weights, born.weights]),
+            np.concatenate([self.model.moved(old.particles, rng), born.particles]),
+            np.concatenate([survived, born.log_weights]),
             np.concatenate([old.starts, born.starts + len(old.particles)]),
         )
         existence = self.model.survival * state.existence
@@ -126,13 +135,13 @@ class LabelledMultiBernoulliFilter:
 
         The first is the second term of the denominator of (46), for targets that no track stands for.
         """
-        detection = self.model.detection_of(hidden.particles)
+        weights, detection = np.exp(hidden.log_weights), self.model.detection_of(hidden.particles)
         pairs = find_pairs(hidden.particles, hidden.starts, measurements, self.model.sensor)
-        joint = (detection * hidden.weights)[pairs.particle] * pairs.likelihood
+        joint = (detection * weights)[pairs.particle] * np.exp(pairs.log_likelihood)
         mass = pairs.by_measurement(joint, len(measurements))
         drawn = _draw_by_measurement(pairs, joint, mass, self.particles, rng)
         # A group much lighter than a track that is pruned can begin none.
-        left = _heavy_groups(hidden, (1.0 - detection) * hidden.weights, self.prune / 10)
+        left = _heavy_groups(hidden, (1.0 - detection) * weights, self.prune / 10)
         return mass, hidden.particles[drawn], left
 
     def _track_update(
@@ -143,7 +152,7 @@ class LabelledMultiBernoulliFilter:
         flat = state.particles.reshape(-1, state.particles.shape[-1])
         weights, detection = np.exp(state.log_weights), self.model.detection_of(flat).reshape(tracks, self.particles)
         pairs = find_pairs(flat, np.arange(tracks) * self.particles, measurements, self.model.sensor)
-        joint = (weights * detection).ravel()[pairs.particle] * pairs.likelihood
+        joint = (weights * detection).ravel()[pairs.particle] * np.exp(pairs.log_likelihood)
         evidence = pairs.sums(joint)
         likelihood = np.zeros((tracks, count))
         likelihood[pairs.groups, pairs.measurements] = evidence
@@ -160,8 +169,7 @@ class LabelledMultiBernoulliFilter:
         total = stayed + gained.reshape(weights.shape)
         # A track that can neither be missed nor measured is gone; equal weights instead of 0 / 0.
         total[total.sum(axis=1) <= 0] = 1.0
-        with np.errstate(divide="ignore"):
-            log_weights = np.log(total / total.sum(axis=1, keepdims=True))
+        log_weights = logarithms(total / total.sum(axis=1, keepdims=True))
         free = np.clip(1.0 - claimed.sum(axis=0), 0.0, 1.0)
         after = LabelledState(
             state.labels, np.minimum(existence, 1.0), state.particles, log_weights, state.hidden, state.next_label
@@ -183,10 +191,10 @@ class LabelledMultiBernoulliFilter:
             state.next_label + len(new),
         )
 
-    def _estimate(self, state: LabelledState) -> PointEstimates:
+    def _estimate(self, state: LabelledState) -> TargetEstimates:
         shown = state.existence > self.report
         states = np.einsum("tp,tpd->td", np.exp(state.log_weights[shown]), state.particles[shown])
-        return PointEstimates(state.labels[shown], states, state.existence[shown])
+        return TargetEstimates(state.labels[shown], states, state.existence[shown])
 
     def _resample(self, state: LabelledState, rng: np.random.Generator) -> LabelledState:
         """Tracks whose weights have become uneven, drawn anew, (16)-(19)."""
@@ -228,12 +236,12 @@ def _draw_by_measurement(
     return drawn
 
 
-def _heavy_groups(hidden: BornParticles, weights: FloatArray, least: float) -> BornParticles:
-    """The groups whose weights sum to at least ``least``."""
+def _heavy_groups(hidden: BornParticles, weights: FloatArray, lightest: float) -> BornParticles:
+    """The groups whose weights ``(N,)`` sum to at least ``lightest``, with these weights."""
     if len(weights) == 0:
         return hidden
     sizes = np.diff(np.append(hidden.starts, len(weights)))
-    heavy = np.add.reduceat(weights, hidden.starts) >= least
+    heavy = np.add.reduceat(weights, hidden.starts) >= lightest
     kept = np.repeat(heavy, sizes)
     ends = np.cumsum(sizes[heavy])
-    return BornParticles(hidden.particles[kept], weights[kept], (ends - sizes[heavy]).astype(np.int64))
+    return BornParticles(hidden.particles[kept], logarithms(weights[kept]), (ends - sizes[heavy]).astype(np.int64))

@@ -1,24 +1,16 @@
 """How a point moves in space, for particle filters.
 
-Contract: states are ``(N, 6)``, position (m) and velocity (m/s); ``move(states, seconds, rng)`` returns new states. The
-motion over a longer time has the same law as several shorter ones in a row (`Manoeuvring`: the same mean and
-covariance), so frames may be dropped or uneven.
+States are ``(N, 6)``, position (m) and velocity (m/s). The motion over a longer time has the same law as several
+shorter ones in a row (`Manoeuvring`: the same mean and covariance), so frames may be dropped or uneven.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from tsuiseki.tracking.types import FloatArray
-
-
-class Motion3D(Protocol):
-    """Draws the states ``(N, 6)`` after ``seconds``."""
-
-    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray: ...
 
 
 @dataclass(frozen=True)

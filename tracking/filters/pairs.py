@@ -25,7 +25,7 @@ class Pairs:
         starts: ``(K,)`` first entry of each pair.
         particle: ``(E,)`` particle of each entry.
         measurement: ``(E,)`` measurement of each entry.
-        likelihood: ``(E,)`` density ``h(y | x)``.
+        log_likelihood: ``(E,)`` logarithm of the density ``h(y | x)``.
     """
 
     groups: IntArray
@@ -33,7 +33,7 @@ class Pairs:
     starts: IntArray
     particle: IntArray
     measurement: IntArray
-    likelihood: FloatArray
+    log_likelihood: FloatArray
 
     def __len__(self) -> int:
         return len(self.groups)
@@ -71,8 +71,8 @@ def find_pairs(particles: FloatArray, starts: IntArray, measurements: FloatArray
     first = np.cumsum(sizes) - sizes
     particle = np.repeat(starts[groups] - first, sizes) + np.arange(int(sizes.sum()))
     measurement = np.repeat(chosen, sizes)
-    likelihood = sensor.likelihood(projected[particle], measurements[measurement])
-    return Pairs(groups, chosen, first, particle, measurement, likelihood)
+    log_likelihood = sensor.log_likelihood(projected[particle], measurements[measurement])
+    return Pairs(groups, chosen, first, particle, measurement, log_likelihood)
 
 
 def _gate(

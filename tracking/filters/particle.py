@@ -1,45 +1,23 @@
 """Particle filters: bootstrap and guided, with a fixed or an adaptive number of particles.
 
-The contract, once: a *proposal* moves particles, a *log-likelihood* weighs them, a *resampler* keeps the good ones;
-each is an argument. ``ParticleFilter.step`` is (14)-(20) of the finite-sets paper: resample when the effective
-sample size is low, propose, weigh. Resampling stands at the start of the step (it is the same algorithm as at the end
-of the last one), so that estimates are taken from weighted particles, before resampling adds its noise.
-
-Particles are ``(N, D)`` float64; what an observation is, only the proposal and the log-likelihood know.
+See `tsuiseki.tracking.filters.base` for the contract. ``ParticleFilter.step`` is (14)-(20) of the finite-sets paper:
+resample when the effective sample size is low, propose, weigh. Resampling stands at the start of the step (it is the
+same algorithm as at the end of the last one), so that estimates are taken from weighted particles, before resampling
+adds its noise.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Generic
 
 import numpy as np
 from scipy.special import ndtri
 
+from tsuiseki.tracking.filters.base import LogLikelihood, Observation, Proposal
 from tsuiseki.tracking.filters.resampling import Resampler, systematic
 from tsuiseki.tracking.filters.weights import effective_sample_size, log_sum, normalise, probabilities
 from tsuiseki.tracking.types import FloatArray, IntArray
-
-Observation = TypeVar("Observation")
-ObservationIn = TypeVar("ObservationIn", contravariant=True)
-
-Motion = Callable[[FloatArray, np.random.Generator], FloatArray]
-"""Draws the next states ``(N, D)`` from the states ``(N, D)``, equation (1)."""
-
-
-class Proposal(Protocol[ObservationIn]):
-    """Draws the next particles; returns them ``(N, D)`` with ``log f - log q`` ``(N,)``, the correction of (15)."""
-
-    def __call__(
-        self, particles: FloatArray, observation: ObservationIn, rng: np.random.Generator
-    ) -> tuple[FloatArray, FloatArray]: ...
-
-
-class LogLikelihood(Protocol[ObservationIn]):
-    """``log h(y | x)`` ``(N,)`` of each particle ``(N, D)``, with its constants, since the evidence needs them."""
-
-    def __call__(self, particles: FloatArray, observation: ObservationIn) -> FloatArray: ...
 
 
 @dataclass(frozen=True)
@@ -120,22 +98,12 @@ class AdaptiveNumber:
         return int(enough[0]) if len(enough) else len(particles)
 
 
-def bootstrap(motion: Motion) -> Proposal[object]:
-    """The motion model itself as proposal, equation (21): its correction is zero."""
-
-    def propose(particles: FloatArray, observation: object, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        del observation
-        return motion(particles, rng), np.zeros(len(particles))
-
-    return propose
-
-
 @dataclass(frozen=True)
 class ParticleFilter(Generic[Observation]):
     """A particle filter, equations (12)-(22) of the finite-sets paper.
 
     Attributes:
-        proposal: moves the particles; :func:`bootstrap` of a motion model, or a guided one that sees the observation.
+        proposal: moves the particles; `base.bootstrap` of a motion model, or a guided one that sees the observation.
         log_likelihood: weighs them.
         resample: one of :mod:`tsuiseki.tracking.filters.resampling`.
         threshold: resample when the effective sample size is below this share of the particles, in [0, 1].

@@ -10,52 +10,17 @@ Particles carry labels (60)-(62); :mod:`tsuiseki.tracking.filters.phd_identity` 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
+from tsuiseki.tracking.filters.base import Births, Proposal, TargetEstimates
+from tsuiseki.tracking.filters.labelled_particles import cluster_sizes, cluster_starts, first_particles
 from tsuiseki.tracking.filters.pairs import Pairs, find_pairs
-from tsuiseki.tracking.filters.phd_identity import Clusters, Extraction, Identity, Memory, by_measurements, group_starts
-from tsuiseki.tracking.filters.point_births import Births
+from tsuiseki.tracking.filters.phd_identity import Clusters, Extraction, Identity, PhdState, by_measurements
 from tsuiseki.tracking.filters.point_models import PointModel, check_measurements
-from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.tracking.filters.resampling import Resampler, systematic
-from tsuiseki.tracking.types import FloatArray, IntArray
-
-
-class SurvivalProposal(Protocol):
-    """Draws ``q_S(. | x, Y)`` of (48): the particles ``(N, D)`` moved, and ``log f - log q_S`` ``(N,)`` of (49)."""
-
-    def __call__(
-        self, particles: FloatArray, measurements: FloatArray, rng: np.random.Generator
-    ) -> tuple[FloatArray, FloatArray]: ...
-
-
-@dataclass(frozen=True)
-class PhdState:
-    """The posterior intensity, (60).
-
-    Attributes:
-        particles: ``(N, D)``, those of one label together.
-        labels: ``(N,)`` positive.
-        log_weights: ``(N,)``; the weights sum to the expected number of targets.
-        next_label: not used yet.
-        memory: what was reported.
-    """
-
-    particles: FloatArray
-    labels: IntArray
-    log_weights: FloatArray
-    next_label: int
-    memory: Memory = field(default_factory=Memory.empty)
-
-    def __len__(self) -> int:
-        return len(self.particles)
-
-    @property
-    def expected_count(self) -> float:
-        """Expected number of targets."""
-        return float(np.exp(self.log_weights).sum())
+from tsuiseki.tracking.filters.weights import logarithms
+from tsuiseki.tracking.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -69,7 +34,7 @@ class PhdInfo:
         pairs: gated pairs of clusters and measurements.
     """
 
-    estimates: PointEstimates
+    estimates: TargetEstimates
     expected_count: float
     posterior: PhdState
     pairs: int
@@ -83,24 +48,24 @@ class PhdFilter:
         model: motion, sensor, survival, detection and clutter.
         births: proposal of new targets with its weights, (51)-(52); it may look at the measurements.
         density: particles ``rho`` for each expected target, (50) and (56).
-        proposal: of surviving particles, (48); None draws from the motion model.
+        proposal: of surviving particles, ``q_S(. | x, Y)`` of (48)-(49); None draws from the motion model.
         resample: one of :mod:`tsuiseki.tracking.filters.resampling`.
         identity: how clusters keep, join and part their labels, section 5.2.
         extract: reads the targets off: ``by_measurements`` or ``by_clusters``.
-        most: upper bound of the particles, whatever the expected count.
-        least: particles of a cluster lighter than these are worth, each of less weight; 0 draws by weight alone, (57).
-        negligible: a cluster of less weight is light without that help.
+        limit: upper bound of the particles, whatever the expected count.
+        smallest_cluster: particles that a light cluster keeps, each of less weight; 0 draws by weight alone, (57).
+        negligible: a cluster of less weight is not helped in this way.
     """
 
     model: PointModel
-    births: Births
+    births: Births[FloatArray]
     density: int = 1000
-    proposal: SurvivalProposal | None = None
+    proposal: Proposal[FloatArray] | None = None
     resample: Resampler = systematic
     identity: Identity = field(default_factory=Identity)
     extract: Extraction = by_measurements
-    most: int = 200_000
-    least: int = 200
+    limit: int = 200_000
+    smallest_cluster: int = 200
     negligible: float = 1e-5
 
     def init(self, particles: FloatArray, count: float = 0.0) -> PhdState:
@@ -109,13 +74,8 @@ class PhdFilter:
         Raises:
             ValueError: a particle is not finite, or the count is negative or has no particle to stand on.
         """
-        particles = np.asarray(particles, dtype=np.float64)
-        if particles.ndim != 2 or not np.isfinite(particles).all():
-            raise ValueError(f"expected finite particles of shape (N, D), got shape {particles.shape}")
-        if not 0 <= count < np.inf or (count > 0) != (len(particles) > 0):
-            raise ValueError(f"expected a count >= 0 with particles exactly when it is not 0, got {count}")
-        log_weights = np.full(len(particles), np.log(count / len(particles)) if count else 0.0)
-        return PhdState(particles, np.ones(len(particles), dtype=np.int64), log_weights, 2)
+        first = first_particles(particles, count)
+        return PhdState(first.particles, first.labels, first.log_weights, first.next_label)
 
     def step(self, state: PhdState, observation: FloatArray, rng: np.random.Generator) -> tuple[PhdState, PhdInfo]:
         """One observation ``(M, Z)`` further: predict, update, read off the targets, draw anew."""
@@ -133,32 +93,28 @@ class PhdFilter:
     def _predict(self, state: PhdState, measurements: FloatArray, rng: np.random.Generator) -> PhdState:
         """Survivors (48)-(49) with their labels (61), then births (51)-(52) with provisional ones (62)."""
         if self.proposal is None:
-            moved, correction = self.model.motion(state.particles, rng), np.zeros(len(state))
+            moved, correction = self.model.moved(state.particles, rng), np.zeros(len(state))
         else:
             moved, correction = self.proposal(state.particles, measurements, rng)
         with np.errstate(divide="ignore"):
             survived = np.log(self.model.survival) + correction + state.log_weights
-            born = self.births.draw(measurements, rng)
-            new = np.log(born.weights)
-        sizes = np.diff(np.append(born.starts, len(born.particles)))
-        provisional = state.next_label + np.repeat(np.arange(len(born.starts)), sizes)
+        born = self.births.draw(measurements, rng)
         return PhdState(
             np.concatenate([moved, born.particles]),
-            np.concatenate([state.labels, provisional]),
-            np.concatenate([survived, new]),
+            np.concatenate([state.labels, state.next_label + born.groups]),
+            np.concatenate([survived, born.log_weights]),
             state.next_label + len(born.starts),
         )
 
     def _update(self, predicted: PhdState, measurements: FloatArray) -> tuple[PhdState, Clusters]:
         """Weights by (53)-(55), an equality."""
         weights, detection = np.exp(predicted.log_weights), self.model.detection_of(predicted.particles)
-        starts = group_starts(predicted.labels)
+        starts = cluster_starts(predicted.labels)
         pairs = find_pairs(predicted.particles, starts, measurements, self.model.sensor)
-        joint = (detection * weights)[pairs.particle] * pairs.likelihood
+        joint = (detection * weights)[pairs.particle] * np.exp(pairs.log_likelihood)
         share = joint / self._total(pairs, joint, measurements)[pairs.measurement]
         gained = pairs.by_particle(share, len(weights))
-        with np.errstate(divide="ignore"):
-            log_weights = np.log((1.0 - detection) * weights + gained)
+        log_weights = logarithms((1.0 - detection) * weights + gained)
         posterior = PhdState(predicted.particles, predicted.labels, log_weights, predicted.next_label)
         nothing = np.zeros(len(measurements), dtype=np.int64)
         return posterior, Clusters(starts, pairs, share, measurements, nothing, predicted.next_label)
@@ -171,23 +127,18 @@ class PhdFilter:
 
     def _resample(self, posterior: PhdState, rng: np.random.Generator) -> PhdState:
         """``rho`` particles a target, each of weight ``1 / rho``, (56)-(59); more, lighter ones in a light cluster."""
-        weights, starts = np.exp(posterior.log_weights), group_starts(posterior.labels)
+        weights, starts = np.exp(posterior.log_weights), cluster_starts(posterior.labels)
         masses = np.add.reduceat(weights, starts) if len(starts) else np.empty(0)
         total = float(masses.sum())
-        scale = min(1.0, self.most / max(self.density * total, 1.0))
+        scale = min(1.0, self.limit / max(self.density * total, 1.0))
         wanted = scale * self.density * masses
-        light = (wanted < self.least) & (masses >= self.negligible)
-        sizes = np.diff(np.append(starts, len(weights)))
-        factor = np.where(light, self.least / np.where(light, wanted, 1.0), 1.0)
+        light = (wanted < self.smallest_cluster) & (masses >= self.negligible)
+        sizes = cluster_sizes(starts, len(weights))
+        factor = np.where(light, self.smallest_cluster / np.where(light, wanted, 1.0), 1.0)
         intensity = weights * np.repeat(factor, sizes)
         count = round(scale * self.density * float(intensity.sum()))
         if count == 0:
-            nothing, columns = np.empty(0), posterior.particles.shape[1]
-            return PhdState(
-                np.empty((0, columns)), np.empty(0, dtype=np.int64), nothing, posterior.next_label, posterior.memory
-            )
+            return posterior.select(np.empty(0, dtype=np.int64))
         drawn = self.resample(intensity, count, rng)
         kept = float(intensity.sum()) / count / np.repeat(factor, sizes)[drawn]
-        return PhdState(
-            posterior.particles[drawn], posterior.labels[drawn], np.log(kept), posterior.next_label, posterior.memory
-        )
+        return replace(posterior.select(drawn), log_weights=np.log(kept))

@@ -1,28 +1,35 @@
-"""Identity in the PHD filter: clusters of labelled particles, section 5.2 of the finite-sets paper.
+"""Identities in the PHD filter, section 5.2 of the finite-sets paper.
 
-A cluster is the particles of one label. After each update the measurements that are probably targets claim their
-particles for the label that explains them best, so that a cluster over two targets is parted; near clusters that weigh
-about one together become one, provisional ones of births included; what still weighs about two or more is parted. A
-target is reported where the weight is near one: one for each cluster, or one for each measurement (Ristic, Clark and
-Vo, 2010).
+A cluster is the particles of one label. After each update the labels are put in order:
+
+1. Claim: a measurement that is probably a target takes one label, and the particles that explain it best get that
+   label. A cluster over two targets is parted in this way. (Not in the paper.)
+2. Join: two clusters near each other that weigh about one together get the older label. Births have labels of their
+   own until then.
+3. Part: a cluster that weighs about two or more is cut into as many clusters.
+
+A target is reported where the weight is near one: one for each cluster (`by_clusters`), or one for each measurement
+(`by_measurements`, Ristic, Clark and Vo, 2010).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from tsuiseki.tracking.filters.base import TargetEstimates
+from tsuiseki.tracking.filters.labelled_particles import (
+    LabelledParticles,
+    cluster_moments,
+    cluster_sizes,
+    cluster_starts,
+)
 from tsuiseki.tracking.filters.pairs import Pairs
 from tsuiseki.tracking.filters.point_models import GaussianSensor, PointModel
-from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.tracking.types import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from tsuiseki.tracking.filters.phd import PhdState
 
 REPORTED = 0.5
 """Least weight that counts as near one."""
@@ -38,8 +45,8 @@ class Clusters:
         share: ``(E,)`` part of each measurement's unit that each entry of ``pairs`` received.
         measurements: ``(M, Z)``.
         claimed: ``(M,)`` label of the target that each measurement is, 0 for none.
-        fresh: labels from this one on are not reported yet: those made by parting in this step. A cluster of one target
-            weighs about two when clutter falls beside it, so what was parted is a target only when it is found again.
+        fresh: labels from this one on were made by parting in this step and are not reported yet. A cluster of one
+            target weighs about two when clutter falls beside it, so what was parted has to be found again first.
     """
 
     starts: IntArray
@@ -68,25 +75,30 @@ class Memory:
         return cls(np.empty(0, dtype=np.int64), np.empty(0))
 
 
-Extraction: TypeAlias = "Callable[[PhdState, Clusters], PointEstimates]"
+@dataclass(frozen=True)
+class PhdState(LabelledParticles):
+    """The posterior intensity, and the targets reported.
+
+    Attributes:
+        memory: what was reported.
+    """
+
+    memory: Memory = field(default_factory=Memory.empty)
 
 
-def group_starts(labels: IntArray) -> IntArray:
-    """First index of each run of equal labels ``(N,)``."""
-    if len(labels) == 0:
-        return np.empty(0, dtype=np.int64)
-    return np.concatenate([[0], np.flatnonzero(labels[1:] != labels[:-1]) + 1]).astype(np.int64)
+Extraction = Callable[[PhdState, Clusters], TargetEstimates]
+"""Reads the targets off the posterior."""
 
 
-def by_clusters(posterior: PhdState, clusters: Clusters) -> PointEstimates:
+def by_clusters(posterior: PhdState, clusters: Clusters) -> TargetEstimates:
     """One target for each cluster whose weight is near one: its mean."""
-    masses, means = _moments(posterior, clusters.starts)
+    masses, means = cluster_moments(posterior, clusters.starts)
     names = posterior.labels[clusters.starts]
     shown = (masses > REPORTED) & (names < clusters.fresh)
-    return PointEstimates(names[shown], means[shown], masses[shown])
+    return TargetEstimates(names[shown], means[shown], masses[shown])
 
 
-def by_measurements(posterior: PhdState, clusters: Clusters) -> PointEstimates:
+def by_measurements(posterior: PhdState, clusters: Clusters) -> TargetEstimates:
     """One target for each measurement that the particles explain better than not: the mean under that measurement."""
     pairs, count = clusters.pairs, len(clusters.measurements)
     masses = pairs.by_measurement(clusters.share, count)
@@ -94,7 +106,7 @@ def by_measurements(posterior: PhdState, clusters: Clusters) -> PointEstimates:
     states = np.zeros((len(shown), posterior.particles.shape[1]))
     for column, values in enumerate(posterior.particles.T):
         states[:, column] = pairs.by_measurement(clusters.share * values[pairs.particle], count)[shown] / masses[shown]
-    return PointEstimates(clusters.claimed[shown], states, masses[shown])
+    return TargetEstimates(clusters.claimed[shown], states, masses[shown])
 
 
 @dataclass(frozen=True)
@@ -114,8 +126,8 @@ class Identity:
     confirm: bool = True
 
     def recall(
-        self, memory: Memory, estimates: PointEstimates, posterior: PhdState, clusters: Clusters, model: PointModel
-    ) -> tuple[PointEstimates, Memory]:
+        self, memory: Memory, estimates: TargetEstimates, posterior: PhdState, clusters: Clusters, model: PointModel
+    ) -> tuple[TargetEstimates, Memory]:
         """Adds the targets that were reported before and probably only went unmeasured.
 
         A miss leaves ``1 - pD`` of a cluster's weight whatever the weight was, since the intensity is that of a Poisson
@@ -123,19 +135,19 @@ class Identity:
         ``r (1 - pD) / (1 - r pD)``, and rises with the share of the measurements that it receives.
         """
         starts = clusters.starts
-        names, (_, means) = posterior.labels[starts], _moments(posterior, starts)
+        names, (_, means) = posterior.labels[starts], cluster_moments(posterior, starts)
         before = np.zeros(len(names))
         known = np.isin(memory.labels, names)
         before[np.searchsorted(names, memory.labels[known])] = memory.existence[known]
         before *= model.survival
         detection = model.detection_of(means)
         missed = before * (1.0 - detection) / np.maximum(1.0 - before * detection, np.finfo(np.float64).tiny)
-        cluster = np.repeat(np.arange(len(names)), _sizes(starts, len(posterior)))[clusters.pairs.particle]
+        cluster = np.repeat(np.arange(len(names)), cluster_sizes(starts, len(posterior)))[clusters.pairs.particle]
         fed = np.bincount(cluster, clusters.share, minlength=len(names)).clip(0.0, 1.0)
         existence = fed + (1.0 - fed) * missed
         there = (existence > REPORTED) & ((before > 0) | np.isin(names, estimates.ids))
         added = there & ~np.isin(names, estimates.ids)
-        joined = PointEstimates(
+        joined = TargetEstimates(
             np.concatenate([estimates.ids, names[added]]),
             np.concatenate([estimates.states, means[added]]),
             np.concatenate([estimates.weights, existence[added]]),
@@ -154,11 +166,12 @@ class Identity:
         return posterior, replace(clusters, claimed=claimed, fresh=clusters.fresh if self.confirm else fresh)
 
     def _join(self, posterior: PhdState, starts: IntArray, claimed: IntArray, sensor: GaussianSensor) -> IntArray:
-        """New label of each group: near ones that weigh about one together take the older label, nearest pair first.
+        """New label of each cluster: two near ones that weigh about one together take the older label, the nearest pair
+        first.
 
-        Two that measurements claimed are two targets.
+        Two clusters that measurements claimed are two targets, and stay apart.
         """
-        masses, means = _moments(posterior, starts)
+        masses, means = cluster_moments(posterior, starts)
         target = posterior.labels[starts].copy()
         projected = sensor.project(means) if len(means) else np.empty((0, len(sensor.deviation)))
         apart = sensor.difference(projected[:, None, :], projected[None, :, :]) / sensor.deviation
@@ -178,11 +191,11 @@ class Identity:
         return target
 
     def _part(self, posterior: PhdState, starts: IntArray, target: IntArray) -> tuple[IntArray, int]:
-        """Labels after groups took their new ones, and heavy clusters were cut across their longest axis.
+        """Labels after joining, where heavy clusters were cut across their longest axis; and the next free label.
 
         A cluster is cut into as many equal parts as it weighs.
         """
-        sizes, fresh = _sizes(starts, len(posterior)), posterior.next_label
+        sizes, fresh = cluster_sizes(starts, len(posterior)), posterior.next_label
         labels, weights = np.repeat(target, sizes), np.exp(posterior.log_weights)
         names, cluster = np.unique(target, return_inverse=True)
         masses = np.bincount(cluster, np.add.reduceat(weights, starts) if len(starts) else None)
@@ -199,11 +212,11 @@ class Identity:
 
 
 def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray, int]:
-    """Labels ``(N,)`` after the probable targets among the measurements claimed their particles, theirs ``(M,)``, next.
+    """Claiming: new labels ``(N,)``, the label ``(M,)`` that each measurement took (0 for none), the next free label.
 
-    A measurement takes the label that gave it most, one to one, or a new one; it claims the particles that gave it more
-    than they gave any other and than they kept. What has a claimed label but lies outside the gate of its measurement
-    is another target, and gets a new label.
+    A measurement takes the label that gave it most, one to one, or a new one. It claims the particles that gave it more
+    than they gave any other measurement and more than they kept. Particles of a claimed label that lie outside the
+    gate of its measurement are another target, and get a new label.
     """
     pairs, count, particles = clusters.pairs, len(clusters.measurements), len(posterior)
     labels, fresh = posterior.labels.copy(), posterior.next_label
@@ -222,12 +235,12 @@ def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray,
     fresh += len(without)
     entries = np.flatnonzero(claimed[pairs.measurement] > 0)
     particle, share = pairs.particle[entries], clusters.share[entries]
-    most = np.zeros(particles)
-    np.maximum.at(most, particle, share)
-    winner = (share == most[particle]) & (share > 0.5 * np.exp(posterior.log_weights[particle]))
+    greatest = np.zeros(particles)
+    np.maximum.at(greatest, particle, share)
+    winner = (share == greatest[particle]) & (share > 0.5 * np.exp(posterior.log_weights[particle]))
     inside = np.zeros(particles, dtype=np.bool_)
     inside[particle[claimed[pairs.measurement[entries]] == labels[particle]]] = True
-    sizes = _sizes(clusters.starts, particles)
+    sizes = cluster_sizes(clusters.starts, particles)
     astray = np.repeat(np.isin(names, claimed[shown]), sizes) & ~inside
     strayed = np.add.reduceat(astray, clusters.starts) > 0
     labels = np.where(astray, np.repeat(fresh - 1 + np.cumsum(strayed), sizes), labels)
@@ -235,15 +248,10 @@ def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray,
     return labels, claimed, fresh + int(strayed.sum())
 
 
-def _sizes(starts: IntArray, count: int) -> IntArray:
-    """Particles in each group, of ``count`` in all."""
-    return np.diff(starts, append=count)
-
-
 def _grouped(posterior: PhdState, clusters: Clusters) -> tuple[PhdState, Clusters]:
     """The same with the particles sorted by label."""
     if np.all(posterior.labels[1:] >= posterior.labels[:-1]):
-        return posterior, replace(clusters, starts=group_starts(posterior.labels))
+        return posterior, replace(clusters, starts=cluster_starts(posterior.labels))
     order = np.argsort(posterior.labels, kind="stable")
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
@@ -254,15 +262,4 @@ def _grouped(posterior: PhdState, clusters: Clusters) -> tuple[PhdState, Cluster
         log_weights=posterior.log_weights[order],
     )
     pairs = replace(clusters.pairs, particle=back[clusters.pairs.particle])
-    return state, replace(clusters, pairs=pairs, starts=group_starts(state.labels))
-
-
-def _moments(posterior: PhdState, starts: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Weight ``(G,)`` and mean ``(G, D)`` of each group."""
-    if len(starts) == 0:
-        return np.empty(0), np.empty((0, posterior.particles.shape[1]))
-    weights = np.exp(posterior.log_weights)
-    masses = np.add.reduceat(weights, starts)
-    # Column by column: over rows of a few numbers reduceat is several times slower.
-    sums = np.stack([np.add.reduceat(weights * column, starts) for column in posterior.particles.T], axis=1)
-    return masses, sums / np.maximum(masses, np.finfo(np.float64).tiny)[:, None]
+    return state, replace(clusters, pairs=pairs, starts=cluster_starts(state.labels))

@@ -1,41 +1,21 @@
 """Where new targets come from: draws of the birth intensity ``D_Gamma``, equations (34)-(36) and (50)-(52).
 
-Contract: ``draw(measurements, rng)`` returns :class:`BornParticles` whose weights sum, in expectation over the draws,
-to the expected number of births in the region that the proposal covers.
+The weights of what is drawn sum, in expectation over the draws, to the expected number of births in the region that the
+proposal covers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from tsuiseki.tracking.filters.base import BornParticles
 from tsuiseki.tracking.filters.pairs import find_pairs
 from tsuiseki.tracking.filters.point_models import GaussianSensor
-from tsuiseki.tracking.types import FloatArray, IntArray
-
-
-@dataclass(frozen=True)
-class BornParticles:
-    """Weighted draws of the birth intensity in contiguous groups, one for each place of birth.
-
-    Attributes:
-        particles: ``(J, D)``.
-        weights: ``(J,)`` expected targets each.
-        starts: ``(G,)`` first particle of each group.
-    """
-
-    particles: FloatArray
-    weights: FloatArray
-    starts: IntArray
-
-
-class Births(Protocol):
-    """Proposal ``q_Gamma(. | Y)`` of new targets, (51), with the weights of (52)."""
-
-    def draw(self, measurements: FloatArray, rng: np.random.Generator) -> BornParticles: ...
+from tsuiseki.tracking.filters.weights import logarithms
+from tsuiseki.tracking.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -78,7 +58,7 @@ class MixtureBirths:
         spread = np.broadcast_to(self.deviations, (places, columns))[:, None, :]
         drawn = self.means[:, None, :] + spread * rng.standard_normal((places, self.count, columns))
         weights = np.repeat(np.asarray(self.masses, dtype=np.float64) / self.count, self.count)
-        return BornParticles(drawn.reshape(-1, columns), weights, np.arange(places) * self.count)
+        return BornParticles(drawn.reshape(-1, columns), logarithms(weights), np.arange(places) * self.count)
 
 
 @dataclass(frozen=True)
@@ -94,7 +74,7 @@ class MeasurementBirths:
         complete: makes states ``(K, D)`` from error-free measurements ``(K, Z)`` and draws the rest of the prior.
         columns: length of a state.
         count: particles around each measurement.
-        most: particles around all measurements together.
+        limit: particles around all measurements together.
     """
 
     density: float
@@ -102,7 +82,7 @@ class MeasurementBirths:
     complete: Callable[[FloatArray, np.random.Generator], FloatArray]
     columns: int
     count: int = 200
-    most: int = 20_000
+    limit: int = 20_000
 
     def draw(self, measurements: FloatArray, rng: np.random.Generator) -> BornParticles:
         """Particles around each measurement."""
@@ -110,15 +90,15 @@ class MeasurementBirths:
         if total == 0:
             return NoBirths(self.columns).draw(measurements, rng)
         # Fewer around each where there are hundreds, which may all lie within one gate.
-        count = min(self.count, max(self.most // total, 1))
+        count = min(self.count, max(self.limit // total, 1))
         noise = self.sensor.deviation * rng.standard_normal((total, count, width))
         places = (measurements[:, None, :] + noise).reshape(-1, width)
         particles = self.complete(places, rng)
         starts = np.arange(total) * count
         pairs = find_pairs(particles, starts, measurements, self.sensor)
-        proposal = pairs.by_particle(pairs.likelihood, len(particles)) * count
+        proposal = pairs.by_particle(np.exp(pairs.log_likelihood), len(particles)) * count
         weights = np.divide(self.density, proposal, out=np.zeros(len(particles)), where=proposal > 0)
-        return BornParticles(particles, weights, starts)
+        return BornParticles(particles, logarithms(weights), starts)
 
 
 def moving_from(

@@ -11,53 +11,51 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.filters.particle import Motion
+from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.types import FloatArray
 
 StateFunction = Callable[[FloatArray], FloatArray]
 
 
-def constant_velocity(period: float, acceleration: float) -> Motion:
-    """Straight motion of states ``x, vx, y, vy`` with a random acceleration constant over each period, (1).
+def constant_velocity(acceleration: float) -> Motion:
+    """Straight motion of states ``x, vx, y, vy`` with a random acceleration constant over each step, (1).
 
     Args:
-        period: seconds between observations.
         acceleration: its standard deviation along each axis, in units a second squared.
     """
-    transition = np.kron(np.eye(2), np.array([[1.0, period], [0.0, 1.0]]))
-    gain = acceleration * np.kron(np.eye(2), np.array([[period**2 / 2], [period]]))
 
-    def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def move(particles: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        transition = np.kron(np.eye(2), np.array([[1.0, seconds], [0.0, 1.0]]))
+        gain = acceleration * np.kron(np.eye(2), np.array([[seconds**2 / 2], [seconds]]))
         moved: FloatArray = particles @ transition.T + rng.standard_normal((len(particles), 2)) @ gain.T
         return moved
 
     return move
 
 
-def coordinated_turn(period: float, acceleration: float, turn: float) -> Motion:
+def coordinated_turn(acceleration: float, turn: float) -> Motion:
     """Motion on arcs of states ``x, vx, y, vy, omega``: the velocity turns at the rate ``omega``, (1).
 
     Args:
-        period: seconds between observations.
         acceleration: standard deviation of the random acceleration along each axis.
         turn: standard deviation of the change of ``omega`` a second, in radians a second.
     """
-    gain = acceleration * np.array([period**2 / 2, period])
 
-    def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def move(particles: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        gain = acceleration * np.array([seconds**2 / 2, seconds])
         x, vx, y, vy, omega = particles.T
-        angle = omega * period
+        angle = omega * seconds
         sine, cosine = np.sin(angle), np.cos(angle)
         # sin(wT)/w and (1 - cos(wT))/w, whose limits at w = 0 are T and 0.
-        straight = period * np.sinc(angle / np.pi)
-        aside = period * np.sinc(angle / (2 * np.pi)) * np.sin(angle / 2)
+        straight = seconds * np.sinc(angle / np.pi)
+        aside = seconds * np.sinc(angle / (2 * np.pi)) * np.sin(angle / 2)
         noise = rng.standard_normal((3, len(particles)))
         moved = np.empty_like(particles)
         moved[:, 0] = x + straight * vx - aside * vy + gain[0] * noise[0]
         moved[:, 1] = cosine * vx - sine * vy + gain[1] * noise[0]
         moved[:, 2] = y + aside * vx + straight * vy + gain[0] * noise[1]
         moved[:, 3] = sine * vx + cosine * vy + gain[1] * noise[1]
-        moved[:, 4] = omega + turn * period * noise[2]
+        moved[:, 4] = omega + turn * seconds * noise[2]
         return moved
 
     return move
@@ -108,12 +106,11 @@ class GaussianSensor:
             result[..., column] = (result[..., column] + np.pi) % (2 * np.pi) - np.pi
         return result
 
-    def likelihood(self, projected: FloatArray, measurements: FloatArray) -> FloatArray:
-        """Density ``h(y | x)`` ``(K,)`` of measurements ``(K, Z)`` at projected states ``(K, Z)``, constants kept."""
+    def log_likelihood(self, projected: FloatArray, measurements: FloatArray) -> FloatArray:
+        """``log h(y | x)`` ``(K,)`` of pairs of projected states and measurements ``(K, Z)``, constants kept."""
         scaled = self.difference(projected, measurements) / self.deviation
-        constant = np.prod(np.sqrt(2 * np.pi) * self.deviation)
-        density: FloatArray = np.exp(-0.5 * np.einsum("kz,kz->k", scaled, scaled)) / constant
-        return density
+        constant = np.log(np.prod(np.sqrt(2 * np.pi) * self.deviation))
+        return np.asarray(-0.5 * np.einsum("kz,kz->k", scaled, scaled) - constant)
 
 
 @dataclass(frozen=True)
@@ -127,6 +124,8 @@ class PointModel:
         detection: probability that a target is measured, ``pD`` in [0, 1], (39); a number, or a function of states.
         clutter: density ``mu_C p_C(y)`` of false measurements per unit of measurement space, >= 0, (42)-(43); a number,
             or a function of measurements.
+        period: time from one observation to the next, > 0, in seconds or whatever the motion counts in. Where it
+            varies, replace it before each step: filters keep nothing that depends on it.
     """
 
     motion: Motion
@@ -134,14 +133,21 @@ class PointModel:
     survival: float
     detection: float | StateFunction
     clutter: float | StateFunction
+    period: float = 1.0
 
     def __post_init__(self) -> None:
+        if not 0.0 < self.period < np.inf:
+            raise ValueError(f"expected a finite period above 0, got {self.period}")
         named = {"survival": self.survival, "detection": self.detection}
         for name, value in named.items():
             if not callable(value) and not 0.0 <= value <= 1.0:
                 raise ValueError(f"expected the probability of {name} in [0, 1], got {value}")
         if not callable(self.clutter) and not 0.0 <= self.clutter < np.inf:
             raise ValueError(f"expected a finite clutter density >= 0, got {self.clutter}")
+
+    def moved(self, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """States ``(N, D)`` one period later."""
+        return self.motion(particles, self.period, rng)
 
     def detection_of(self, particles: FloatArray) -> FloatArray:
         """``pD`` ``(N,)`` of states ``(N, D)``."""

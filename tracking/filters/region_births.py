@@ -7,9 +7,24 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from tsuiseki.tracking.filters.base import BornParticles
+from tsuiseki.tracking.filters.weights import logarithms
 from tsuiseki.tracking.geometry import areas, intersections
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import FloatArray
+
+
+@dataclass(frozen=True)
+class ExplainedImage:
+    """What births look at.
+
+    Attributes:
+        image: where the colour is.
+        explained: ``(K, 4)`` boxes of the targets that are known.
+    """
+
+    image: ColourImage
+    explained: FloatArray
 
 
 def _states(centres: FloatArray, sizes: FloatArray, speed: float, rng: np.random.Generator) -> FloatArray:
@@ -34,15 +49,12 @@ class AnywhereBirths:
     size: tuple[float, float]
     speed: float = 3.0
 
-    def __call__(
-        self, image: ColourImage, explained: FloatArray, rng: np.random.Generator
-    ) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Each particle is a group of its own."""
-        del explained
-        centres = rng.random((self.count, 2)) * image.size
+    def draw(self, observation: ExplainedImage, rng: np.random.Generator) -> BornParticles:
+        """See `Births`; each particle is a group of its own."""
+        centres = rng.random((self.count, 2)) * observation.image.size
         sizes = np.asarray(self.size) * np.exp(0.2 * rng.standard_normal((self.count, 2)))
-        weights = np.full(self.count, self.mass / max(self.count, 1))
-        return _states(centres, sizes, self.speed, rng), weights, np.arange(self.count)
+        log_weights = logarithms(np.full(self.count, self.mass / max(self.count, 1)))
+        return BornParticles(_states(centres, sizes, self.speed, rng), log_weights, np.arange(self.count))
 
 
 @dataclass(frozen=True)
@@ -53,7 +65,7 @@ class PatchBirths:
         mass: expected count of a patch before its likelihood is known, in (0, 1).
         count: particles of a patch.
         smallest: least side of a patch, pixels.
-        most: patches a frame, the largest first.
+        limit: patches a frame, the largest first.
         share: of coloured pixels around a pixel from which it belongs to a patch, in (0, 1].
         speed: standard deviation of the first step, pixels a frame.
     """
@@ -61,21 +73,20 @@ class PatchBirths:
     mass: float = 0.05
     count: int = 300
     smallest: float = 12.0
-    most: int = 20
+    limit: int = 20
     share: float = 0.3
     speed: float = 3.0
 
-    def __call__(
-        self, image: ColourImage, explained: FloatArray, rng: np.random.Generator
-    ) -> tuple[FloatArray, FloatArray, IntArray]:
-        """A group of particles for each patch."""
-        boxes = self.patches(image, explained)
+    def draw(self, observation: ExplainedImage, rng: np.random.Generator) -> BornParticles:
+        """See `Births`; a group of particles for each patch."""
+        boxes = self.patches(observation.image, observation.explained)
         groups = np.repeat(np.arange(len(boxes)), self.count)
         centres = (boxes[:, :2] + boxes[:, 2:])[groups] / 2
         sizes = (boxes[:, 2:] - boxes[:, :2])[groups]
         centres = centres + 0.1 * sizes * rng.standard_normal(centres.shape)
         sizes = sizes * np.exp(0.15 * rng.standard_normal(sizes.shape))
-        return _states(centres, sizes, self.speed, rng), np.full(len(groups), self.mass / self.count), groups
+        log_weights = logarithms(np.full(len(groups), self.mass / self.count))
+        return BornParticles(_states(centres, sizes, self.speed, rng), log_weights, np.arange(len(boxes)) * self.count)
 
     def patches(self, image: ColourImage, explained: FloatArray) -> FloatArray:
         """Boxes ``(G, 4)`` of the patches that no target explains, largest first.
@@ -94,7 +105,7 @@ class PatchBirths:
             grown = explained + self.smallest / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
             apart = intersections(boxes[:, None], grown[None]).max(axis=1) <= 0
             boxes = boxes[apart | (part | whole).any(axis=1)]
-        return boxes[: self.most]
+        return boxes[: self.limit]
 
     def _components(self, image: ColourImage) -> FloatArray:
         """Boxes ``(G, 4)`` of the connected patches, largest first."""

@@ -2,61 +2,96 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from tsuiseki.tracking.filters.phd_identity import group_starts
-from tsuiseki.tracking.filters.region_states import RegionState, boxes_of, cluster_means
+from tsuiseki.tracking.filters.labelled_particles import LabelledParticles, cluster_sizes, cluster_starts
+from tsuiseki.tracking.filters.region_states import boxes_of, cluster_means
+from tsuiseki.tracking.filters.weights import logarithms
 from tsuiseki.tracking.geometry import grown, intersections
-from tsuiseki.tracking.likelihoods.colour_region import ColourImage, region_likelihood
+from tsuiseki.tracking.likelihoods.colour_region import ColourImage, region_contrast
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 MOST_OTHERS = 4
-"""Nearest other targets that a cluster looks at."""
+"""Nearest other targets whose pixels are taken from a cluster."""
 OUTLINE = 0.15
 """Growth of the boxes that take pixels from others: a fringe left over would be a target to them."""
 
 
 class RegionLikelihood(Protocol):
-    """``h`` ``(N,)`` of the particles, NaN where the image says nothing; ``believed`` is the weight of a target."""
+    """``log h`` ``(N,)`` of labelled particles, NaN where the image says nothing.
 
-    def __call__(self, state: RegionState, image: ColourImage, margin: float, believed: float) -> FloatArray: ...
+    Attributes:
+        margin: of the frame around a box, for ``q``.
+    """
+
+    @property
+    def margin(self) -> float: ...
+
+    def __call__(self, state: LabelledParticles, image: ColourImage, /) -> FloatArray: ...
 
 
-def each_alone(state: RegionState, image: ColourImage, margin: float, believed: float) -> FloatArray:
-    """(68) of each particle, whatever else is there."""
-    del believed
-    return region_likelihood(image, boxes_of(state.particles), margin)
+@dataclass(frozen=True)
+class EachAlone:
+    """(68) of each particle, whatever else is there.
+
+    Attributes:
+        margin: of the frame around a box, for ``q``.
+    """
+
+    margin: float = 0.5
+
+    def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
+        """See `RegionLikelihood`."""
+        return logarithms(region_contrast(image, boxes_of(state.particles), self.margin))
 
 
-def without_others(state: RegionState, image: ColourImage, margin: float, believed: float) -> FloatArray:
+@dataclass(frozen=True)
+class WithoutOthers:
     """(68) of each particle without the pixels that other targets cover; those speak for the others alone.
 
     Of two targets that overlap, the one whose box fits better alone is in front and keeps the pixels of both. A
     particle mostly behind others cannot be judged by what is left of it: its likelihood is NaN, as if ``pD`` were zero
     there. What was never seen is not behind anything: there the likelihood is zero.
+
+    Attributes:
+        margin: of the frame around a box, for ``q``.
+        believed: a cluster that weighs more is a target, and covers others.
     """
-    if len(state) == 0:
-        return np.empty(0)
-    _, masses, means = cluster_means(state)
-    boxes, starts = boxes_of(means), group_starts(state.labels)
-    touching = _touching(boxes, _reach(grown(boxes_of(state.particles), margin), starts), masses > believed)
-    front = touching & _fits_better(region_likelihood(image, boxes, margin), masses > believed)
-    most = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
-    apart = np.linalg.norm(means[:, None, :2] - means[None, :, :2], axis=2)
-    nearest = np.argsort(np.where(touching, apart, np.inf), axis=1, kind="stable")[:, :most]
-    others = np.where(np.take_along_axis(touching, nearest, axis=1)[:, :, None], grown(boxes, OUTLINE)[nearest], 0.0)
-    in_front = np.take_along_axis(front, nearest, axis=1)
-    sizes = np.diff(np.append(starts, len(state)))
-    likelihood = region_likelihood(
-        image, boxes_of(state.particles), margin, np.repeat(others, sizes, axis=0), np.repeat(in_front, sizes, axis=0)
-    )
-    unseen = np.isnan(likelihood) & np.repeat(masses <= believed, sizes)
-    return np.where(unseen, 0.0, likelihood)
+
+    margin: float = 0.5
+    believed: float = 0.5
+
+    def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
+        """See `RegionLikelihood`."""
+        if len(state) == 0:
+            return np.empty(0)
+        _, masses, means = cluster_means(state)
+        boxes, starts = boxes_of(means), cluster_starts(state.labels)
+        counted = masses > self.believed
+        touching = _touching(boxes, _reach(grown(boxes_of(state.particles), self.margin), starts), counted)
+        front = touching & _fits_better(region_contrast(image, boxes, self.margin), counted)
+        most = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
+        apart = np.linalg.norm(means[:, None, :2] - means[None, :, :2], axis=2)
+        nearest = np.argsort(np.where(touching, apart, np.inf), axis=1, kind="stable")[:, :most]
+        there = np.take_along_axis(touching, nearest, axis=1)[:, :, None]
+        others = np.where(there, grown(boxes, OUTLINE)[nearest], 0.0)
+        in_front = np.take_along_axis(front, nearest, axis=1)
+        sizes = cluster_sizes(starts, len(state))
+        contrast = region_contrast(
+            image,
+            boxes_of(state.particles),
+            self.margin,
+            np.repeat(others, sizes, axis=0),
+            np.repeat(in_front, sizes, axis=0),
+        )
+        unseen = np.isnan(contrast) & np.repeat(masses <= self.believed, sizes)
+        return logarithms(np.where(unseen, 0.0, contrast))
 
 
-def background_level(image: ColourImage, state: RegionState, margin: float, rng: np.random.Generator) -> float:
+def background_level(image: ColourImage, state: LabelledParticles, margin: float, rng: np.random.Generator) -> float:
     """What ``h`` reaches on background: its 0.95 quantile over boxes like the particles' at random places.
 
     Boxes that lie on a cluster are left out. At least 0.05, so that a colour that is nowhere (or everywhere, where
@@ -73,7 +108,7 @@ def background_level(image: ColourImage, state: RegionState, margin: float, rng:
         boxes = boxes[intersections(boxes[:, None], claimed[None]).max(axis=1) <= 0]
     if len(boxes) == 0:
         return 0.05
-    return max(float(np.quantile(region_likelihood(image, boxes, margin), 0.95)), 0.05)
+    return max(float(np.quantile(region_contrast(image, boxes, margin), 0.95)), 0.05)
 
 
 def _reach(boxes: FloatArray, starts: IntArray) -> FloatArray:

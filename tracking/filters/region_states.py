@@ -1,20 +1,18 @@
-"""States of coloured regions: rectangles with a memory, carried by weighted, labelled particles."""
+"""States of coloured regions: rectangles that remember where they were in the frame before, (63)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from tsuiseki.tracking.filters.particle import Motion
-from tsuiseki.tracking.filters.phd_identity import group_starts
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.filters.base import Motion, each_frame
+from tsuiseki.tracking.filters.labelled_particles import LabelledParticles, cluster_starts
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 SMALLEST_SIDE = 3.0
 
 
 def second_order(position: tuple[float, float], size: tuple[float, float], smallest: float = SMALLEST_SIDE) -> Motion:
-    """Smooth motion (64)-(66): the position goes on by its last step, the size drifts.
+    """Smooth motion (64)-(66), in frames: the position goes on by its last step, the size drifts.
 
     Args:
         position: standard deviations ``tau_x, tau_y`` in pixels.
@@ -30,7 +28,7 @@ def second_order(position: tuple[float, float], size: tuple[float, float], small
         size = np.maximum(particles[:, 4:] + noise[:, 2:], smallest)
         return np.concatenate([2 * here - before + noise[:, :2], here, size], axis=1)
 
-    return move
+    return each_frame(move)
 
 
 def boxes_of(states: FloatArray) -> FloatArray:
@@ -39,29 +37,9 @@ def boxes_of(states: FloatArray) -> FloatArray:
     return np.concatenate([states[:, :2] - half, states[:, :2] + half], axis=1)
 
 
-@dataclass(frozen=True)
-class RegionState:
-    """Weighted, labelled particles; those of one label stand together.
-
-    Attributes:
-        particles: ``(N, 6)``.
-        labels: ``(N,)`` positive.
-        log_weights: ``(N,)``.
-        next_label: not used yet.
-    """
-
-    particles: FloatArray
-    labels: IntArray
-    log_weights: FloatArray
-    next_label: int
-
-    def __len__(self) -> int:
-        return len(self.particles)
-
-
-def cluster_means(state: RegionState) -> tuple[IntArray, FloatArray, FloatArray]:
+def cluster_means(state: LabelledParticles) -> tuple[IntArray, FloatArray, FloatArray]:
     """Label, weight and mean state of each cluster."""
-    starts = group_starts(state.labels)
+    starts = cluster_starts(state.labels)
     if len(starts) == 0:
         return np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 6))
     weights = np.exp(state.log_weights)
@@ -70,8 +48,3 @@ def cluster_means(state: RegionState) -> tuple[IntArray, FloatArray, FloatArray]
     means = sums / np.maximum(masses, np.finfo(np.float64).tiny)[:, None]
     means[:, 4:] = np.maximum(means[:, 4:], SMALLEST_SIDE)
     return state.labels[starts], masses, means
-
-
-def select(state: RegionState, which: BoolArray | IntArray) -> RegionState:
-    """The particles at a mask or at indices."""
-    return RegionState(state.particles[which], state.labels[which], state.log_weights[which], state.next_label)

@@ -17,7 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tsuiseki.tracking.filters.weights import logarithms
 from tsuiseki.tracking.types import FloatArray, IntArray
+
+LARGEST_LOG_RATIO = float(np.log(1e12))
+"""Bound of the ratio's logarithm, so that one particle cannot stand for all."""
 
 
 @dataclass(frozen=True)
@@ -25,18 +29,28 @@ class Regions:
     """What the update looks at.
 
     Attributes:
-        weights: ``(N,)`` predicted.
-        likelihood: ``(N,)`` ``h = p (1 - q)``, NaN for a target hidden by others.
+        log_weights: ``(N,)`` predicted.
+        log_likelihood: ``(N,)`` logarithm of ``h = p (1 - q)``, NaN for a target hidden by others.
         starts: ``(G,)`` first particle of each cluster.
-        background: ``b``, what the likelihood reaches on background.
+        background: ``b``, what ``h`` reaches on background.
         detection: ``pD``.
     """
 
-    weights: FloatArray
-    likelihood: FloatArray
+    log_weights: FloatArray
+    log_likelihood: FloatArray
     starts: IntArray
     background: float
     detection: float
+
+    @property
+    def weights(self) -> FloatArray:
+        """``(N,)`` expected targets of each particle."""
+        return np.asarray(np.exp(self.log_weights))
+
+    @property
+    def likelihood(self) -> FloatArray:
+        """``(N,)`` ``h``, zero for a target hidden by others."""
+        return np.asarray(np.nan_to_num(np.exp(self.log_likelihood)))
 
     def sums(self, values: FloatArray) -> FloatArray:
         """Sums ``(G,)`` over the clusters of values ``(N,)``."""
@@ -44,16 +58,16 @@ class Regions:
 
     def spread(self, values: FloatArray) -> FloatArray:
         """Values ``(G,)`` of the clusters at their particles ``(N,)``."""
-        return np.repeat(values, np.diff(np.append(self.starts, len(self.weights))))
+        return np.repeat(values, np.diff(self.starts, append=len(self.log_weights)))
 
 
 Update = Callable[[Regions], FloatArray]
-"""The weights ``(N,)`` after the update."""
+"""The log-weights ``(N,)`` after the update."""
 
 
 def as_printed(regions: Regions) -> FloatArray:
     """(45) with the likelihood (68) in the place of (46), as section 6.2 has it."""
-    return regions.weights * (1.0 - regions.detection + regions.detection * np.nan_to_num(regions.likelihood))
+    return logarithms(regions.weights * (1.0 - regions.detection + regions.detection * regions.likelihood))
 
 
 @dataclass(frozen=True)
@@ -67,12 +81,15 @@ class Calibrated:
     sharpness: float = 4.0
 
     def __call__(self, regions: Regions) -> FloatArray:
-        ratio = np.minimum(regions.likelihood / regions.background, 1e12 ** (1.0 / self.sharpness)) ** self.sharpness
-        ratio = np.where(np.isnan(ratio), 1.0, ratio)  # hidden: the image says nothing
-        joint = regions.weights * (1.0 - regions.detection + regions.detection * ratio)
-        mass = np.minimum(regions.sums(regions.weights), 1.0)
+        log_ratio = np.minimum(
+            self.sharpness * (regions.log_likelihood - np.log(regions.background)), LARGEST_LOG_RATIO
+        )
+        ratio = np.exp(np.where(np.isnan(log_ratio), 0.0, log_ratio))  # hidden: the image says nothing
+        weights = regions.weights
+        joint = weights * (1.0 - regions.detection + regions.detection * ratio)
+        mass = np.minimum(regions.sums(weights), 1.0)
         total = 1.0 - mass + regions.sums(joint)
-        return joint / regions.spread(np.maximum(total, np.finfo(np.float64).tiny))
+        return logarithms(joint / regions.spread(np.maximum(total, np.finfo(np.float64).tiny)))
 
 
 calibrated = Calibrated()
@@ -80,7 +97,7 @@ calibrated = Calibrated()
 
 def greatest(regions: Regions) -> FloatArray:
     """Greatest likelihood ``(G,)`` in each cluster, which the paper compares."""
-    return np.nan_to_num(np.fmax.reduceat(regions.likelihood, regions.starts))
+    return np.asarray(np.maximum.reduceat(regions.likelihood, regions.starts))
 
 
 def average(regions: Regions) -> FloatArray:
@@ -88,8 +105,9 @@ def average(regions: Regions) -> FloatArray:
 
     With equal greatest values a cluster that sits tighter about its top still does, step after step.
     """
-    mass = np.maximum(regions.sums(regions.weights), np.finfo(np.float64).tiny)
-    return regions.sums(regions.weights * np.nan_to_num(regions.likelihood)) / mass
+    weights = regions.weights
+    mass = np.maximum(regions.sums(weights), np.finfo(np.float64).tiny)
+    return regions.sums(weights * regions.likelihood) / mass
 
 
 @dataclass(frozen=True)
@@ -102,17 +120,17 @@ class Equalised:
     Attributes:
         update: what follows.
         level: :func:`greatest` as printed, or :func:`average`.
-        least: a cluster whose likelihood nowhere reaches this is not a target and stays as it is.
+        visible: a cluster whose likelihood nowhere reaches this is not a target and stays as it is.
     """
 
     update: Update
     level: Callable[[Regions], FloatArray] = greatest
-    least: float = 0.1
+    visible: float = 0.1
 
     def __call__(self, regions: Regions) -> FloatArray:
         if len(regions.starts) == 0:
             return self.update(regions)
-        seen = greatest(regions) >= self.least
+        seen = greatest(regions) >= self.visible
         level = np.maximum(self.level(regions), 1e-6)
         raised = np.where(seen, np.max(level[seen], initial=0.0) / level, 1.0)
-        return self.update(replace(regions, likelihood=regions.likelihood * regions.spread(raised)))
+        return self.update(replace(regions, log_likelihood=regions.log_likelihood + regions.spread(np.log(raised))))

@@ -29,6 +29,12 @@ def log_sum(log_weights: FloatArray) -> float:
     return largest + float(np.log(np.sum(np.exp(log_weights - largest))))
 
 
+def logarithms(weights: FloatArray) -> FloatArray:
+    """Log-weights of weights >= 0, of any shape; ``-inf`` for zero."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(weights))
+
+
 def normalise(log_weights: FloatArray) -> FloatArray:
     """Log-weights whose weights sum to one; equal ones where every particle was impossible.
 

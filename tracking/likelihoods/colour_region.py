@@ -152,7 +152,7 @@ class ColourImage:
         return np.where(area > 0, inside, 0).astype(np.float64), np.maximum(area, 0).astype(np.float64)
 
 
-def region_likelihood(
+def region_contrast(
     image: ColourImage,
     boxes: FloatArray,
     margin: float = 0.5,

@@ -118,6 +118,21 @@ def contour_distance(image: EdgeImage, points: Points) -> FloatArray:
 
 
 @dataclass(frozen=True)
+class BodyView:
+    """What one body's contours are compared with.
+
+    Attributes:
+        edges: of the frame.
+        neighbours: ``(H, W)`` uint8, above 0 where other bodies are expected; None where none is near.
+        hidden: share of the body's contour that is expected to lie there, in [0, 1].
+    """
+
+    edges: EdgeImage
+    neighbours: Mask | None = None
+    hidden: float = 0.0
+
+
+@dataclass(frozen=True)
 class ContourLikelihood:
     """``exp(-d_max^2 / spread)`` (7), and what becomes of it where another body is in the way.
 
@@ -138,21 +153,12 @@ class ContourLikelihood:
         if not (self.spread > 0 and np.isfinite(self.spread)) or not self.hidden_cost >= 0:
             raise ValueError(f"expected a spread above 0 and a cost from 0, got {self.spread} and {self.hidden_cost}")
 
-    def log(
-        self, image: EdgeImage, points: Points, neighbours: Mask | None = None, expected: float = 0.0
-    ) -> FloatArray:
-        """Log-likelihood ``(N,)`` of contours ``(N, K, 2)``.
-
-        Args:
-            image: the edges.
-            points: float32 pixels.
-            neighbours: ``(H, W)`` uint8, above 0 where another body is expected.
-            expected: share of the contour that is expected to be hidden there, in [0, 1].
-        """
-        distance = point_distances(image, points)
-        if neighbours is None:
+    def __call__(self, contours: Points, view: BodyView) -> FloatArray:
+        """Log-likelihood ``(N,)`` of contours ``(N, K, 2)``, float32 pixels."""
+        distance = point_distances(view.edges, contours)
+        if view.neighbours is None:
             return np.asarray(-(distance.max(axis=1).astype(np.float64) ** 2) / self.spread)
-        hidden = look_up(neighbours, points) > 0
+        hidden = look_up(view.neighbours, contours) > 0
         farthest = np.where(hidden, 0.0, distance).max(axis=1).astype(np.float64)
-        unexpected = np.maximum(hidden.mean(axis=1) - expected, 0.0)
+        unexpected = np.maximum(hidden.mean(axis=1) - view.hidden, 0.0)
         return np.asarray(-(farthest**2) / self.spread - self.hidden_cost * unexpected)

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.filters.correlation import peak_near
 from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.likelihoods.peaks import peak_near
 from tsuiseki.tracking.types import FloatArray, IntArray
+
+SMALLEST_LIKELIHOOD = 1e-6
+"""Added to every likelihood, so that a place without any response is unlikely and not impossible."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,13 @@ def object_overlap(boxes: FloatArray, proposals: FloatArray) -> FloatArray:
     return np.asarray(iou_matrix(boxes, proposals).max(axis=1))
 
 
-def likelihood(response: FloatArray, objectness: FloatArray, response_share: float) -> FloatArray:
-    """``alpha r + (1 - alpha) v``, equation (3.4), with a negative response taken as none."""
-    return response_share * np.maximum(response, 0.0) + (1 - response_share) * objectness
+def log_likelihood(response: FloatArray, objectness: FloatArray, response_share: float) -> FloatArray:
+    """Logarithm of ``alpha r + (1 - alpha) v``, equation (3.4), with a negative response taken as none.
+
+    Args:
+        response: ``(N,)`` r, of the correlation filters.
+        objectness: ``(N,)`` v in [0, 1].
+        response_share: alpha in [0, 1].
+    """
+    agreement = response_share * np.maximum(response, 0.0) + (1 - response_share) * objectness
+    return np.asarray(np.log(agreement + SMALLEST_LIKELIHOOD))

@@ -8,14 +8,16 @@ from typing import Literal
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState, bootstrap
-from tsuiseki.tracking.filters.region_births import AnywhereBirths, PatchBirths
-from tsuiseki.tracking.filters.region_likelihoods import each_alone, without_others
-from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.base import Running, bootstrap
+from tsuiseki.tracking.filters.labelled_particles import LabelledParticles
+from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.region_births import AnywhereBirths, ExplainedImage, PatchBirths
+from tsuiseki.tracking.filters.region_likelihoods import EachAlone, WithoutOthers
+from tsuiseki.tracking.filters.region_phd import RegionInfo, RegionPhdFilter
 from tsuiseki.tracking.filters.region_states import boxes_of, second_order
 from tsuiseki.tracking.filters.region_updates import Calibrated, Equalised, as_printed
 from tsuiseki.tracking.filters.weights import weighted_mean
-from tsuiseki.tracking.likelihoods.colour_region import ColourImage, ColourRange, region_likelihood
+from tsuiseki.tracking.likelihoods.colour_region import ColourImage, ColourRange, region_contrast
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame, Status, Targets, Track
 
@@ -80,14 +82,14 @@ def region_filter(settings: BlobSettings) -> RegionPhdFilter:
         equalised = Equalised(as_printed)
         fixed = settings.particles * settings.targets
         return RegionPhdFilter(
-            motion, births, each_alone, equalised, settings.particles, fixed, settings.survival, settings.detection,
-            settings.margin,
+            motion, births, EachAlone(settings.margin), equalised, settings.particles, fixed, settings.survival,
+            settings.detection,
         )  # fmt: skip
     patches = PatchBirths(smallest=settings.smallest)
     update = Calibrated(settings.sharpness)
     return RegionPhdFilter(
-        motion, patches, without_others, update, settings.particles, 0, settings.survival, settings.detection,
-        settings.margin,
+        motion, patches, WithoutOthers(settings.margin), update, settings.particles, 0, settings.survival,
+        settings.detection,
     )  # fmt: skip
 
 
@@ -103,16 +105,16 @@ class BlobTracker:
     def __init__(self, colour: ColourRange, settings: BlobSettings | None = None, seed: int = 0) -> None:
         self.colour = colour
         self.settings = settings or BlobSettings()
-        self.rng = np.random.default_rng(seed)
         self.record = EstimatedTracks(self.settings.shortest)
         self.expected: list[float] = []
-        self._filter = region_filter(self.settings)
-        self._state = self._filter.init(np.empty((0, 6)), np.empty(0, dtype=np.int64), np.empty(0))
+        chosen = region_filter(self.settings)
+        self._running: Running[LabelledParticles, ColourImage, RegionInfo] = Running(
+            chosen, chosen.init(np.empty((0, 6))), np.random.default_rng(seed)
+        )
 
     def update(self, frame: Frame) -> Targets:
         """Take the next frame; its targets."""
-        image = ColourImage.of(frame.image, self.colour)
-        self._state, info = self._filter.step(self._state, image, self.rng)
+        info = self._running.step(ColourImage.of(frame.image, self.colour))
         boxes = boxes_of(info.estimates.states)
         observed = np.nan_to_num(info.likelihood) > info.background
         self.expected.append(info.expected_count)
@@ -152,7 +154,7 @@ class SingleBlobTracker:
         state, _ = self._filter.step(before, image, self.rng)
         mean = weighted_mean(state.particles, state.log_weights)
         box = boxes_of(mean[None])
-        score = float(region_likelihood(image, box, self.settings.margin)[0])
+        score = float(region_contrast(image, box, self.settings.margin)[0])
         self._unseen = 0 if score >= self.settings.lost_below else self._unseen + 1
         status: Status = "tracking" if self._unseen == 0 else "searching"
         if self._unseen > self.settings.patience:
@@ -177,9 +179,9 @@ class SingleBlobTracker:
     def _anywhere(self, image: ColourImage) -> ParticleState:
         """Particles of (13), uniform over the image; four times as many, to find a small target."""
         births = AnywhereBirths(mass=1.0, count=4 * self.settings.particles, size=self.settings.size)
-        return self._filter.init(births(image, np.empty((0, 4)), self.rng)[0])
+        return self._filter.init(births.draw(ExplainedImage(image, np.empty((0, 4))), self.rng).particles)
 
     def _log_likelihood(self, particles: FloatArray, observation: ColourImage) -> FloatArray:
         """Logarithm of (68), sharpened; a region without the colour is unlikely, not impossible."""
-        likelihood = region_likelihood(observation, boxes_of(particles), self.settings.margin)
-        return np.asarray(self.settings.sharpness * np.log(np.maximum(likelihood, 1e-3)))
+        contrast = region_contrast(observation, boxes_of(particles), self.settings.margin)
+        return np.asarray(self.settings.sharpness * np.log(np.maximum(contrast, 1e-3)))

@@ -9,10 +9,12 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.bodies.body import Body
+from tsuiseki.tracking.filters.base import bootstrap, each_frame
 from tsuiseki.tracking.filters.body_motion import HEADING, Noise, RandomWalk, draw
-from tsuiseki.tracking.filters.particle import ParticleFilter, bootstrap
+from tsuiseki.tracking.filters.particle import ParticleFilter
 from tsuiseki.tracking.filters.weights import best_particle
 from tsuiseki.tracking.likelihoods.contour import (
+    BodyView,
     ContourLikelihood,
     EdgeImage,
     Mask,
@@ -84,16 +86,16 @@ def _best_state(
     states[:, :2] = pixels[rng.integers(len(pixels), size=CANDIDATES)]
     states[:, HEADING] = rng.uniform(-np.pi, np.pi, CANDIDATES)
     states[:, HEADING + 1 :] = 0.5 * wide.draw(CANDIDATES, rng)[:, HEADING + 1 :]
-    best = states[0]
+    best, view = states[0], BodyView(edges, neighbours)
     for number, (spread, share) in enumerate(LAYERS):
         likelihood = ContourLikelihood(spread)
         noise = Noise(wide.mean, share * wide.factor * (number > 0))
         layer = ParticleFilter(
-            bootstrap(partial(draw, RandomWalk(noise))),
-            lambda particles, _, use=likelihood: use.log(edges, body.contour(particles), neighbours),
+            bootstrap(each_frame(partial(draw, RandomWalk(noise)))),
+            lambda particles, view, use=likelihood: use(body.contour(particles), view),
             threshold=1.0,
         )
-        after, _ = layer.step(layer.init(states), None, rng)
+        after, _ = layer.step(layer.init(states), view, rng)
         best = best_particle(after.particles, after.log_weights)
         drawn = layer.resample(np.exp(after.log_weights), CANDIDATES, rng)
         states = within_limits(after.particles[drawn], body)

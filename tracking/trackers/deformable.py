@@ -15,12 +15,14 @@ from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.filters.annealed import Annealed
+from tsuiseki.tracking.filters.base import Proposal, bootstrap, each_frame
 from tsuiseki.tracking.filters.body_motion import BodyMotion, draw
-from tsuiseki.tracking.filters.particle import AdaptiveNumber, ParticleFilter, ParticleState, Proposal, bootstrap
+from tsuiseki.tracking.filters.particle import AdaptiveNumber, ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.weights import weighted_mean
 from tsuiseki.tracking.formats.states import BodyTrack
 from tsuiseki.tracking.likelihoods.contour import (
     FARTHEST,
+    BodyView,
     ContourLikelihood,
     EdgeImage,
     Extraction,
@@ -74,21 +76,6 @@ class DeformableSettings:
             )
         if not 0 < self.searching_beyond <= FARTHEST:
             raise ValueError(f"expected searching_beyond in (0, {FARTHEST:g}], got {self.searching_beyond:g}")
-
-
-@dataclass(frozen=True)
-class View:
-    """What one body's filter observes.
-
-    Attributes:
-        edges: of the frame.
-        neighbours: where other bodies are expected; None where none is near.
-        hidden: share of the body's contour that is expected to lie there.
-    """
-
-    edges: EdgeImage
-    neighbours: Mask | None
-    hidden: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -155,10 +142,10 @@ class DeformableTracker:
         self._columns = len(body.fields)
         self._records: dict[int, _Record] = {}
         self._likelihood = ContourLikelihood(self.settings.spread, self.settings.hidden_cost)
-        self._move: Proposal[View] = bootstrap(partial(draw, motion))
+        self._move: Proposal[BodyView] = bootstrap(each_frame(partial(draw, motion)))
         if self.settings.layers == 2:
             self._move = Annealed(motion, self._log_likelihood)
-        self._filter: ParticleFilter[View] = ParticleFilter(
+        self._filter: ParticleFilter[BodyView] = ParticleFilter(
             self._propose, self._log_likelihood, threshold=1.0, adaptive=adaptive
         )
 
@@ -198,15 +185,15 @@ class DeformableTracker:
         ]
 
     def _propose(
-        self, particles: FloatArray, observation: View, rng: np.random.Generator
+        self, particles: FloatArray, observation: BodyView, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
         """The motion, in one layer or two; shapes that the body cannot take are moved to its limit."""
         moved, correction = self._move(particles, observation, rng)
         return within_limits(moved, self.body), correction
 
-    def _log_likelihood(self, particles: FloatArray, observation: View) -> FloatArray:
+    def _log_likelihood(self, particles: FloatArray, observation: BodyView) -> FloatArray:
         contours = self.body.contour(particles[:, : self._columns])
-        return self._likelihood.log(observation.edges, contours, observation.neighbours, observation.hidden)
+        return self._likelihood(contours, observation)
 
     def _begin(self, edges: EdgeImage) -> None:
         """Targets at the given states, or at the bodies that the first frame shows."""
@@ -229,7 +216,7 @@ class DeformableTracker:
         others = [contour for number, contour in expected.items() if number != target.id]
         neighbours = near_mask(edges.size, expected[target.id], others, self.settings.margin)
         _, hidden = visible_distance(edges, expected[target.id][None], neighbours)
-        particles, _ = self._filter.step(target.particles, View(edges, neighbours, hidden), self.rng)
+        particles, _ = self._filter.step(target.particles, BodyView(edges, neighbours, hidden), self.rng)
         estimate = weighted_mean(particles.particles, particles.log_weights, self.body.angles)
         return self._assessed(
             replace(target, particles=particles, estimate=estimate, before=target.estimate), edges, neighbours

@@ -8,24 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.filters.base import Filter, Motion, Running, SetInfo, TargetEstimates, each_frame
 from tsuiseki.tracking.filters.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.particle import Motion
 from tsuiseki.tracking.filters.phd import PhdFilter
 from tsuiseki.tracking.filters.point_births import MeasurementBirths
 from tsuiseki.tracking.filters.point_models import GaussianSensor, PointModel
-from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
 from tsuiseki.tracking.types import Detections, FloatArray, Targets, Track
 
 Method = Literal["labelled", "phd"]
-Step = Callable[[FloatArray], PointEstimates]
 COLUMNS = 6
+FILTERS: dict[Method, Callable[[PointModel, MeasurementBirths, int], Filter[Any, FloatArray, SetInfo]]] = {
+    "labelled": LabelledMultiBernoulliFilter,
+    "phd": PhdFilter,
+}
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class PointSettings:
 
 
 def box_motion(acceleration: float, growth: float) -> Motion:
-    """Constant velocity of states ``x, vx, y, vy, width, height``, whose size drifts; deviations a frame."""
+    """Constant velocity of states ``x, vx, y, vy, width, height``, whose size drifts; in frames."""
 
     def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
         noise = rng.standard_normal((len(particles), 4)) * [acceleration, acceleration, growth, growth]
@@ -88,7 +90,7 @@ def box_motion(acceleration: float, growth: float) -> Motion:
         moved[:, 4:] = np.maximum(particles[:, 4:] + noise[:, 2:], 1.0)
         return moved
 
-    return move
+    return each_frame(move)
 
 
 def box_of(particles: FloatArray) -> FloatArray:
@@ -136,7 +138,7 @@ class PointTracker:
         self.extent = extent
         self.rng = np.random.default_rng(seed)
         self.record = EstimatedTracks(settings.shortest)
-        self._step: Step = self._first
+        self._running: Running[Any, FloatArray, SetInfo] | None = None
 
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; its targets."""
@@ -154,40 +156,19 @@ class PointTracker:
         return self.record.tracks()
 
     def _advance(self, measurements: FloatArray) -> Targets:
-        estimates = self._step(measurements)
+        running = self._running
+        estimates = self._first(measurements) if running is None else running.step(measurements).estimates
         size = np.maximum(estimates.states[:, 4:6], 1.0)
         centres = estimates.states[:, [0, 2]]
         boxes = np.concatenate([centres - size / 2, centres + size / 2], axis=1)
         return self.record.add(estimates.ids, boxes, estimates.weights)
 
-    def _first(self, measurements: FloatArray) -> PointEstimates:
+    def _first(self, measurements: FloatArray) -> TargetEstimates:
         """Nothing until something was measured; that gives the unit of length."""
         if len(measurements) == 0:
-            return PointEstimates(np.empty(0, dtype=np.int64), np.empty((0, COLUMNS)), np.empty(0))
+            return TargetEstimates(np.empty(0, dtype=np.int64), np.empty((0, COLUMNS)), np.empty(0))
         unit = float(np.median(measurements[:, 3]))
         model, births = box_model(self.settings, self.extent, unit)
-        if self.settings.method == "phd":
-            self._step = self._phd(PhdFilter(model, births, self.settings.particles))
-        else:
-            self._step = self._labelled(LabelledMultiBernoulliFilter(model, births, self.settings.particles))
-        return self._step(measurements)
-
-    def _phd(self, chosen: PhdFilter) -> Step:
-        state = chosen.init(np.empty((0, COLUMNS)))
-
-        def step(measurements: FloatArray) -> PointEstimates:
-            nonlocal state
-            state, info = chosen.step(state, measurements, self.rng)
-            return info.estimates
-
-        return step
-
-    def _labelled(self, chosen: LabelledMultiBernoulliFilter) -> Step:
-        state = chosen.init(COLUMNS)
-
-        def step(measurements: FloatArray) -> PointEstimates:
-            nonlocal state
-            state, info = chosen.step(state, measurements, self.rng)
-            return info.estimates
-
-        return step
+        chosen = FILTERS[self.settings.method](model, births, self.settings.particles)
+        self._running = Running(chosen, chosen.init(np.empty((0, COLUMNS))), self.rng)
+        return self._running.step(measurements).estimates

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, Motion3D
+from tsuiseki.tracking.filters.base import Motion
+from tsuiseki.tracking.filters.motion_3d import ConstantVelocity
 from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.tempering import bearable_share, drawn_and_spread
 from tsuiseki.tracking.filters.views import Covering, open_after, weigh_views
@@ -24,11 +25,13 @@ from tsuiseki.tracking.types import FloatArray, Position, Status
 OPEN, TRUST = 0.5, 0.9
 # Effective sample size, over the number of particles, after a stage of weighing, and the kernel's relative width.
 STAGE_SHARE, STAGE_WIDTH = 0.1, 0.6
+START_SPEED = 0.3
+"""Standard deviation of the velocity of a ball that was just found, along each axis, m/s."""
 
 
 @dataclass(frozen=True)
-class Glance:
-    """What one step sees.
+class TimedViews:
+    """The observation of one step.
 
     Attributes:
         time: seconds, not before the last one.
@@ -73,6 +76,11 @@ class SphereInfo:
     deviation: float
 
 
+def with_velocities(positions: FloatArray, speed: float, rng: np.random.Generator) -> FloatArray:
+    """States ``(N, 6)`` at positions ``(N, 3)`` with Gaussian velocities; ``speed`` is their deviation, m/s."""
+    return np.column_stack([positions, speed * rng.standard_normal((len(positions), 3))])
+
+
 @dataclass(frozen=True)
 class SphereTracker:
     """The filter of the sphere paper.
@@ -88,11 +96,22 @@ class SphereTracker:
     """
 
     likelihood: ViewLikelihood
-    motion: Motion3D = field(default_factory=ConstantVelocity)
+    motion: Motion = field(default_factory=ConstantVelocity)
     covering: Covering | None = field(default_factory=Covering)
     largest_deviation: float = 0.15
     patience: float = 1.0
     stages: int = 2
+
+    def init(self, particles: FloatArray, views: int, time: float = 0.0) -> SphereState:
+        """Equally weighted particles ``(N, 6)``, positions (m) and velocities (m/s), for so many cameras.
+
+        Args:
+            particles: of the start; see `with_velocities`.
+            views: number of cameras.
+            time: of the start, seconds.
+        """
+        weighted = ParticleState(particles, np.full(len(particles), -np.log(len(particles))))
+        return SphereState(weighted, time, np.full(views, TRUST), np.full(views, time))
 
     def start_at(
         self,
@@ -102,7 +121,7 @@ class SphereTracker:
         views: int,
         rng: np.random.Generator,
         time: float = 0.0,
-        speed: float = 0.3,
+        speed: float = START_SPEED,
     ) -> SphereState:
         """Particles around a measured position, as the paper starts.
 
@@ -116,42 +135,40 @@ class SphereTracker:
             speed: standard deviation of the velocity along each axis, m/s.
         """
         positions = position + spread * rng.standard_normal((particles, 3))
-        return self.start_with(positions, views, rng, time, speed)
+        return self.init(with_velocities(positions, speed, rng), views, time)
 
-    def start_with(
-        self, positions: FloatArray, views: int, rng: np.random.Generator, time: float, speed: float = 0.3
-    ) -> SphereState:
-        """Particles at ``positions`` ``(N, 3)``; see `start_at`."""
-        states = np.column_stack([positions, speed * rng.standard_normal((len(positions), 3))])
-        particles = ParticleState(states, np.full(len(states), -np.log(len(states))))
-        return SphereState(particles, time, np.full(views, TRUST), np.full(views, time))
-
-    def step(self, state: SphereState, glance: Glance, rng: np.random.Generator) -> tuple[SphereState, SphereInfo]:
-        """One look further: the state after it and the estimate."""
-        seconds = max(glance.time - state.time, 0.0)
-        fresh = np.array([view is not None for view in glance.views])
+    def step(
+        self, state: SphereState, observation: TimedViews, rng: np.random.Generator
+    ) -> tuple[SphereState, SphereInfo]:
+        """One observation further: the state after it and the estimate."""
+        seconds = max(observation.time - state.time, 0.0)
+        fresh = np.array([view is not None for view in observation.views])
         before = state.open if self.covering is None else self.covering.predict(state.open, seconds)
-        look = _Look(self, seconds, before)
+        stages = _Stages(self, seconds, before)
         # Drawn anew every time (2.3), so that the stages begin with equal weights.
-        after, info = ParticleFilter(look.propose, look.weigh, threshold=1.0).step(state.particles, glance, rng)
+        after, info = ParticleFilter(stages.propose, stages.weigh, threshold=1.0).step(
+            state.particles, observation, rng
+        )
         weights = probabilities(after.log_weights)
-        opened = np.where(fresh, look.opened(weights), before)
+        opened = np.where(fresh, stages.opened(weights), before)
         mean = weighted_mean(after.particles, after.log_weights)
         covariance = weighted_covariance(after.particles, after.log_weights)
         deviation = float(np.sqrt(max(np.linalg.eigvalsh(covariance[:3, :3])[-1], 0.0)))
-        last_frames = np.where(fresh, glance.time, state.last_frames)
+        last_frames = np.where(fresh, observation.time, state.last_frames)
         # Cameras out of step take turns; one that gave no frame for long sees nothing, whatever it saw before.
-        seeing = (opened > OPEN) & (glance.time - last_frames <= self.patience)
+        seeing = (opened > OPEN) & (observation.time - last_frames <= self.patience)
         known = deviation <= self.largest_deviation and int(seeing.sum()) >= min(2, len(opened))
         unseen = 0.0 if known else state.unseen + seconds
         status: Status = "tracking" if known else "searching" if unseen <= self.patience else "lost"
         score = float(np.mean(opened)) * float(np.exp(-deviation / self.largest_deviation))
-        position = Position(glance.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
-        evidence = look.log_evidence + info.log_evidence
-        return SphereState(after, glance.time, opened, last_frames, unseen), SphereInfo(position, evidence, deviation)
+        position = Position(observation.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
+        evidence = stages.log_evidence + info.log_evidence
+        return SphereState(after, observation.time, opened, last_frames, unseen), SphereInfo(
+            position, evidence, deviation
+        )
 
 
-class _Look:
+class _Stages:
     """Proposal and likelihood of one step, in stages."""
 
     def __init__(self, tracker: SphereTracker, seconds: float, opened: FloatArray) -> None:
@@ -161,7 +178,7 @@ class _Look:
         self.log_evidence = 0.0
 
     def propose(
-        self, particles: FloatArray, observation: Glance, rng: np.random.Generator
+        self, particles: FloatArray, observation: TimedViews, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
         """Particles moved, and all stages of weighing but the last."""
         moved = self._tracker.motion(particles, self._seconds, rng)
@@ -176,7 +193,7 @@ class _Look:
             self._done, self.ratios = share, None
         return moved, np.zeros(len(moved))
 
-    def weigh(self, particles: FloatArray, observation: Glance) -> FloatArray:
+    def weigh(self, particles: FloatArray, observation: TimedViews) -> FloatArray:
         """What is left of the log-likelihood."""
         if self.ratios is None:
             self.ratios = self._tracker.likelihood(particles[:, :3], observation.views)

@@ -15,7 +15,7 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.likelihoods.views import Views
 from tsuiseki.tracking.synchronise import Moment, moments_with_images
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
+from tsuiseki.tracking.trackers.sphere import START_SPEED, SphereState, SphereTracker, TimedViews, with_velocities
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Position
 
 Seen: TypeAlias = tuple[Moment, list[ImageArray | None]]
@@ -120,8 +120,8 @@ def run_sphere(
     state: SphereState | None = None
     recent = _Recent()
     for moment, images in watch(moments_with_images(moments, videos)):
-        glance = Glance(moment.time, images)
-        recent.add(glance)
+        observation = TimedViews(moment.time, images)
+        recent.add(observation)
         if state is None and start.position is not None:
             particles, views = start.particles, len(images)
             state = tracker.start_at(start.position, start.spread, particles, views, rng, moment.time)
@@ -130,13 +130,14 @@ def run_sphere(
             with times.measure("search"):
                 positions = start.search(recent.views(), rng)
             unseen = 0.0 if state is None else state.unseen
-            state = replace(tracker.start_with(positions, len(images), rng, moment.time), unseen=unseen)
+            found = tracker.init(with_velocities(positions, START_SPEED, rng), len(images), moment.time)
+            state = replace(found, unseen=unseen)
             log.searches.append(len(log.positions))
             log.last_search = moment.time
         if state is None:
             continue
         with times.measure("filter"):
-            state, info = tracker.step(state, glance, rng)
+            state, info = tracker.step(state, observation, rng)
         log.positions.append(info.position)
         log.moments.append(moment)
     if not log.positions:
@@ -151,10 +152,10 @@ class _Recent:
         self._seen: dict[int, tuple[float, NDArray[Any]]] = {}
         self._now, self._cameras = 0.0, 0
 
-    def add(self, glance: Glance) -> None:
+    def add(self, observation: TimedViews) -> None:
         """Keep what is new."""
-        self._now, self._cameras = glance.time, len(glance.views)
-        self._seen |= {k: (glance.time, view) for k, view in enumerate(glance.views) if view is not None}
+        self._now, self._cameras = observation.time, len(observation.views)
+        self._seen |= {k: (observation.time, view) for k, view in enumerate(observation.views) if view is not None}
         self._seen = {k: seen for k, seen in self._seen.items() if self._now - seen[0] <= RECENT}
 
     def count(self) -> int:

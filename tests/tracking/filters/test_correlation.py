@@ -10,13 +10,11 @@ from tsuiseki.tracking.filters.correlation import (
     blend,
     gaussian_labels,
     join,
-    local_maxima,
-    peak,
     respond,
-    signed_shift,
     train,
     transform,
 )
+from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak, signed_shift
 
 SHAPE = (6, 8)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from tsuiseki.tracking.filters.fitting import fit, log_evidence
-from tsuiseki.tracking.filters.particle import AdaptiveNumber, ParticleFilter, bootstrap
+from tsuiseki.tracking.filters.base import bootstrap
+from tsuiseki.tracking.filters.particle import AdaptiveNumber, ParticleFilter
 from tsuiseki.tracking.filters.resampling import multinomial, residual, stratified, systematic
 from tsuiseki.tracking.filters.weights import weighted_covariance, weighted_mean
 
@@ -45,7 +45,8 @@ def simulate(steps, seed):
     return np.array(observations)
 
 
-def motion(particles, rng):
+def motion(particles, seconds, rng):
+    assert seconds == 1.0
     return particles @ TRANSITION.T + rng.standard_normal(particles.shape) * np.sqrt(np.diag(MOTION_NOISE))
 
 
@@ -147,65 +148,8 @@ def test_adaptive_number_refuses_impossible_settings(bad):
         AdaptiveNumber(**{"bin_size": np.ones(1), **bad})
 
 
-def test_fit_finds_the_maximum_of_the_kalman_evidence():
-    observations = simulate(60, seed=9)
-    grid = np.linspace(-2.0, 1.5, 71)
-    exact = grid[np.argmax([kalman(observations, MOTION_NOISE * np.exp(2 * s))[2] for s in grid])]
-
-    def build(parameters):
-        scale = np.exp(parameters[0])
-        return ParticleFilter(
-            bootstrap(lambda p, rng: p @ TRANSITION.T + scale * (motion(p, rng) - p @ TRANSITION.T)), likelihood
-        )
-
-    rng = np.random.default_rng(0)
-    state = build(np.zeros(1)).init(rng.standard_normal((1000, 2)) * np.sqrt(np.diag(START)))
-    result = fit(build, np.array([1.0]), state, list(observations), evaluations=40)
-    # The evidence of 1,000 particles has a standard deviation of about 0.2, and falls by that within 0.3 of its top.
-    assert result.parameters[0] == pytest.approx(exact, abs=0.3)
-    assert result.evaluations <= 40
-    again = log_evidence(build(result.parameters), state, list(observations), np.random.default_rng(0))
-    assert result.log_evidence == pytest.approx(again)
-
-
-def test_fit_finds_motion_and_observation_noise_together():
-    observations = simulate(80, seed=11)
-
-    def exact(parameters):
-        return kalman(observations, MOTION_NOISE * np.exp(2 * parameters[0]), NOISE * np.exp(parameters[1]))[2]
-
-    def build(parameters):
-        scale, noise = np.exp(parameters)
-        return ParticleFilter(
-            bootstrap(lambda p, rng: p @ TRANSITION.T + scale * (motion(p, rng) - p @ TRANSITION.T)),
-            lambda particles, y: norm.logpdf(y, particles[:, 0], NOISE * noise),
-        )
-
-    rng = np.random.default_rng(0)
-    state = build(np.zeros(2)).init(rng.standard_normal((1000, 2)) * np.sqrt(np.diag(START)))
-    start = np.array([1.0, 0.8])
-    result = fit(build, start, state, list(observations), evaluations=60)
-    best = max(exact(np.array([a, b])) for a in np.linspace(-1, 1, 21) for b in np.linspace(-0.6, 0.6, 13))
-    # At the parameters found the exact evidence is within the filter's noise of the greatest, far above the start's.
-    assert exact(result.parameters) > best - 1.0
-    assert exact(start) < best - 5.0
-
-
 def impossible_likelihood(particles, _):
     return np.full(len(particles), -np.inf)
-
-
-def test_fit_refuses_a_start_that_explains_nothing():
-    impossible = ParticleFilter(bootstrap(motion), impossible_likelihood)
-
-    def build(_):
-        return impossible
-
-    state = impossible.init(np.zeros((10, 2)))
-    with pytest.raises(ValueError, match="explain the observations"):
-        fit(build, np.zeros(1), state, [0.0])
-    with pytest.raises(ValueError, match="at least one observation"):
-        fit(build, np.zeros(1), state, [])
 
 
 def test_an_impossible_observation_keeps_the_prediction():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
+from tsuiseki.tracking.filters.base import Running
 from tsuiseki.tracking.filters.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.phd import PhdFilter
 from tsuiseki.tracking.filters.phd_identity import Identity, by_clusters, by_measurements
@@ -27,7 +28,7 @@ ANYWHERE = MeasurementBirths(0.1 / REGION**2, SENSOR, moving_from(lambda places:
 
 
 def model(clutter=5.0, detection=0.95, survival=0.99):
-    return PointModel(constant_velocity(1.0, 1.0), SENSOR, survival, detection, clutter / REGION**2)
+    return PointModel(constant_velocity(1.0), SENSOR, survival, detection, clutter / REGION**2)
 
 
 def kalman(observations, mean, covariance):
@@ -44,9 +45,9 @@ def kalman(observations, mean, covariance):
 def simulate(steps, seed, clutter=5.0, detection=0.95, starts=((0.0, 3.0, 0.0, 2.0), (300.0, -2.0, 300.0, 4.0))):
     rng = np.random.default_rng(seed)
     states, truth, measurements = np.array(starts), [], []
-    move = constant_velocity(1.0, 1.0)
+    move = constant_velocity(1.0)
     for _ in range(steps):
-        states = move(states, rng)
+        states = move(states, 1.0, rng)
         truth.append(states[:, [0, 2]])
         seen = truth[-1][rng.random(len(states)) < detection]
         false = rng.uniform(-REGION / 2, REGION / 2, (rng.poisson(clutter), 2))
@@ -55,13 +56,8 @@ def simulate(steps, seed, clutter=5.0, detection=0.95, starts=((0.0, 3.0, 0.0, 2
 
 
 def run(chosen, measurements, seed=0):
-    rng = np.random.default_rng(seed)
-    state = chosen.init(np.empty((0, 4))) if isinstance(chosen, PhdFilter) else chosen.init(4)
-    infos = []
-    for found in measurements:
-        state, info = chosen.step(state, found, rng)
-        infos.append(info)
-    return infos
+    running = Running(chosen, chosen.init(np.empty((0, 4))), np.random.default_rng(seed))
+    return [running.step(found) for found in measurements]
 
 
 def test_without_clutter_and_births_the_phd_is_the_kalman_posterior():
@@ -186,7 +182,7 @@ def test_a_model_refuses_what_is_no_probability(bad):
 def test_detection_may_depend_on_the_state():
     """Targets on the left are never seen: they stay, unmeasured, at their weight."""
     hidden = PointModel(
-        constant_velocity(1.0, 0.1),
+        constant_velocity(0.1),
         SENSOR,
         1.0,
         lambda p: np.where(p[:, 0] < 0, 0.0, 1.0),
@@ -200,19 +196,19 @@ def test_detection_may_depend_on_the_state():
 
 def test_birth_weights_sum_to_the_expected_births():
     rng = np.random.default_rng(0)
-    assert PLACES.draw(np.empty((0, 2)), rng).weights.sum() == pytest.approx(0.1)
+    assert np.exp(PLACES.draw(np.empty((0, 2)), rng).log_weights).sum() == pytest.approx(0.1)
     # Around one measurement the uniform intensity over the proposal has its mass within the gate: about the area of
     # the particles' cells; the mean of 1/q over q is the area where q > 0.
     many = MeasurementBirths(1e-4, SENSOR, moving_from(lambda places: places, 10.0), 4, 20_000)
     born = many.draw(np.array([[0.0, 0.0]]), rng)
     inside = np.hypot(born.particles[:, 0], born.particles[:, 2]) < 20.0
-    assert born.weights[inside].sum() == pytest.approx(1e-4 * np.pi * 400, rel=0.05)
+    assert np.exp(born.log_weights[inside]).sum() == pytest.approx(1e-4 * np.pi * 400, rel=0.05)
 
 
 def test_turns_conserve_speed_and_bearings_invert():
     rng = np.random.default_rng(0)
     states = np.array([[0.0, 10.0, 0.0, 0.0, 0.3], [5.0, 3.0, -4.0, 2.0, 0.0]])
-    moved = coordinated_turn(1.0, 0.0, 0.0)(states, rng)
+    moved = coordinated_turn(0.0, 0.0)(states, 1.0, rng)
     np.testing.assert_allclose(np.hypot(moved[:, 1], moved[:, 3]), np.hypot(states[:, 1], states[:, 3]))
     np.testing.assert_allclose(moved[1, :4], [8.0, 3.0, -2.0, 2.0])
     # A chord of an arc of 0.3 radians at speed 10.
@@ -234,7 +230,7 @@ def test_a_survival_proposal_is_corrected():
 
     def shifted(particles, measurements, rng):
         del measurements
-        return base.motion(particles, rng), np.full(len(particles), np.log(2.0))
+        return base.moved(particles, rng), np.full(len(particles), np.log(2.0))
 
     chosen = PhdFilter(base, NoBirths(4), 200, proposal=shifted)
     predicted = chosen._predict(chosen.init(np.zeros((200, 4)), 1.0), np.empty((0, 2)), np.random.default_rng(0))

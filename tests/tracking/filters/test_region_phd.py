@@ -11,7 +11,7 @@ from tsuiseki.datamodules.scenes.points.blobs import HUES, as_ground_truth, blob
 from tsuiseki.datamodules.scenes.points.blobs import BlobSettings as SceneSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.region_births import AnywhereBirths, PatchBirths
-from tsuiseki.tracking.filters.region_likelihoods import without_others
+from tsuiseki.tracking.filters.region_likelihoods import WithoutOthers
 from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.region_states import second_order
 from tsuiseki.tracking.filters.region_updates import (
@@ -23,6 +23,7 @@ from tsuiseki.tracking.filters.region_updates import (
     calibrated,
     greatest,
 )
+from tsuiseki.tracking.filters.weights import logarithms
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_sequence
 from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
 from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker, SingleBlobTracker
@@ -34,11 +35,11 @@ SCENE = SceneSettings(frames=40, width=320, height=240, objects=3, enter=0.0, st
 def regions(mass, likelihood, background=0.05):
     """One cluster of four particles for each entry."""
     mass, likelihood = np.repeat(mass, 4) / 4, np.repeat(likelihood, 4)
-    return Regions(mass, likelihood, np.arange(len(mass) // 4) * 4, background, detection=0.95)
+    return Regions(logarithms(mass), logarithms(likelihood), np.arange(len(mass) // 4) * 4, background, detection=0.95)
 
 
 def masses(update, *args, **kwargs):
-    return update(regions(*args, **kwargs)).reshape(-1, 4).sum(axis=1)
+    return np.exp(update(regions(*args, **kwargs))).reshape(-1, 4).sum(axis=1)
 
 
 def test_the_printed_likelihood_can_only_shrink_the_count():
@@ -70,8 +71,10 @@ def test_equalisation_gives_every_target_the_same_top_and_leaves_clutter_alone()
 
 def test_equal_means_keep_the_shares_where_equal_tops_do_not():
     likelihood = np.array([0.9, 0.9, 0.9, 0.9, 0.4, 0.1, 0.1, 0.1])
-    uneven = Regions(np.full(8, 0.25), likelihood, np.array([0, 4]), 0.05, detection=1.0)
-    tops, means = (Equalised(as_printed, level)(uneven).reshape(2, 4).sum(axis=1) for level in (greatest, average))
+    uneven = Regions(np.full(8, np.log(0.25)), np.log(likelihood), np.array([0, 4]), 0.05, detection=1.0)
+    tops, means = (
+        np.exp(Equalised(as_printed, level)(uneven)).reshape(2, 4).sum(axis=1) for level in (greatest, average)
+    )
     assert tops[0] > 2 * tops[1]
     assert means[0] == pytest.approx(means[1])
 
@@ -119,9 +122,9 @@ def still(boxes, weight=0.9):
     boxes = np.repeat(np.asarray(boxes, dtype=float), 10, axis=0)
     centres, sizes = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
     nothing = AnywhereBirths(mass=0.0, count=0, size=(20.0, 20.0))
-    chosen = RegionPhdFilter(second_order((1e-6,) * 2, (1e-6,) * 2), nothing, without_others, survival=1.0)
+    chosen = RegionPhdFilter(second_order((1e-6,) * 2, (1e-6,) * 2), nothing, WithoutOthers(), survival=1.0)
     labels = np.repeat(np.arange(1, len(boxes) // 10 + 1), 10)
-    state = chosen.init(np.concatenate([centres, centres, sizes], axis=1), labels, np.full(len(boxes), weight / 10))
+    state = chosen.init(np.concatenate([centres, centres, sizes], axis=1), labels, weight * len(boxes) / 10)
     return chosen, state
 
 
@@ -141,9 +144,8 @@ def test_a_target_behind_another_is_carried_on_and_one_beside_it_is_not():
     assert info.estimates.ids.tolist() == [1]
     # Nor is what was never seen hidden by a target.
     chosen, state = still([[50, 40, 70, 60]])
-    both = chosen.init(
-        np.concatenate([state.particles, state.particles]), np.repeat([1, 2], 10), np.repeat([0.1, 0.01], 10)
-    )
+    both = chosen.init(np.concatenate([state.particles, state.particles]), np.repeat([1, 2], 10), 1.1)
+    both = replace(both, log_weights=np.log(np.repeat([0.1, 0.01], 10)))
     _, info = chosen.step(both, square(50), rng)
     assert info.expected_count == pytest.approx(1.0, abs=1e-2)
 
@@ -214,7 +216,7 @@ def test_settings_out_of_range_are_refused(bad):
 
 def test_filter_refuses_what_is_no_probability():
     with pytest.raises(ValueError, match="survival"):
-        RegionPhdFilter(second_order((1, 1), (1, 1)), PatchBirths(), without_others, survival=2.0)
+        RegionPhdFilter(second_order((1, 1), (1, 1)), PatchBirths(), WithoutOthers(), survival=2.0)
 
 
 @pytest.mark.parametrize("colour", HUES)

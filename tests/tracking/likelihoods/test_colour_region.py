@@ -13,7 +13,7 @@ from tsuiseki.tracking.likelihoods.colour_region import (
     colour_mask,
     colour_of_box,
     parse_colour,
-    region_likelihood,
+    region_contrast,
 )
 
 
@@ -46,36 +46,34 @@ def test_counts_equal_sums_over_pixels():
     ],
 )
 def test_likelihood_is_p_times_one_minus_q(box, expected):
-    found = region_likelihood(square(), np.array([box], dtype=float), margin=0.5)
+    found = region_contrast(square(), np.array([box], dtype=float), margin=0.5)
     assert found[0] == pytest.approx(expected)
 
 
 def test_the_right_box_is_the_best_and_purity_scales_it():
-    best = region_likelihood(square(), np.array([[30.0, 20, 50, 40]]))[0]
+    best = region_contrast(square(), np.array([[30.0, 20, 50, 40]]))[0]
     others = np.array([[28.0, 18, 48, 38], [25.0, 15, 55, 45], [35.0, 25, 45, 35]])
-    assert np.all(region_likelihood(square(), others) < best)
-    assert region_likelihood(square(0.5), np.array([[30.0, 20, 50, 40]]))[0] == pytest.approx(0.5, abs=0.06)
+    assert np.all(region_contrast(square(), others) < best)
+    assert region_contrast(square(0.5), np.array([[30.0, 20, 50, 40]]))[0] == pytest.approx(0.5, abs=0.06)
 
 
 def test_pixels_of_others_belong_to_nobody_else():
     box = np.array([[20.0, 20, 40, 40]])
     other = np.array([[[30.0, 20, 50, 40]]])
-    assert region_likelihood(square(), box, others=other)[0] == 0.0
+    assert region_contrast(square(), box, others=other)[0] == 0.0
     behind = np.zeros((1, 1), dtype=bool)
-    assert region_likelihood(square(), box, others=other, in_front=behind)[0] == pytest.approx(
-        0.5
-    )  # q loses them, p not
+    assert region_contrast(square(), box, others=other, in_front=behind)[0] == pytest.approx(0.5)  # q loses them, p not
     hiding = np.array([[[15.0, 15, 38, 45]]])
-    assert np.isnan(region_likelihood(square(), box, others=hiding)[0])
+    assert np.isnan(region_contrast(square(), box, others=hiding)[0])
     nobody = np.zeros((1, 1, 4))
-    assert region_likelihood(square(), box, others=nobody)[0] == region_likelihood(square(), box)[0]
+    assert region_contrast(square(), box, others=nobody)[0] == region_contrast(square(), box)[0]
 
 
 @pytest.mark.parametrize("value", [False, True], ids=["nothing", "everything"])
 def test_a_colour_that_matches_nothing_or_everything_has_no_region(value):
     image = ColourImage.of_mask(np.full((30, 30), value))
     boxes = np.array([[5.0, 5, 15, 15], [-50.0, -50, -40, -40], [10.0, 10, 10, 10]])
-    found = region_likelihood(image, boxes)
+    found = region_contrast(image, boxes)
     assert np.isfinite(found).all()
     assert np.all(found == 0.0)
 

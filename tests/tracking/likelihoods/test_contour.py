@@ -10,6 +10,7 @@ from tsuiseki.tracking.likelihoods.colour_region import ColourRange
 from tsuiseki.tracking.likelihoods.contour import (
     FARTHEST,
     ROWS_AT_ONCE,
+    BodyView,
     ContourLikelihood,
     EdgeImage,
     Extraction,
@@ -45,7 +46,7 @@ def test_the_largest_distance_counts_and_the_logarithm_is_as_printed():
     points[1, 7] += 12.0 * (points[1, 7] - CENTRE) / RADIUS
     distance = contour_distance(edges, points.astype(np.float32))
     assert distance[1] == pytest.approx(12.0, abs=PIXELS)
-    np.testing.assert_allclose(ContourLikelihood(spread=25.0).log(edges, points), -(distance**2) / 25.0)
+    np.testing.assert_allclose(ContourLikelihood(spread=25.0)(points, BodyView(edges)), -(distance**2) / 25.0)
 
 
 def test_there_is_no_shift_between_contours_and_edges():
@@ -65,7 +66,7 @@ def test_without_the_colour_there_is_no_edge_and_nothing_breaks():
     image = np.full((40, 60, 3), 90, np.uint8)
     edges = EdgeImage.of(image, Extraction(ColourRange((15.0, 40.0))))
     assert not edges.has_edges
-    logs = ContourLikelihood().log(edges, circle(8.0, np.array([30.0, 20.0]))[None])
+    logs = ContourLikelihood()(circle(8.0, np.array([30.0, 20.0]))[None], BodyView(edges))
     np.testing.assert_allclose(logs, -(FARTHEST**2) / ContourLikelihood().spread)
 
 
@@ -106,8 +107,8 @@ def test_hidden_points_take_no_part_and_cost_their_share():
         neighbours[y - 1 : y + 2, x - 1 : x + 2] = 255
     likelihood = ContourLikelihood(spread=40.0, hidden_cost=8.0)
     visible = contour_distance(edges, points[:, 10:])[0]
-    assert likelihood.log(edges, points, neighbours)[0] == pytest.approx(-(visible**2) / 40.0 - 8.0 * 10 / 40)
-    assert likelihood.log(edges, points)[0] < -10.0
+    assert likelihood(points, BodyView(edges, neighbours))[0] == pytest.approx(-(visible**2) / 40.0 - 8.0 * 10 / 40)
+    assert likelihood(points, BodyView(edges))[0] < -10.0
 
 
 @pytest.mark.parametrize("bad", [{"spread": 0.0}, {"spread": np.inf}, {"hidden_cost": -1.0}])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.likelihoods.foreground_colour import ForegroundColour
-from tsuiseki.tracking.likelihoods.response import ResponseMaps, likelihood, object_overlap
+from tsuiseki.tracking.likelihoods.response import SMALLEST_LIKELIHOOD, ResponseMaps, log_likelihood, object_overlap
 
 
 def ramp_maps():
@@ -32,7 +32,8 @@ def test_the_nearest_window_answers():
 
 def test_likelihood_mixes_response_and_objectness():
     # (3.4) by hand; a negative response counts as none
-    np.testing.assert_allclose(likelihood(np.array([0.5, -0.2]), np.array([0.2, 1.0]), 0.3), [0.29, 0.7])
+    found = log_likelihood(np.array([0.5, -0.2]), np.array([0.2, 1.0]), 0.3)
+    np.testing.assert_allclose(np.exp(found) - SMALLEST_LIKELIHOOD, [0.29, 0.7])
 
 
 def test_objectness_is_the_best_overlap():

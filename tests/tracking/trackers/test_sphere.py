@@ -11,7 +11,7 @@ from tsuiseki.tracking.cameras.volume import common_volume, in_sight
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion_3d import Ballistic, ConstantVelocity
 from tsuiseki.tracking.likelihoods.views import ContourLikelihood, PointLikelihood
-from tsuiseki.tracking.trackers.sphere import Glance, SphereTracker
+from tsuiseki.tracking.trackers.sphere import SphereTracker, TimedViews, with_velocities
 from tsuiseki.tracking.trackers.sphere_run import check_lengths, check_start
 from tsuiseki.tracking.trackers.sphere_search import find_ball
 
@@ -48,7 +48,7 @@ def follow(film, change=lambda _, views: views, cameras=2, seed=0, particles=400
     state = tracker.start_at(PATH[0], 0.03, particles, cameras, rng, TIMES[0])
     found = []
     for k, time in enumerate(TIMES):
-        state, info = tracker.step(state, Glance(time, change(k, list(film[k][:cameras]))), rng)
+        state, info = tracker.step(state, TimedViews(time, change(k, list(film[k][:cameras]))), rng)
         found.append(info.position)
     return found
 
@@ -111,8 +111,8 @@ def test_the_whole_volume_is_searched(film):
     volume = np.array([[-1.5, -1.5, 0.2], [1.5, 1.5, 2.0]])
     rng = np.random.default_rng(0)
     positions = find_ball(likelihood, likelihood.broad(), CAMERAS, RADIUS, volume, 400, film[0], rng)
-    state = SphereTracker(likelihood).start_with(positions, 3, rng, 0.0)
-    _, info = SphereTracker(likelihood).step(state, Glance(0.0, film[0]), rng)
+    state = SphereTracker(likelihood).init(with_velocities(positions, 0.3, rng), 3)
+    _, info = SphereTracker(likelihood).step(state, TimedViews(0.0, film[0]), rng)
     assert np.linalg.norm(info.position.point - PATH[0]) < 0.01
     assert info.position.status == "tracking"
 
@@ -124,7 +124,7 @@ def test_point_measurements_agree_with_triangulation():
     rng = np.random.default_rng(0)
     state = tracker.start_at(point[0] + 0.03, 0.05, 4000, 3, rng, speed=0.01)
     for _ in range(3):
-        state, info = tracker.step(state, Glance(0.0, list(pixels[0])), rng)
+        state, info = tracker.step(state, TimedViews(0.0, list(pixels[0])), rng)
     _, covariance = triangulate(CAMERAS, pixels)
     assert np.linalg.norm(info.position.point - point[0]) < 0.01
     # Three looks at the same pixels hold a third of the variance of one.
@@ -172,7 +172,7 @@ def test_a_bouncing_ball_is_found_again_after_the_frames_of_its_bounce_are_lost(
         now = tracker.start_at(path[0], 0.02, 500, 2, rng, times[0], speed=1.0)
         for k, time in enumerate(times):
             views = [None, None] if k in lost else [picture(camera, path[k], rng) for camera in CAMERAS[:2]]
-            now, info = tracker.step(now, Glance(time, views), rng)
+            now, info = tracker.step(now, TimedViews(time, views), rng)
             if k == lost[-1]:
                 away[name] = np.linalg.norm(info.position.point - path[k])
         away[f"{name} at the end"] = np.linalg.norm(info.position.point - path[-1])
@@ -191,7 +191,7 @@ def test_a_camera_without_frames_for_long_does_not_count_as_seeing():
     statuses = []
     for time in np.arange(0.0, 4.0, 0.1):
         views = pixels if time < 1.0 else [pixels[0], None]
-        state, info = tracker.step(state, Glance(float(time), views), rng)
+        state, info = tracker.step(state, TimedViews(float(time), views), rng)
         statuses.append(info.position.status)
     # Known up to a second after the last frame at 0.9 s, then searched for a second, then lost.
     assert statuses[:19] == ["tracking"] * 19

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.filters.particle import ParticleFilter, bootstrap
+from tsuiseki.tracking.filters.base import bootstrap, each_frame
+from tsuiseki.tracking.filters.particle import ParticleFilter
 from tsuiseki.tracking.filters.weights import probabilities
 from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
 from tsuiseki.tracking.trackers.single.matching import colour_bins
@@ -50,7 +51,7 @@ class ColourParticle:
         self._size = np.asarray(box[2:] - box[:2], dtype=np.float64)
         first = np.concatenate([box_centre(box), [0.0]])
         self._reference = self._histograms(image, first[None])[0]
-        self._filter = ParticleFilter[ImageArray](bootstrap(self._move), self._log_likelihood)
+        self._filter = ParticleFilter[ImageArray](bootstrap(each_frame(self._move)), self._log_likelihood)
         self._state = self._filter.init(np.repeat(first[None], self.settings.particles, axis=0))
 
     def follow(self, image: ImageArray) -> Sighting:

@@ -18,10 +18,10 @@ from tsuiseki.tracking.filters.correlation import (
     Kernel,
     blend,
     gaussian_labels,
-    peak,
     respond,
     train,
 )
+from tsuiseki.tracking.likelihoods.peaks import peak
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 

@@ -26,10 +26,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, shipped_objectness
-from tsuiseki.tracking.filters.correlation import FilterBank, Samples, join, local_maxima, respond
-from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState, bootstrap
+from tsuiseki.tracking.filters.base import bootstrap
+from tsuiseki.tracking.filters.correlation import FilterBank, Samples, join, respond
+from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.weights import probabilities
-from tsuiseki.tracking.likelihoods.response import ResponseMaps, likelihood, object_overlap
+from tsuiseki.tracking.likelihoods.peaks import local_maxima
+from tsuiseki.tracking.likelihoods.response import ResponseMaps, log_likelihood, object_overlap
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.archive import Archive
 from tsuiseki.tracking.trackers.single.confidence import Confidence
@@ -47,7 +49,6 @@ from tsuiseki.tracking.trackers.single.particles import (
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 PROPOSALS = 100
-SMALLEST_LIKELIHOOD = 1e-6
 Windows = tuple[Samples, FloatArray]
 
 
@@ -198,7 +199,7 @@ class KcfParticle:
         boxes = self._boxes(particles)
         response = view.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
         overlap = object_overlap(boxes, view.proposals) if settings.response_share < 1 else np.zeros(len(boxes))
-        result = np.log(likelihood(response, overlap, settings.response_share) + SMALLEST_LIKELIHOOD)
+        result = log_likelihood(response, overlap, settings.response_share)
         confidence = self._confidence
         if settings.colour and confidence.colour is not None:
             score = confidence.colour.score(view.image, boxes)
@@ -269,6 +270,6 @@ class KcfParticle:
         return "searching" if self._doubted <= self.settings.lost_after else "lost"
 
 
-def _stay(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-    del rng
+def _stay(particles: FloatArray, frames: float, rng: np.random.Generator) -> FloatArray:
+    del frames, rng
     return particles

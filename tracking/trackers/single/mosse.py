@@ -12,7 +12,8 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.windows import cut
-from tsuiseki.tracking.filters.correlation import cosine_window, gaussian_labels, peak
+from tsuiseki.tracking.filters.correlation import cosine_window, gaussian_labels
+from tsuiseki.tracking.likelihoods.peaks import peak
 from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 

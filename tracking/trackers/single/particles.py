@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.filters.particle import Motion
+from tsuiseki.tracking.filters.base import Motion, each_frame
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 
@@ -59,14 +59,14 @@ def draw_particles(
 
 
 def random_walk(deviation: FloatArray) -> Motion:
-    """Equation (3.3): places walk with S, filter numbers stay."""
+    """Equation (3.3), in frames: places walk with S, filter numbers stay."""
 
     def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
         moved = particles.copy()
         moved[:, :2] += rng.normal(size=(len(particles), 2)) * deviation
         return moved
 
-    return move
+    return each_frame(move)
 
 
 def dispersion(particles: FloatArray, weights: FloatArray, variances: FloatArray) -> float:

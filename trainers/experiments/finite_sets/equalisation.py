@@ -15,20 +15,20 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.points.blobs import BlobSettings, blob_frames, plan_blobs
 from tsuiseki.tracking.filters.region_births import AnywhereBirths
-from tsuiseki.tracking.filters.region_likelihoods import RegionLikelihood, each_alone, without_others
+from tsuiseki.tracking.filters.region_likelihoods import EachAlone, RegionLikelihood, WithoutOthers
 from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.region_states import boxes_of, second_order
 from tsuiseki.tracking.filters.region_updates import Equalised, Update, as_printed, average, calibrated
 from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.plots import plot_particles
 
 ARMS: Mapping[str, tuple[Update, RegionLikelihood]] = {
-    "as printed": (as_printed, each_alone),
-    "equalised": (Equalised(as_printed), each_alone),
-    "equalised by the mean": (Equalised(as_printed, average), each_alone),
-    "calibrated": (calibrated, without_others),
+    "as printed": (as_printed, EachAlone()),
+    "equalised": (Equalised(as_printed), EachAlone()),
+    "equalised by the mean": (Equalised(as_printed, average), EachAlone()),
+    "calibrated": (calibrated, WithoutOthers()),
 }
 LOST_AFTER = 5
 """Frames without an estimate on a target after which it is lost."""
@@ -136,14 +136,14 @@ def _table(values: Mapping[str, Any]) -> Table:
     return Table("", ("update", "kept of 3", *purity, "expected count at the end"), rows)
 
 
-def _start(boxes: FloatArray, density: int, rng: np.random.Generator) -> tuple[FloatArray, Any, FloatArray]:
-    """Particles on each target with its size, its label and a weight of one in all."""
+def _start(boxes: FloatArray, density: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray, float]:
+    """Particles on each target with its size, their labels, and the number of targets."""
     count = len(boxes)
     labels = np.repeat(np.arange(1, count + 1), density)
     centres = np.repeat((boxes[:, :2] + boxes[:, 2:]) / 2, density, axis=0) + rng.standard_normal((count * density, 2))
     before = centres - 2.0 * rng.standard_normal(centres.shape)
     sizes = np.repeat(boxes[:, 2:] - boxes[:, :2], density, axis=0)
-    return np.concatenate([centres, before, sizes], axis=1), labels, np.full(count * density, 1.0 / density)
+    return np.concatenate([centres, before, sizes], axis=1), labels, float(count)
 
 
 def _on_targets(particles: FloatArray, boxes: FloatArray) -> FloatArray:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
+from tsuiseki.tracking.filters.base import Filter, Running, SetInfo
 from tsuiseki.tracking.filters.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.phd import PhdFilter
 from tsuiseki.tracking.filters.phd_identity import Identity, by_clusters, by_measurements
-from tsuiseki.tracking.filters.points import PointEstimates
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.finite_sets.scenarios import (
     PointScenario,
@@ -22,7 +22,7 @@ from tsuiseki.trainers.experiments.finite_sets.scenarios import (
     scenario_model,
 )
 
-Step = Callable[[FloatArray], PointEstimates]
+PointFilter = Running[Any, FloatArray, SetInfo]
 METHODS = ("phd-printed", "phd-clusters", "phd", "labelled")
 CUT_OFF = 100.0
 # OSPA p=1 of a plain SMC-PHD filter and of a labelled filter in MATLAB: by the seed of the scenario that they were
@@ -53,8 +53,8 @@ class ScenarioRow:
     peer: float | None
 
 
-def start_filter(method: str, settings: dict[str, Any], clutter: float, particles: int, seed: int) -> Step:
-    """A fresh filter for a scenario, as a function from measurements to estimates.
+def start_filter(method: str, settings: dict[str, Any], clutter: float, particles: int, seed: int) -> PointFilter:
+    """A fresh filter at work on a scenario.
 
     ``phd`` reads targets off by measurements, ``phd-clusters`` by clusters; ``phd-printed`` does so without what goes
     beyond the paper: particles by weight alone, nothing remembered, everything parted shown at once. ``labelled`` is
@@ -62,41 +62,26 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
     """
     model = scenario_model(settings, clutter)
     births = scenario_births(settings, particles)
-    rng = np.random.default_rng(seed)
-    columns = 4 if settings["kind"] == "linear" else 5
-    if method == "labelled":
-        labelled = LabelledMultiBernoulliFilter(model, births, particles)
-        tracks = labelled.init(columns)
-
-        def step_labelled(measurements: FloatArray) -> PointEstimates:
-            nonlocal tracks
-            tracks, info = labelled.step(tracks, measurements, rng)
-            return info.estimates
-
-        return step_labelled
-    phd = {
+    filters: dict[str, Filter[Any, FloatArray, SetInfo]] = {
+        "labelled": LabelledMultiBernoulliFilter(model, births, particles),
         "phd": PhdFilter(model, births, particles, extract=by_measurements),
         "phd-clusters": PhdFilter(model, births, particles, extract=by_clusters),
         "phd-printed": PhdFilter(
-            model, births, particles, identity=Identity(remember=False, confirm=False), extract=by_clusters, least=0
+            model, births, particles, smallest_cluster=0, extract=by_clusters,
+            identity=Identity(remember=False, confirm=False),
         ),
-    }[method]
-    state = phd.init(np.empty((0, columns)))
-
-    def step_phd(measurements: FloatArray) -> PointEstimates:
-        nonlocal state
-        state, info = phd.step(state, measurements, rng)
-        return info.estimates
-
-    return step_phd
+    }  # fmt: skip
+    columns = 4 if settings["kind"] == "linear" else 5
+    chosen = filters[method]
+    return Running(chosen, chosen.init(np.empty((0, columns))), np.random.default_rng(seed))
 
 
-def run_filter(step: Step, measurements: Iterable[FloatArray]) -> tuple[PointTracks, FloatArray]:
+def run_filter(running: PointFilter, measurements: Iterable[FloatArray]) -> tuple[PointTracks, FloatArray]:
     """The tracks found, and the processor's seconds in each step."""
     frames, ids, positions, seconds = [], [], [np.empty((0, 2))], []
     for index, found in enumerate(measurements):
         begin = time.process_time()
-        estimates = step(found)
+        estimates = running.step(found).estimates
         seconds.append(time.process_time() - begin)
         frames.append(np.full(len(estimates), index))
         ids.append(estimates.ids)
@@ -110,8 +95,8 @@ def scenario_row(scenario: PointScenario, rate: int, method: str, particles: int
     clutter = settings["clutter_rates"][rate]
     scores, seconds = [], []
     for run in range(min(runs, settings["runs"])):
-        step = start_filter(method, settings, clutter, particles, seed=run)
-        found, took = run_filter(step, scenario.measurements[run, rate])
+        running = start_filter(method, settings, clutter, particles, seed=run)
+        found, took = run_filter(running, scenario.measurements[run, rate])
         scores.append(evaluate_points(truth, found, settings["K"], CUT_OFF))
         seconds.append(took)
     first = np.array([score.ospa1 for score in scores])

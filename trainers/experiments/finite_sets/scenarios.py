@@ -12,7 +12,8 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.points import PointTracks
-from tsuiseki.tracking.filters.point_births import Births, MeasurementBirths, MixtureBirths, moving_from
+from tsuiseki.tracking.filters.base import Births
+from tsuiseki.tracking.filters.point_births import MeasurementBirths, MixtureBirths, moving_from
 from tsuiseki.tracking.filters.point_models import (
     GaussianSensor,
     PointModel,
@@ -98,13 +99,13 @@ def scenario_model(settings: dict[str, Any], clutter_rate: float) -> PointModel:
     volume = float(np.prod([high - low for low, high in settings["region"]]))
     sensor = scenario_sensor(settings)
     if settings["kind"] == "linear":
-        motion = constant_velocity(settings["T"], settings["sigma_v"])
+        motion = constant_velocity(settings["sigma_v"])
     else:
-        motion = coordinated_turn(settings["T"], settings["sigma_v"], settings["sigma_turn"])
-    return PointModel(motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume)
+        motion = coordinated_turn(settings["sigma_v"], settings["sigma_turn"])
+    return PointModel(motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume, settings["T"])
 
 
-def scenario_births(settings: dict[str, Any], count: int) -> Births:
+def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
     """The scenario's places of birth; where it names none, births anywhere, driven by the measurements."""
     if "birth_m" in settings:
         masses, means = (

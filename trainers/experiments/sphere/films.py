@@ -21,10 +21,11 @@ from tsuiseki.datamodules.scenes.ball.carried import (
     make_scene,
 )
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
-from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, Motion3D, RandomWalk
+from tsuiseki.tracking.filters.base import Motion
+from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, RandomWalk
 from tsuiseki.tracking.filters.views import Covering
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
-from tsuiseki.tracking.trackers.sphere import Glance, SphereState, SphereTracker
+from tsuiseki.tracking.trackers.sphere import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.experiment import Watch
 
@@ -54,7 +55,7 @@ class Configuration:
     group: Literal["section 3", "particles", "cameras", "covered"]
     name: str
     likelihood: Literal["background", "contour"] = "contour"
-    motion: Motion3D = WALK
+    motion: Motion = WALK
     particles: int = 500
     cameras: int = 2
     covered: int = 0
@@ -143,8 +144,8 @@ class _Run:
         views = list(images[: self.row.cameras])
         if index in self.hidden and board is not None:
             views[0] = board
-        glance = Glance(float(self.scene.times[index]), views)
-        self.state, info = self.tracker.step(self.state, glance, self.rng)
+        observation = TimedViews(float(self.scene.times[index]), views)
+        self.state, info = self.tracker.step(self.state, observation, self.rng)
         self.points.append(info.position.point)
 
     def errors(self) -> FilmErrors:

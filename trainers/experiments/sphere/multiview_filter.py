@@ -13,7 +13,7 @@ from tsuiseki.tracking.filters.smoothing import smooth
 from tsuiseki.tracking.filters.views import Covering
 from tsuiseki.tracking.filters.weights import weighted_covariance, weighted_mean
 from tsuiseki.tracking.likelihoods.views import PointLikelihood
-from tsuiseki.tracking.trackers.sphere import OPEN, TRUST, Glance, SphereState, SphereTracker
+from tsuiseki.tracking.trackers.sphere import OPEN, TRUST, SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # A detector seldom misses for long, so a view opens again soon.
@@ -117,7 +117,7 @@ def track_points(
         elif known[k] and (state.open[seen[k]] < OPEN).all():
             state = also_at(state, start[k], rng)
         views = [pixel if one else None for pixel, one in zip(pixels[k], seen[k], strict=True)]
-        state, info = tracker.step(state, Glance(float(time), views), rng)
+        state, info = tracker.step(state, TimedViews(float(time), views), rng)
         means[k] = weighted_mean(state.particles.particles, state.particles.log_weights)
         covariances[k] = weighted_covariance(state.particles.particles, state.particles.log_weights)
         stretch[k] = number

@@ -1,0 +1,184 @@
+"""The contract of all filters, on one page.
+
+A filter is a frozen dataclass of settings with two functions:
+
+* ``init(particles, …) -> State``: particles ``(N, D)`` drawn from what is known at the start; ``(0, D)`` where a filter
+  of several targets begins with none.
+* ``step(state, observation, rng) -> (State, Info)``: one observation further. The state is what the next step needs;
+  the info is what came out: estimates and diagnostics.
+
+Neither changes what it is given. All randomness is ``rng``: the same seed gives the same result. What a filter is made
+of is an argument:
+
+* a motion ``f(particles, seconds, rng)`` draws the next states, `Motion`;
+* a proposal ``f(particles, observation, rng)`` does so knowing the observation, `Proposal`;
+* a likelihood ``f(particles, observation)`` is a logarithm, `LogLikelihood`;
+* births ``draw(observation, rng)`` propose new targets, `Births`;
+* a resampler ``f(weights, count, rng)`` keeps the good ones, `tsuiseki.tracking.filters.resampling`.
+
+Weights are logarithms wherever they are kept or handed on: ``(N,)`` float64 in [-inf, inf), where ``-inf`` is a
+particle that cannot be (`tsuiseki.tracking.filters.weights`). Of one target they sum to one, of several to the expected
+number of targets. Particles are ``(N, D)`` float64. What an observation is, only the proposal, the likelihood and the
+births know; one that carries its own time gives the motion its seconds, otherwise the filter's settings do.
+
+Two files are no filters in this sense, but parts of trackers. `kalman` gives a step in two halves, ``predict`` and
+``update``, over all tracks at once, because a tracker associates between them; it draws nothing. `correlation` learns
+a template from images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+State = TypeVar("State")
+Observation = TypeVar("Observation")
+Info = TypeVar("Info")
+ObservationIn = TypeVar("ObservationIn", contravariant=True)
+InfoOut = TypeVar("InfoOut", covariant=True)
+
+
+class Motion(Protocol):
+    """Draws the states ``(N, D)`` after ``seconds`` > 0, given the states ``(N, D)`` now, equation (1) of the
+    finite-sets paper.
+
+    A motion that is known for one frame only counts in frames (`each_frame`): there one frame stands for a second.
+    """
+
+    def __call__(self, particles: FloatArray, seconds: float, rng: np.random.Generator, /) -> FloatArray: ...
+
+
+class Proposal(Protocol[ObservationIn]):
+    """Draws the next particles; returns them ``(N, D)`` with ``log f - log q`` ``(N,)``, the correction of (15)."""
+
+    def __call__(
+        self, particles: FloatArray, observation: ObservationIn, rng: np.random.Generator, /
+    ) -> tuple[FloatArray, FloatArray]: ...
+
+
+class LogLikelihood(Protocol[ObservationIn]):
+    """``log h(y | x)`` ``(N,)`` of each particle ``(N, D)``, with its constants, since the evidence needs them."""
+
+    def __call__(self, particles: FloatArray, observation: ObservationIn, /) -> FloatArray: ...
+
+
+@dataclass(frozen=True)
+class BornParticles:
+    """Weighted draws of the birth intensity in contiguous groups, one for each place of birth.
+
+    Attributes:
+        particles: ``(J, D)``.
+        log_weights: ``(J,)``; the weights sum to the expected number of births.
+        starts: ``(G,)`` first particle of each group.
+    """
+
+    particles: FloatArray
+    log_weights: FloatArray
+    starts: IntArray
+
+    @property
+    def groups(self) -> IntArray:
+        """``(J,)`` number of each particle's group, from 0."""
+        return np.repeat(np.arange(len(self.starts)), np.diff(self.starts, append=len(self.particles)))
+
+
+class Births(Protocol[ObservationIn]):
+    """Proposal ``q_Gamma(. | Y)`` of new targets, (51), with the weights of (52)."""
+
+    def draw(self, observation: ObservationIn, rng: np.random.Generator, /) -> BornParticles: ...
+
+
+@dataclass(frozen=True)
+class TargetEstimates:
+    """The targets that a filter of several targets reports in one step.
+
+    Attributes:
+        ids: ``(N,)`` positive and, for one target, the same through time.
+        states: ``(N, D)``.
+        weights: ``(N,)`` how sure the filter is of each: its expected count or its probability of existence.
+    """
+
+    ids: IntArray
+    states: FloatArray
+    weights: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+class SetInfo(Protocol):
+    """What the info of every filter of several targets has."""
+
+    @property
+    def estimates(self) -> TargetEstimates:
+        """The targets reported."""
+        ...
+
+    @property
+    def expected_count(self) -> float:
+        """Expected number of targets, the unreported ones included."""
+        ...
+
+
+class Filter(Protocol[State, ObservationIn, InfoOut]):
+    """A filter; see the module. ``init`` may take more, which says what else is known at the start."""
+
+    def init(self, particles: FloatArray) -> State: ...
+
+    def step(self, state: State, observation: ObservationIn, rng: np.random.Generator) -> tuple[State, InfoOut]: ...
+
+
+class Running(Generic[State, Observation, Info]):
+    """A filter at work: it keeps the state from one step to the next.
+
+    Args:
+        chosen: the filter.
+        state: the first one, of its ``init``.
+        rng: random numbers of all steps.
+    """
+
+    def __init__(self, chosen: Filter[State, Observation, Info], state: State, rng: np.random.Generator) -> None:
+        self.chosen, self.state, self.rng = chosen, state, rng
+
+    def step(self, observation: Observation) -> Info:
+        """One observation further."""
+        self.state, info = self.chosen.step(self.state, observation, self.rng)
+        return info
+
+
+def each_frame(move: Callable[[FloatArray, np.random.Generator], FloatArray]) -> Motion:
+    """The motion whose one frame is ``move(particles, rng)``, repeated for each frame that passed.
+
+    Raises:
+        ValueError: (of the motion) the time is not a whole number of frames from 1.
+    """
+
+    def motion(particles: FloatArray, frames: float, rng: np.random.Generator) -> FloatArray:
+        count = round(frames)
+        if count < 1 or count != frames:
+            raise ValueError(f"expected a whole number of frames from 1, got {frames}")
+        for _ in range(count):
+            particles = move(particles, rng)
+        return particles
+
+    return motion
+
+
+def bootstrap(motion: Motion, seconds: float = 1.0) -> Proposal[object]:
+    """The motion model itself as proposal, equation (21): its correction is zero.
+
+    Args:
+        motion: draws the next states.
+        seconds: from one observation to the next.
+    """
+
+    def propose(particles: FloatArray, observation: object, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        del observation
+        return motion(particles, seconds, rng), np.zeros(len(particles))
+
+    return propose
