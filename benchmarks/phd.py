@@ -165,10 +165,10 @@ def main() -> None:
         for found in scenario.measurements[0, index][:80]:
             alone.step(found)
             phd.step(found)
-            labelled(found)
+            labelled.step(found)
         alone.particles.clear()
         phd.particles.clear()
-        steps = {"alone": alone.step, "phd": phd.step, "labelled": labelled} | (
+        steps = {"alone": alone.step, "phd": phd.step, "labelled": labelled.step} | (
             {"peer": StoneSoup(scenario, clutter).step} if peer else {}
         )
         times: dict[str, list[float]] = {name: [] for name in steps}
