@@ -60,7 +60,8 @@ class EstimatedTracks:
         frames, labels, boxes, scores, observed = (np.concatenate(part) for part in zip(*self._rows, strict=True))
         order = np.argsort(labels, kind="stable")
         names, starts = np.unique(labels[order], return_index=True)
-        rows = dict(zip(names.tolist(), np.split(order, starts[1:]), strict=True))
+        parts = np.split(order, starts[1:]) if len(names) else []
+        rows = dict(zip(names.tolist(), parts, strict=True))
         return [
             Track(number, frames[row], boxes[row], scores[row], observed[row])
             for label, number in self._ids.items()
