@@ -20,7 +20,7 @@ from typing import Any
 from tsuiseki.tracking.errors import RequestError
 
 RUN_FILE = "run.json"
-VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime", "ortools", "trackeval")
+VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime", "ortools")
 
 
 @contextmanager

@@ -148,6 +148,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _complain(error, WRONG_REQUEST)
     except RunError as error:
         return _complain(error, FAILED)
+    except ImportError as error:
+        from tsuiseki.tracking.opencv import explained
+
+        known = explained(error)
+        if known is None:
+            raise
+        return _complain(known, FAILED)
     except BrokenPipeError:
         sys.stderr.close()
         return FAILED

@@ -1,25 +1,22 @@
-"""Scores of several people tracked at once: HOTA, CLEAR MOT and identity scores, through trackeval.
+"""Scores of several people tracked at once: HOTA, CLEAR MOT and identity scores.
 
 Sequences are prepared as MOTChallenge does it: results matched to a labelled box on which they are neither right nor
 wrong are taken out, then only the pedestrians that count are scored. Boxes match from an overlap of 0.5 on; HOTA
-averages over the overlaps 0.05, 0.10, … 0.95.
-
-* HOTA, DetA, AssA: Luiten et al., "HOTA: a higher order metric for evaluating multi-object tracking", IJCV 2021.
-* MOTA, MOTP, switches: Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT
-  metrics", 2008.
-* IDF1: Ristani et al., "Performance measures and a data set for multi-target, multi-camera tracking", 2016.
+averages over the overlaps 0.05, 0.10, … 0.95. The metrics are in `identity_metrics`.
 """
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.identity_metrics import Clear, Hota, Identity, LabelledSequence, clear, hota, identity
 from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.geometry import iou_matrix
@@ -87,12 +84,15 @@ class PeopleEvaluation:
 
 
 @dataclass(frozen=True)
-class _Raw:
-    """What trackeval's metrics give for a sequence: the sums from which several are combined."""
+class _Sums:
+    """The sums of a sequence, from which those of several are added up."""
 
-    hota: dict[str, Any]
-    clear: dict[str, Any]
-    identity: dict[str, Any]
+    hota: Hota
+    clear: Clear
+    identity: Identity
+
+    def __add__(self, other: _Sums) -> _Sums:
+        return _Sums(self.hota + other.hota, self.clear + other.clear, self.identity + other.identity)
 
 
 def evaluate_sequence(truth: GroundTruth, tracks: list[Track], length: int | None = None) -> PeopleScores:
@@ -115,14 +115,15 @@ def evaluate_people(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
     Raises:
         RequestError: there is no sequence, two bear one name, or `evaluate_sequence` refuses one.
     """
-    raw: dict[str, _Raw] = {}
+    sums: dict[str, _Sums] = {}
     for pair in pairs:
-        if pair.name in raw:
+        if pair.name in sums:
             raise RequestError(f"expected sequences of different names, got {pair.name} twice")
-        raw[pair.name] = _evaluate(pair)
-    if not raw:
+        sums[pair.name] = _evaluate(pair)
+    if not sums:
         raise RequestError("expected a sequence to evaluate, got none")
-    return PeopleEvaluation({name: _summary(scores) for name, scores in raw.items()}, _summary(_combine(raw)))
+    combined = functools.reduce(operator.add, sums.values())
+    return PeopleEvaluation({name: _summary(each) for name, each in sums.items()}, _summary(combined))
 
 
 def restrict(tracks: Iterable[Track], frames: FrameRange) -> list[Track]:
@@ -137,41 +138,26 @@ def restrict(tracks: Iterable[Track], frames: FrameRange) -> list[Track]:
     return parts
 
 
-def _evaluate(pair: SequencePair) -> _Raw:
-    from trackeval.metrics import CLEAR, HOTA, Identity
-
-    data = _prepare(pair)
-    quiet = {"PRINT_CONFIG": False, "THRESHOLD": MATCH_OVERLAP}
-    return _Raw(
-        HOTA().eval_sequence(data), CLEAR(dict(quiet)).eval_sequence(data), Identity(dict(quiet)).eval_sequence(data)
-    )
+def _evaluate(pair: SequencePair) -> _Sums:
+    sequence = _prepare(pair)
+    return _Sums(hota(sequence), clear(sequence, MATCH_OVERLAP), identity(sequence, MATCH_OVERLAP))
 
 
-def _combine(raw: Mapping[str, _Raw]) -> _Raw:
-    from trackeval.metrics import CLEAR, HOTA, Identity
-
-    quiet = {"PRINT_CONFIG": False, "THRESHOLD": MATCH_OVERLAP}
-    return _Raw(
-        HOTA().combine_sequences({name: scores.hota for name, scores in raw.items()}),
-        CLEAR(dict(quiet)).combine_sequences({name: scores.clear for name, scores in raw.items()}),
-        Identity(dict(quiet)).combine_sequences({name: scores.identity for name, scores in raw.items()}),
-    )
-
-
-def _summary(raw: _Raw) -> PeopleScores:
+def _summary(sums: _Sums) -> PeopleScores:
+    counts = sums.clear
     return PeopleScores(
-        hota=float(np.mean(raw.hota["HOTA"])),
-        det_a=float(np.mean(raw.hota["DetA"])),
-        ass_a=float(np.mean(raw.hota["AssA"])),
-        mota=float(raw.clear["MOTA"]),
-        motp=float(raw.clear["MOTP"]),
-        idf1=float(raw.identity["IDF1"]),
-        id_switches=int(raw.clear["IDSW"]),
-        false_positives=int(raw.clear["CLR_FP"]),
-        false_negatives=int(raw.clear["CLR_FN"]),
-        recall=float(raw.clear["CLR_Re"]),
-        precision=float(raw.clear["CLR_Pr"]),
-        labelled=int(raw.clear["CLR_TP"] + raw.clear["CLR_FN"]),
+        hota=float(sums.hota.hota.mean()),
+        det_a=float(sums.hota.det_a.mean()),
+        ass_a=float(sums.hota.ass_a.mean()),
+        mota=counts.mota,
+        motp=counts.motp,
+        idf1=sums.identity.idf1,
+        id_switches=counts.switches,
+        false_positives=counts.false,
+        false_negatives=counts.misses,
+        recall=counts.recall,
+        precision=counts.precision,
+        labelled=counts.hits + counts.misses,
     )
 
 
@@ -184,8 +170,8 @@ class _Rows:
     boxes: FloatArray
 
 
-def _prepare(pair: SequencePair) -> dict[str, Any]:
-    """The sequence as trackeval's metrics take it: per frame the ids, numbered from 0, and the overlaps."""
+def _prepare(pair: SequencePair) -> LabelledSequence:
+    """The boxes that count: per frame the ids, numbered from 0, and the overlaps."""
     truth, result = pair.truth, _rows(pair.tracks)
     if len({track.id for track in pair.tracks}) < len(pair.tracks):
         raise RequestError(f"{pair.name}: expected tracks of different ids, got an id twice")
@@ -205,16 +191,13 @@ def _prepare(pair: SequencePair) -> dict[str, Any]:
         overlaps.append(shared[truth.evaluated[a]][:, counted[b]])
     true_ids, true_count = _number_from_zero(labels.ids, truth.evaluated)
     result_ids, result_count = _number_from_zero(result.ids, counted)
-    return {
-        "num_timesteps": length,
-        "num_gt_ids": true_count,
-        "num_tracker_ids": result_count,
-        "num_gt_dets": int(truth.evaluated.sum()),
-        "num_tracker_dets": int(counted.sum()),
-        "gt_ids": _split(true_ids, labels.frames[truth.evaluated], length),
-        "tracker_ids": _split(result_ids, result.frames[counted], length),
-        "similarity_scores": overlaps,
-    }
+    return LabelledSequence(
+        _split(true_ids, labels.frames[truth.evaluated], length),
+        _split(result_ids, result.frames[counted], length),
+        overlaps,
+        true_count,
+        result_count,
+    )
 
 
 def _rows(tracks: list[Track]) -> _Rows:

@@ -79,11 +79,23 @@ def __getattr__(name: str) -> Any:
 
         value: Any = metadata.version("tsuiseki")
     elif name in _HOMES:
-        value = getattr(importlib.import_module(_HOMES[name]), name)
+        value = getattr(_imported(_HOMES[name]), name)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value
     return value
+
+
+def _imported(module: str) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        from tsuiseki.tracking.opencv import explained
+
+        known = explained(error)
+        if known is None:
+            raise
+        raise known from error
 
 
 def __dir__() -> list[str]:

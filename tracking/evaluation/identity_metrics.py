@@ -1,0 +1,222 @@
+"""HOTA, CLEAR MOT and identity scores, from the overlaps of true and found boxes in every frame.
+
+Each metric is a few sums over a sequence; those of several sequences add up to the sums of all of them together.
+
+* `hota`: Luiten et al., "HOTA: a higher order metric for evaluating multi-object tracking", IJCV 2021. True and found
+  tracks that overlap much over the whole sequence are matched first (the alignment below); for every threshold α the
+  detections count by TP, FN, FP, and each matched pair c by A(c) = TPA / (TPA + FNA + FPA).
+* `clear`: Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT metrics", 2008.
+  A pair of the frame before is kept as long as it overlaps enough; the others are matched by overlap.
+* `identity`: Ristani et al., "Performance measures and a data set for multi-target, multi-camera tracking", 2016. True
+  and found identities are matched one to one for the whole sequence.
+
+The numbers are those of trackeval, the reference implementation of HOTA's authors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+ALPHAS = np.arange(0.05, 0.99, 0.05)
+# Overlaps that reach a threshold but for rounding count.
+ROUNDING = float(np.finfo(np.float64).eps)
+# Above any sum of overlaps in a frame: a pair of the frame before is kept before others are made.
+KEPT = 1000.0
+
+
+@dataclass(frozen=True)
+class LabelledSequence:
+    """True and found boxes of every frame.
+
+    Attributes:
+        true_ids: of each frame ``(n,)`` numbers from 0.
+        found_ids: likewise ``(m,)``.
+        overlaps: of each frame ``(n, m)`` in [0, 1].
+        true_count: how many true identities there are.
+        found_count: how many found ones.
+    """
+
+    true_ids: Sequence[IntArray]
+    found_ids: Sequence[IntArray]
+    overlaps: Sequence[FloatArray]
+    true_count: int
+    found_count: int
+
+    def lengths(self) -> tuple[FloatArray, FloatArray]:
+        """In how many frames each true and each found identity is."""
+        return (
+            np.bincount(_joined(self.true_ids), minlength=self.true_count).astype(np.float64),
+            np.bincount(_joined(self.found_ids), minlength=self.found_count).astype(np.float64),
+        )
+
+
+@dataclass(frozen=True)
+class Hota:
+    """Sums for each threshold of `ALPHAS`.
+
+    Attributes:
+        hits: ``(19,)`` TP.
+        misses: ``(19,)`` FN.
+        false: ``(19,)`` FP.
+        associations: ``(19,)`` the sum of A(c) over all TP.
+    """
+
+    hits: FloatArray
+    misses: FloatArray
+    false: FloatArray
+    associations: FloatArray
+
+    def __add__(self, other: Hota) -> Hota:
+        return Hota(
+            self.hits + other.hits,
+            self.misses + other.misses,
+            self.false + other.false,
+            self.associations + other.associations,
+        )
+
+    @property
+    def det_a(self) -> FloatArray:
+        """``(19,)`` detection accuracy."""
+        return self.hits / np.maximum(1, self.hits + self.misses + self.false)
+
+    @property
+    def ass_a(self) -> FloatArray:
+        """``(19,)`` association accuracy."""
+        return self.associations / np.maximum(1, self.hits)
+
+    @property
+    def hota(self) -> FloatArray:
+        """``(19,)`` geometric mean of the two."""
+        return np.asarray(np.sqrt(self.det_a * self.ass_a))
+
+
+@dataclass(frozen=True)
+class Clear:
+    """Counts of CLEAR MOT, and the sum of the overlaps of all hits."""
+
+    hits: int
+    misses: int
+    false: int
+    switches: int
+    overlap: float
+
+    def __add__(self, other: Clear) -> Clear:
+        return Clear(
+            self.hits + other.hits,
+            self.misses + other.misses,
+            self.false + other.false,
+            self.switches + other.switches,
+            self.overlap + other.overlap,
+        )
+
+    @property
+    def mota(self) -> float:
+        """1 minus misses, false boxes and switches per true box."""
+        return (self.hits - self.false - self.switches) / max(1, self.hits + self.misses)
+
+    @property
+    def motp(self) -> float:
+        """Mean overlap of the hits."""
+        return self.overlap / max(1, self.hits)
+
+    @property
+    def recall(self) -> float:
+        """Found share of the true boxes."""
+        return self.hits / max(1, self.hits + self.misses)
+
+    @property
+    def precision(self) -> float:
+        """Right share of the found boxes."""
+        return self.hits / max(1, self.hits + self.false)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Boxes with the right identity, without one, and with a wrong one."""
+
+    hits: int
+    misses: int
+    false: int
+
+    def __add__(self, other: Identity) -> Identity:
+        return Identity(self.hits + other.hits, self.misses + other.misses, self.false + other.false)
+
+    @property
+    def idf1(self) -> float:
+        """Harmonic mean of identity recall and identity precision."""
+        return self.hits / max(1.0, self.hits + 0.5 * (self.misses + self.false))
+
+
+def hota(sequence: LabelledSequence) -> Hota:
+    """The sums of HOTA."""
+    true_lengths, found_lengths = sequence.lengths()
+    alignment = _alignment(sequence, true_lengths, found_lengths)
+    pairs, overlaps = [], []
+    for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
+        rows, columns = linear_sum_assignment(alignment[true[:, None], found[None]] * shared, maximize=True)
+        pairs.append(true[rows] * sequence.found_count + found[columns])
+        overlaps.append(shared[rows, columns])
+    cells, shares = _joined(pairs), np.concatenate([np.empty(0), *overlaps])
+    both = (true_lengths[:, None] + found_lengths[None]).ravel()
+    hits, associations = np.zeros(len(ALPHAS)), np.zeros(len(ALPHAS))
+    for n, alpha in enumerate(ALPHAS):
+        common = np.bincount(cells[shares >= alpha - ROUNDING], minlength=len(both))
+        hits[n] = common.sum()
+        associations[n] = (common * (common / np.maximum(1, both - common))).sum()
+    return Hota(hits, true_lengths.sum() - hits, found_lengths.sum() - hits, associations)
+
+
+def _alignment(sequence: LabelledSequence, true_lengths: FloatArray, found_lengths: FloatArray) -> FloatArray:
+    """``(true, found)`` how much two identities overlap over the sequence: a soft Jaccard index of their boxes."""
+    common = np.zeros((sequence.true_count, sequence.found_count))
+    for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
+        either = shared.sum(axis=0)[None] + shared.sum(axis=1)[:, None] - shared
+        common[true[:, None], found[None]] += np.divide(
+            shared, either, out=np.zeros_like(shared), where=either > ROUNDING
+        )
+    return common / (true_lengths[:, None] + found_lengths[None] - common)
+
+
+def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
+    """The counts of CLEAR MOT, for boxes that match from an overlap of ``least`` on."""
+    nobody = -1
+    last = np.full(sequence.true_count, nobody)  # whom each was matched to when it was last matched
+    before = last.copy()  # whom it was matched to in the last frame that had boxes of both kinds
+    hits = misses = false = switches = 0
+    overlap = 0.0
+    for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
+        if not shared.size:
+            misses, false = misses + len(true), false + len(found)
+            continue
+        gain = KEPT * (before[true][:, None] == found[None]) + shared
+        gain[shared < least - ROUNDING] = 0
+        rows, columns = linear_sum_assignment(gain, maximize=True)
+        matched = gain[rows, columns] > ROUNDING
+        who, whom = true[rows[matched]], found[columns[matched]]
+        switches += int(((last[who] != nobody) & (last[who] != whom)).sum())
+        last[who] = whom
+        before[:] = nobody
+        before[who] = whom
+        hits, misses, false = hits + len(who), misses + len(true) - len(who), false + len(found) - len(who)
+        overlap += float(shared[rows[matched], columns[matched]].sum())
+    return Clear(hits, misses, false, switches, overlap)
+
+
+def identity(sequence: LabelledSequence, least: float = 0.5) -> Identity:
+    """The counts of the identity scores, for boxes that match from an overlap of ``least`` on."""
+    common = np.zeros((sequence.true_count, sequence.found_count))
+    for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
+        common[true[:, None], found[None]] += shared >= least
+    rows, columns = linear_sum_assignment(common, maximize=True)
+    hits = int(common[rows, columns].sum())
+    return Identity(hits, sum(map(len, sequence.true_ids)) - hits, sum(map(len, sequence.found_ids)) - hits)
+
+
+def _joined(parts: Sequence[IntArray]) -> IntArray:
+    return np.concatenate([np.empty(0, dtype=np.int64), *parts])
