@@ -24,7 +24,7 @@ ALLOWED = {
     "configs": set(),
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here.
-LAYERS = ("errors", "weights", "types", "frame_range", "geometry", "timing", "output", "processes", "onnx",
+LAYERS = ("errors", "opencv", "weights", "types", "frame_range", "geometry", "timing", "output", "processes", "onnx",
           "preprocessing", "interchange", "formats", "video", "synchronise", "cameras", "bodies", "likelihoods",
           "filters", "features", "association", "trackers", "evaluation", "report", "pipelines", "front",
           "cli")  # fmt: skip

@@ -4,8 +4,8 @@
 * An appearance model is a function from crops, a list of ``(h, w, 3)`` uint8 RGB images of any size, to one row of
   numbers each, ``(N, D)``. Rows are brought to unit length; a row of zeros says that nothing is known.
 
-Networks exported by this toolkit are read from their files; whatever has a ``detect`` or ``describe`` of its own
-(`Detector`, `Appearance`) is used as it is.
+Exported networks, of this toolkit or of others, are read from their files (`open_detector`, `open_appearance`);
+whatever has a ``detect`` or ``describe`` of its own (`Detector`, `Appearance`) is used as it is.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks import Appearance, Describe, Detect, Detector
+from tsuiseki.tracking.features.networks import Describe, Detect, open_appearance, open_detector
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 
@@ -40,7 +40,7 @@ def as_detector(given: DetectorLike, score_threshold: float = 0.3, threads: int 
         RequestError: it is none of them, or the file is no detector.
     """
     if isinstance(given, str | Path):
-        return Detector(given, score_threshold, threads=threads)
+        return open_detector(given, score_threshold, threads=threads)
     if hasattr(given, "detect"):
         return given
     if callable(given):
@@ -61,7 +61,7 @@ def as_describer(given: AppearanceLike, threads: int = 0) -> Describe:
         RequestError: it is none of them, or the file is no appearance network.
     """
     if isinstance(given, str | Path):
-        return Appearance(given, threads)
+        return open_appearance(given, threads)
     if hasattr(given, "describe"):
         return given
     if callable(given):
