@@ -24,8 +24,8 @@ from tsuiseki.datamodules.readers.action_sequence import ActionSequence
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName, crop_squares, flow_to, square_boxes
 from tsuiseki.tracking.features.optical_flow import FlowName
-from tsuiseki.tracking.formats.okutama import ActionLabels
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
+from tsuiseki.tracking.types.labels import ActionLabels
 
 VERSION = 2
 

@@ -18,7 +18,7 @@ from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, te
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
 from tsuiseki.datamodules.scene_images import write_drone_images, write_scene_images, write_varied_images
-from tsuiseki.datamodules.scenes.drone.clip import DroneSettings
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
@@ -214,7 +214,7 @@ class DetectionData(lightning.LightningDataModule):
                 continue
             print(f"generating {source.generate} pictures into {folder}", flush=True)
             if source.scene == "drone":
-                settings = DroneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
+                settings = DroneSceneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
                 write_drone_images(folder, source.generate, settings, source.seed)
             elif source.scene == "varied":
                 write_varied_images(folder, source.generate, (width, height), source.seed)

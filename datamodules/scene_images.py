@@ -11,13 +11,14 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene, varied_settings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types.labels import GroundTruth
 
 _QUALITY = 92
 _SEQUENCE = "random-scenes"
@@ -47,7 +48,7 @@ def write_varied_images(folder: Path, count: int, size: tuple[int, int], seed: i
     _write(folder, count, size, partial(_varied_picture, size, seed))
 
 
-def write_drone_images(folder: Path, count: int, settings: DroneSettings, seed: int) -> None:
+def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, seed: int) -> None:
     """Render ``count`` pictures of people under drones, `_PER_FLIGHT` of each flight; else as `write_scene_images`.
 
     ``settings.frames`` does not matter.
@@ -89,7 +90,7 @@ def _varied_picture(size: tuple[int, int], seed: int, folder: Path, numbers: ran
     return labels
 
 
-def _drone_pictures(settings: DroneSettings, seed: int, folder: Path, numbers: range) -> list[Labels]:
+def _drone_pictures(settings: DroneSceneSettings, seed: int, folder: Path, numbers: range) -> list[Labels]:
     flight = plan_flight(settings, seed + numbers.start)
     labels = []
     for number in numbers:

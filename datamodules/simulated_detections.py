@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
+from tsuiseki.tracking.types.labels import GroundTruth
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
-from tsuiseki.tracking.formats.okutama import ActionLabels, actions_of, write_okutama
+from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
+from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.okutama import actions_of, write_okutama
+from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -66,7 +68,8 @@ def _write_acting_clip(folder: Path, seed: int, frames: int = 22, people: int = 
     at, ids, boxes, hidden = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2:6], table[:, 6] > 0
     none = np.zeros(len(table), dtype=np.bool_)
     actions = actions_of([(names[does[k - 1]],) for k in ids.tolist()])
-    write_okutama(folder / "gt/actions.txt", ActionLabels(at, ids, boxes, none, hidden, none, actions), (width, height))
+    labels = ActionLabels(at, ids, boxes, none, hidden, none, actions, OKUTAMA_ACTIONS)
+    write_okutama(folder / "gt/actions.txt", labels, (width, height))
     write_ground_truth(folder / "gt/gt.txt", GroundTruth(at, ids, boxes, ~none, none, np.ones(len(table))))
     write_sequence_info(folder, folder.name, 30.0, frames, width, height)
 

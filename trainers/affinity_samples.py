@@ -18,10 +18,11 @@ from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
 from tsuiseki.tracking.association.repricing import action_distances
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks import Appearance, Detector, stream
-from tsuiseki.tracking.formats.mot import GroundTruth, read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
+from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, IntArray
+from tsuiseki.tracking.types.labels import GroundTruth
 
 NOBODY = -1
 RIGHT_OVERLAP = 0.5

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.plots import COLOURS
 from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, recall
 from tsuiseki.tracking.formats.mot import find_sequences, read_ground_truth
 from tsuiseki.tracking.formats.single import find_single_sequences
 from tsuiseki.tracking.geometry import clip_boxes
+from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video import read_image
 from tsuiseki.trainers.objectness import LabelledImage

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.formats.okutama import ActionLabels
+from tsuiseki.tracking.types.labels import ActionLabels
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from tsuiseki.tracking.association.affinity import FEATURE_SETS
 from tsuiseki.tracking.association.stabilised import move_boxes
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.observations import Observation
-from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.trackers.drone import DroneTracker
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.affinity import BoostingSettings
 from tsuiseki.trainers.affinity_drone import DroneClip, fit_drone_affinity, labelled_clip
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSettings
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
 from tsuiseki.models.backbones import build_trunk
@@ -28,7 +28,7 @@ TINY = ["--trainer.accelerator=cpu", "--trainer.max_epochs=1", "--trainer.limit_
 
 @pytest.mark.slow
 def test_ssd512_trains_on_okutamas_layout(tmp_path):
-    settings = DroneSettings(width=320, height=180, frames=4, people=3, clutter=0)
+    settings = DroneSceneSettings(width=320, height=180, frames=4, people=3, clutter=0)
     folder = write_drone(tmp_path / "okutama", settings, seed=0, layout="okutama")
     sources = f"[{{folder: {folder}}}]"
     words = ["--config", str(CONFIGS / "detector_okutama.yaml"), "--out", str(tmp_path / "out"), *TINY]
@@ -115,7 +115,7 @@ def test_a_detector_starts_from_what_fits_of_another(tmp_path):
 
 
 def test_broken_labels_are_one_line_on_the_command_line(tmp_path, capsys):
-    settings = DroneSettings(width=160, height=90, frames=2, people=2, clutter=0)
+    settings = DroneSceneSettings(width=160, height=90, frames=2, people=2, clutter=0)
     folder = write_drone(tmp_path / "okutama", settings, seed=0, layout="okutama")
     labels = folder / "Labels" / "SingleActionTrackingLabels" / "3840x2160" / "1.1.1.txt"
     text = labels.read_text()

@@ -13,8 +13,9 @@ from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity
 from tsuiseki.tracking.association.costs import PairFeatures
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.formats.mot import GroundTruth, read_sequence, write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import read_sequence, write_ground_truth, write_sequence_info
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.affinity import BoostingSettings, fit_affinity, fit_observation, fit_transition
 from tsuiseki.trainers.affinity_samples import (
     NOBODY,

@@ -10,13 +10,14 @@ from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.cli.interrupt import graceful_interrupt, report_partial
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RunError
-from tsuiseki.tracking.formats.states import BodyTrack, write_states
+from tsuiseki.tracking.formats.states import write_states
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
 from tsuiseki.tracking.output import RunRecord
 from tsuiseki.tracking.report.bodies import write_contours
 from tsuiseki.tracking.report.state_plots import plot_states
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.deformable import DeformableTracker
+from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video import Source
 
 STATES_FILE = "states.csv"

@@ -12,9 +12,9 @@ from tsuiseki.tracking.errors import RequestError
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.people_run import Inputs, Method, PeopleRun
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
-    from tsuiseki.tracking.formats.mot import GroundTruth
     from tsuiseki.tracking.timing import StageTimes
     from tsuiseki.tracking.trackers.base import PeopleTracker
+    from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.video import Source
 
 # What each method is called in table and report; the tracks of the last one are drawn.

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.cli.drone_models import DroneModels
     from tsuiseki.tracking.cli.drone_run import DroneRun
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
-    from tsuiseki.tracking.formats.mot import GroundTruth
     from tsuiseki.tracking.timing import StageTimes
+    from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.video import Source
 
 METHODS: Mapping[Literal["flow", "flow-saf", "flow-maf"], str] = {
@@ -39,7 +39,7 @@ class _Demo:
 
 def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bool) -> None:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
-    from tsuiseki.datamodules.scenes.drone.clip import DroneSettings as SceneSettings
+    from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
     from tsuiseki.datamodules.scenes.drone.files import write_drone
     from tsuiseki.tracking.cli.drone_models import DroneModels, prices_of
     from tsuiseki.tracking.cli.drone_run import run_drone
@@ -55,7 +55,7 @@ def demo_drone(out: Path, frames: int, seed: int, threads: int, *, overwrite: bo
     times = StageTimes()
     with output_folder(out, overwrite) as work:
         with times.measure("generate the clip"):
-            scene = SceneSettings(frames=frames)
+            scene = DroneSceneSettings(frames=frames)
             clip = write_drone(
                 work / CLIP_FOLDER, scene, seed, watch=lambda drawn: progress(drawn, "generating", frames)
             )

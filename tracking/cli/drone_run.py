@@ -11,7 +11,7 @@ from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.video_observations import video_observations
-from tsuiseki.tracking.formats.acting_tracks import ActingTrack, write_acting_tracks
+from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.output import RunRecord
 from tsuiseki.tracking.report.actions import ActionReport, action_page, captions_of
@@ -20,6 +20,7 @@ from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.trackers.given import as_detections
 from tsuiseki.tracking.trackers.run import FrameLog, shifted
+from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video import Source
 
 TRACKS_FILE, ACTING_FILE, REPORT_FILE, OVERLAY_FILE = "tracks.txt", "tracks.json", "report.html", "overlay.webm"

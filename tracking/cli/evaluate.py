@@ -45,10 +45,10 @@ def people(
     """
     from tsuiseki.tracking.evaluation.multi import evaluate_people
     from tsuiseki.tracking.evaluation.pairs import match_results
-    from tsuiseki.tracking.evaluation.plots import save_comparison
     from tsuiseki.tracking.evaluation.table import people_table, people_values, show
     from tsuiseki.tracking.evaluation.truths import read_truths
     from tsuiseki.tracking.output import check_output_file, is_partial, output_file
+    from tsuiseki.tracking.report.plots import save_comparison
 
     shown = _result_names(results, names)
     for path in (json, plot):

@@ -35,11 +35,11 @@ def single(
         plot: write the curves to this file (PNG, SVG or PDF).
         overwrite: replace existing files.
     """
-    from tsuiseki.tracking.evaluation.single_plots import save_curves
     from tsuiseki.tracking.evaluation.single_table import compare, single_table, single_values
     from tsuiseki.tracking.evaluation.table import show
     from tsuiseki.tracking.formats.single import find_single_sequences
     from tsuiseki.tracking.output import check_output_file, output_file
+    from tsuiseki.tracking.report.single_plots import save_curves
 
     shown = _result_names(results, names)
     for path in (json, plot):

@@ -107,11 +107,11 @@ def drone(
         seed: of all random numbers; the same seed makes the same clip.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.drone.clip import DroneSettings
+    from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
     from tsuiseki.datamodules.scenes.drone.files import write_drone
     from tsuiseki.tracking.cli.progress import progress
 
-    settings = DroneSettings(
+    settings = DroneSceneSettings(
         width=width,
         height=height,
         frames=frames,

@@ -13,18 +13,19 @@ import numpy as np
 from tsuiseki.tracking.cameras.files import PlacedCamera
 from tsuiseki.tracking.cli.people_run import plain
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.evaluation.plots import inline_svg
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
-from tsuiseki.tracking.evaluation.space_plots import deviation_figure, path_figure
-from tsuiseki.tracking.formats.track3d import Path3D, write_track3d
+from tsuiseki.tracking.formats.track3d import write_track3d
 from tsuiseki.tracking.output import RunRecord
 from tsuiseki.tracking.report.overlay import without_flicker
 from tsuiseki.tracking.report.page import PAGE, STYLE
+from tsuiseki.tracking.report.plots import inline_svg
+from tsuiseki.tracking.report.space_plots import deviation_figure, path_figure
 from tsuiseki.tracking.report.sphere import draw_sphere
 from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.sphere_run import SphereLog
 from tsuiseki.tracking.types import STATUSES, ImageArray, Position
+from tsuiseki.tracking.types.tracks import Path3D
 from tsuiseki.tracking.video import Source
 
 TRAIL_MOMENTS = 30

@@ -275,7 +275,7 @@ def _write(folder: Path, estimates: list[Estimate], plot: bool) -> None:
 
     write_boxes(folder / BOXES_FILE, np.array([e.box for e in estimates]))
     if plot:
-        from tsuiseki.tracking.evaluation.single_plots import save_peaks
+        from tsuiseki.tracking.report.single_plots import save_peaks
 
         save_peaks(estimates, folder / PEAKS_FILE)
 

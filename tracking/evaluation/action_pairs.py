@@ -12,16 +12,10 @@ from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
 from tsuiseki.tracking.evaluation.pairs import result_file
-from tsuiseki.tracking.formats.acting_tracks import ActingTrack, read_acting_tracks
+from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.drone_action import drone_action_labels, find_drone_action, has_drone_action_layout
-from tsuiseki.tracking.formats.mot import GroundTruth, find_sequences
-from tsuiseki.tracking.formats.okutama import (
-    ActionLabels,
-    Protocol,
-    counted_from,
-    okutama_truth,
-    read_okutama,
-)
+from tsuiseki.tracking.formats.mot import find_sequences
+from tsuiseki.tracking.formats.okutama import Protocol, counted_from, okutama_truth, read_okutama
 from tsuiseki.tracking.formats.okutama_folders import (
     EXTRACTED_SIZE,
     clip_labelled_by,
@@ -33,6 +27,8 @@ from tsuiseki.tracking.formats.okutama_folders import (
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
+from tsuiseki.tracking.types.tracks import ActingTrack
 
 PLACES, SINGLE_PLACES = ("{name}/tracks.json", "{name}.json"), ("tracks.json",)
 

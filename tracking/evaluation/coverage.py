@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import IntArray, Track
+from tsuiseki.tracking.types.labels import GroundTruth
 
 MATCH_OVERLAP = 0.5
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.geometry import areas, intersections, iou_pairs
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
+from tsuiseki.tracking.types.labels import GroundTruth
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.formats.track3d import Path3D
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.tracks import Path3D
 
 
 @dataclass(frozen=True)

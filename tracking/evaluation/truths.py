@@ -11,8 +11,8 @@ from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone_action import find_drone_action, has_drone_action_layout, read_drone_action_boxes
-from tsuiseki.tracking.formats.mot import GroundTruth, find_sequences, list_images, read_ground_truth, read_sequence
-from tsuiseki.tracking.formats.okutama import ActionLabels, Protocol, counted_from, okutama_truth
+from tsuiseki.tracking.formats.mot import find_sequences, list_images, read_ground_truth, read_sequence
+from tsuiseki.tracking.formats.okutama import Protocol, counted_from, okutama_truth
 from tsuiseki.tracking.formats.okutama_folders import (
     OkutamaVideo,
     clip_labelled_by,
@@ -24,6 +24,7 @@ from tsuiseki.tracking.formats.okutama_folders import (
 )
 from tsuiseki.tracking.formats.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
+from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,26 +17,11 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
-from tsuiseki.tracking.types import FloatArray, Track
+from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.tracks import ActingTrack
 
 VERSION = 1
 ONE_BASED = np.array([1.0, 1.0, 0.0, 0.0])
-
-
-@dataclass(frozen=True)
-class ActingTrack:
-    """A person and what they do.
-
-    Attributes:
-        track: who is where.
-        single: ``(T, A)`` probabilities of single frames, of filled frames in proportion to the detections on both
-            sides. None without action features.
-        multi: ``(T, A)`` means over the window around each frame.
-    """
-
-    track: Track
-    single: FloatArray | None = None
-    multi: FloatArray | None = None
 
 
 def write_acting_tracks(path: Path, people: Sequence[ActingTrack], names: Sequence[str]) -> None:

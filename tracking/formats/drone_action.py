@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import GroundTruth, is_sequence, list_images
-from tsuiseki.tracking.formats.okutama import ActionLabels, actions_of
+from tsuiseki.tracking.formats.mot import is_sequence, list_images
+from tsuiseki.tracking.formats.okutama import actions_of
 from tsuiseki.tracking.geometry import corners_from_xywh
+from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 DRONE_ACTION_CLASSES = (
     "clapping",

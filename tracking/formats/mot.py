@@ -26,6 +26,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.labels import GroundTruth
 
 PEDESTRIAN = 1
 DISTRACTORS = (2, 7, 8, 12)
@@ -64,45 +65,6 @@ class Sequence:
     def detections_path(self) -> Path:
         """``det/det.txt``, whether it exists or not."""
         return self.folder / "det" / "det.txt"
-
-
-@dataclass(frozen=True)
-class GroundTruth:
-    """Labelled boxes of a sequence, ordered by frame.
-
-    Attributes:
-        frames: ``(N,)`` 0-based.
-        ids: ``(N,)`` one number a person.
-        boxes: ``(N, 4)`` pixels.
-        evaluated: ``(N,)`` pedestrians that count.
-        ignored: ``(N,)`` boxes on which a result is neither right nor wrong.
-        visibility: ``(N,)`` visible share in [0, 1]; 1 where the file does not say.
-    """
-
-    frames: IntArray
-    ids: IntArray
-    boxes: FloatArray
-    evaluated: BoolArray
-    ignored: BoolArray
-    visibility: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def select(self, which: BoolArray | IntArray) -> GroundTruth:
-        """The rows at a mask or at indices."""
-        return GroundTruth(
-            self.frames[which],
-            self.ids[which],
-            self.boxes[which],
-            self.evaluated[which],
-            self.ignored[which],
-            self.visibility[which],
-        )
-
-    def between(self, first: int, last: int) -> GroundTruth:
-        """The rows of the 0-based frames ``first`` to ``last``, both included; frames keep their numbers."""
-        return self.select((self.frames >= first) & (self.frames <= last))
 
 
 def read_sequence(folder: str | Path) -> Sequence:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -18,10 +18,10 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.geometry import areas, clip_boxes
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 LABEL_SIZE = (3840, 2160)
 # Where such labels lie in a MOTChallenge sequence.
@@ -31,47 +31,6 @@ Protocol = Literal["published", "lenient"]
 FILE_NAMES = {"Handshaking": "Hand Shaking"}
 _SPELLINGS = {name.replace(" ", "").lower(): name for name in OKUTAMA_ACTIONS}
 _ROW = re.compile(r"(\d+(?: -?\d+(?:\.\d+)?){4} \d+ [01] [01] [01])((?: \"[^\"]*\")*)\s*")
-
-
-@dataclass(frozen=True)
-class ActionLabels:
-    """The rows of a label file, in its order.
-
-    Attributes:
-        frames: ``(N,)`` 0-based.
-        ids: ``(N,)`` one number a person.
-        boxes: ``(N, 4)`` pixels of the frames, cut off at their borders; of lost rows it may be anything with an area.
-        lost: ``(N,)`` the person is out of view.
-        occluded: ``(N,)`` the person is hidden.
-        generated: ``(N,)`` the box was interpolated.
-        actions: ``(N, C)`` what each is doing.
-        class_names: of the C actions.
-    """
-
-    frames: IntArray
-    ids: IntArray
-    boxes: FloatArray
-    lost: BoolArray
-    occluded: BoolArray
-    generated: BoolArray
-    actions: BoolArray
-    class_names: tuple[str, ...] = OKUTAMA_ACTIONS
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def select(self, which: BoolArray | IntArray) -> ActionLabels:
-        """The rows at a mask or at indices."""
-        return ActionLabels(
-            self.frames[which],
-            self.ids[which],
-            self.boxes[which],
-            self.lost[which],
-            self.occluded[which],
-            self.generated[which],
-            self.actions[which],
-            self.class_names,
-        )
 
 
 def read_okutama(

@@ -15,7 +15,8 @@ import cv2
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot import Sequence, is_sequence, list_images, read_sequence
-from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, LABEL_SIZE, ActionLabels, read_okutama
+from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, LABEL_SIZE, read_okutama
+from tsuiseki.tracking.types.labels import ActionLabels
 
 LABEL_FOLDERS = ("SingleActionTrackingLabels", "MultiActionLabels")
 # Of the frames that come with the data.

@@ -7,59 +7,15 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import STATUSES, BoolArray, FloatArray, IntArray, Status
+from tsuiseki.tracking.types import STATUSES, Status
+from tsuiseki.tracking.types.tracks import BodyTrack
 
 LAST_COLUMNS = ("score", "status")
-
-
-@dataclass(frozen=True)
-class BodyTrack:
-    """The states of one body through a video.
-
-    Attributes:
-        id: positive and unique within a file.
-        frames: ``(T,)`` strictly increasing 0-based frame numbers.
-        states: ``(T, D)``.
-        scores: ``(T,)`` how sure the tracker is; 1 where states are exact.
-        statuses: ``T`` of them.
-    """
-
-    id: int
-    frames: IntArray
-    states: FloatArray
-    scores: FloatArray
-    statuses: tuple[Status, ...]
-
-    def __post_init__(self) -> None:
-        lengths = {len(self.frames), len(self.states), len(self.scores), len(self.statuses)}
-        if self.id < 1 or len(lengths) != 1 or np.any(np.diff(self.frames) <= 0):
-            raise ValueError("expected a positive id, increasing frames and arrays of one length")
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    @property
-    def tracking(self) -> BoolArray:
-        """``(T,)`` frames whose status is ``tracking``."""
-        return np.array([status == "tracking" for status in self.statuses], dtype=np.bool_)
-
-    def stretches(self) -> list[FloatArray]:
-        """States ``(T_i, D)`` of the stretches of consecutive frames whose status is ``tracking``."""
-        good = np.flatnonzero(self.tracking)
-        breaks = np.flatnonzero(np.diff(self.frames[good]) != 1) + 1
-        return [self.states[part] for part in np.split(good, breaks.tolist()) if len(part)]
-
-
-def exact_track(identity: int, frames: IntArray, states: FloatArray) -> BodyTrack:
-    """A track of known states ``(T, D)``."""
-    tracking: Status = "tracking"
-    return BodyTrack(identity, frames, states, np.ones(len(frames)), (tracking,) * len(frames))
 
 
 def write_states(path: Path, tracks: Iterable[BodyTrack], fields: Sequence[str]) -> None:

@@ -5,29 +5,16 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import FloatArray, Position
+from tsuiseki.tracking.types import Position
+from tsuiseki.tracking.types.tracks import Path3D
 
 COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
 HEADER = ("time", "x", "y", "z", *COVARIANCE, "score", "status")
-
-
-@dataclass(frozen=True)
-class Path3D:
-    """A path in space.
-
-    Attributes:
-        times: ``(T,)`` seconds.
-        points: ``(T, 3)`` metres.
-    """
-
-    times: FloatArray
-    points: FloatArray
 
 
 def write_track3d(path: Path, positions: Sequence[Position]) -> None:

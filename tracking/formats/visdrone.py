@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import GroundTruth, list_images
+from tsuiseki.tracking.formats.mot import list_images
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types.labels import GroundTruth
 
 IGNORED_REGION, PEDESTRIAN, PEOPLE, MOST = 0, 1, 2, 11
 VISIBLE = np.array([1.0, 0.75, 0.25])

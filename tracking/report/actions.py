@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
-from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.report.overlay import track_colour
 from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, frame_ticks, seconds_table
+from tsuiseki.tracking.types.tracks import ActingTrack
 
 ROW, LEFT, WIDTH = 15, 150, 750
 MOST_NAMED = 3

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.formats.states import BodyTrack
 from tsuiseki.tracking.likelihoods.contour import Points
 from tsuiseki.tracking.report.overlay import Colour, draw_label, track_colour, without_flicker
 from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import Frame, ImageArray
+from tsuiseki.tracking.types.tracks import BodyTrack
 
 # Fractions of a pixel that OpenCV draws with, in bits.
 SHIFT = 4

@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.formats.states import BodyTrack
 from tsuiseki.tracking.report.overlay import track_colour
+from tsuiseki.tracking.types.tracks import BodyTrack
 
 PIXEL_COLUMNS = 2
 

@@ -19,7 +19,6 @@ from tsuiseki.tracking.filters.base import Proposal, bootstrap, each_frame
 from tsuiseki.tracking.filters.body_motion import BodyMotion, draw
 from tsuiseki.tracking.filters.particle import AdaptiveNumber, ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.weights import weighted_mean
-from tsuiseki.tracking.formats.states import BodyTrack
 from tsuiseki.tracking.likelihoods.contour import (
     FARTHEST,
     BodyView,
@@ -31,6 +30,7 @@ from tsuiseki.tracking.likelihoods.contour import (
 )
 from tsuiseki.tracking.trackers.body_starts import find_starts, near_mask, visible_distance, within_limits
 from tsuiseki.tracking.types import FloatArray, Frame, Status
+from tsuiseki.tracking.types.tracks import BodyTrack
 
 MOSTLY = 0.8
 """A body of which a greater share is hidden is not seen."""

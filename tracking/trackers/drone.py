@@ -24,9 +24,9 @@ from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
 from tsuiseki.tracking.association.interpolation import GapSettings, SmoothingSettings
 from tsuiseki.tracking.association.rows import DetectionRows, join_rows, no_rows, rows_of
 from tsuiseki.tracking.association.stabilised import SummedMotion
-from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.trackers.flow import finished_tracks
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.tracks import ActingTrack
 
 # Of scores that nothing was learnt about: 0.5 is as good as even, and ten good detections are worth a track's ends.
 HAND_SET_OBSERVATION = ObservationCost(alpha=4.4, beta=-8.8, b=-0.5)

@@ -9,8 +9,9 @@ import cv2
 
 from tsuiseki.datamodules.scenes.ball.carried import BallSettings, backgrounds, film, make_scene
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
-from tsuiseki.tracking.formats.track3d import Path3D, write_path3d
+from tsuiseki.tracking.formats.track3d import write_path3d
 from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.types.tracks import Path3D
 
 QUALITY = 95
 

@@ -41,7 +41,7 @@ LONGEST_SMEAR = 24
 
 
 @dataclass(frozen=True)
-class DroneSettings:
+class DroneSceneSettings:
     """A clip from a drone.
 
     Attributes:
@@ -106,7 +106,7 @@ class DroneSettings:
 class Flight:
     """A planned clip, of which every frame can be drawn on its own."""
 
-    settings: DroneSettings
+    settings: DroneSceneSettings
     seed: int
     cameras: list[PinholeCamera]
     light: Light
@@ -125,7 +125,7 @@ class DroneTruth:
     actions: list[tuple[str, ...]]
 
 
-def plan_flight(settings: DroneSettings, seed: int) -> Flight:
+def plan_flight(settings: DroneSceneSettings, seed: int) -> Flight:
     """The way of the camera, the ground and what everybody does, as ``seed`` has it."""
     rng = np.random.default_rng([seed, 7])
     view = _viewpoint(rng, settings)
@@ -147,7 +147,7 @@ def plan_flight(settings: DroneSettings, seed: int) -> Flight:
     return Flight(settings, seed, cameras, light, ground, gathering, static, colours, noise)
 
 
-def _viewpoint(rng: np.random.Generator, settings: DroneSettings) -> Viewpoint:
+def _viewpoint(rng: np.random.Generator, settings: DroneSceneSettings) -> Viewpoint:
     altitude = float(np.exp(rng.uniform(*np.log(settings.altitude))))
     tilt = min(float(np.radians(rng.uniform(*settings.tilt))), STEEPEST)
     # Near the ground a wider lens keeps everybody in view.
@@ -156,7 +156,7 @@ def _viewpoint(rng: np.random.Generator, settings: DroneSettings) -> Viewpoint:
     return Viewpoint(altitude, tilt, math.pi / 2, focal * settings.width)
 
 
-def _arena(settings: DroneSettings, view: Viewpoint) -> FloatArray:
+def _arena(settings: DroneSceneSettings, view: Viewpoint) -> FloatArray:
     """Centre and half axes of the ellipse that people act in: the middle of the view."""
     distance = view.altitude / math.sin(view.tilt)
     across = 0.36 * distance * settings.width / view.focal
@@ -217,7 +217,7 @@ def _held(performer: Performer, moment: Moment) -> list[Thing]:
     return [Thing(standing_prop(prop, moment.position + AHEAD[prop.kind] * forward, moment.heading, lift))]
 
 
-def _truth(sightings: list[Sighting | None], moments: list[Moment], settings: DroneSettings) -> DroneTruth:
+def _truth(sightings: list[Sighting | None], moments: list[Moment], settings: DroneSceneSettings) -> DroneTruth:
     found = [(i, s) for i, s in enumerate(sightings) if s is not None and s.visibility > 0]
     whole = np.array([s.box for _, s in found], dtype=np.float64).reshape(-1, 4)
     boxes = clip_boxes(whole, settings.width, settings.height)

@@ -9,12 +9,14 @@ from typing import Literal, TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSettings, DroneTruth, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, DroneTruth, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.street.street import as_ground_truth
+from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
-from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, ActionLabels, actions_of, write_okutama
+from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, actions_of, write_okutama
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.types.labels import ActionLabels
 
 Drawn: TypeAlias = tuple[ImageArray, DroneTruth]
 Layout = Literal["mot", "okutama"]
@@ -24,7 +26,7 @@ OKUTAMA_LABELS = "Labels/SingleActionTrackingLabels/3840x2160"
 OCCLUDED = 0.4
 
 
-def drone_frames(settings: DroneSettings, seed: int) -> Iterator[Drawn]:
+def drone_frames(settings: DroneSceneSettings, seed: int) -> Iterator[Drawn]:
     """The frames of a clip as ``(H, W, 3)`` uint8 RGB images, before JPEG, and what they show."""
     flight = plan_flight(settings, seed)
     for frame in range(settings.frames):
@@ -33,7 +35,7 @@ def drone_frames(settings: DroneSettings, seed: int) -> Iterator[Drawn]:
 
 def write_drone(
     folder: str | Path,
-    settings: DroneSettings,
+    settings: DroneSceneSettings,
     seed: int,
     overwrite: bool = False,
     name: str = "",
@@ -74,12 +76,14 @@ def write_drone(
     return folder
 
 
-def _write_labels(work: Path, settings: DroneSettings, truths: list[DroneTruth], name: str, layout: Layout) -> None:
+def _write_labels(
+    work: Path, settings: DroneSceneSettings, truths: list[DroneTruth], name: str, layout: Layout
+) -> None:
     size = settings.width, settings.height
     rows = as_ground_truth([t.people for t in truths])
     hidden, none = rows.visibility < OCCLUDED, np.zeros(len(rows), dtype=np.bool_)
     actions = actions_of([names for t in truths for names in t.actions])
-    labels = ActionLabels(rows.frames, rows.ids, rows.boxes, none, hidden, none, actions)
+    labels = ActionLabels(rows.frames, rows.ids, rows.boxes, none, hidden, none, actions, OKUTAMA_ACTIONS)
     if layout == "okutama":
         write_okutama(work / OKUTAMA_LABELS / f"{name}.txt", labels, size)
         return

@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types.labels import GroundTruth
 
 HUES = {"red": 0.0, "orange": 28.0, "yellow": 55.0, "green": 120.0, "cyan": 182.0, "blue": 230.0, "magenta": 300.0}
 # Browns, greys, dull greens: hue in degrees, saturation, value.

@@ -30,9 +30,10 @@ from tsuiseki.datamodules.scenes.street.staging import (
 from tsuiseki.datamodules.scenes.street.walkers import CrowdSettings, Walker, crowd
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import GroundTruth, write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types.labels import GroundTruth
 
 CAMERAS = 300
 # Share of the image in which people have a wanted size, at least.

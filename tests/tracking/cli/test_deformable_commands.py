@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.formats.states import exact_track, read_states, write_states
+from tsuiseki.tracking.formats.states import read_states, write_states
+from tsuiseki.tracking.types.tracks import exact_track
 
 FIELDS = ("a", "b", "theta", "phi")
 COLOUR = ["--colour", "10-42,0.42-1,0.6-1"]

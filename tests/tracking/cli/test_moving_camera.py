@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSettings
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks, write_detections
@@ -15,7 +15,7 @@ from tsuiseki.tracking.types import Detections
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
     """Twenty frames with the labelled boxes as detections."""
-    settings = DroneSettings(width=320, height=180, frames=20, people=4, clutter=0, camera="violent")
+    settings = DroneSceneSettings(width=320, height=180, frames=20, people=4, clutter=0, camera="violent")
     folder = write_drone(tmp_path_factory.mktemp("moving") / "clip", settings, seed=3)
     truth = read_ground_truth(folder / "gt" / "gt.txt")
     frames = [truth.between(k, k).boxes for k in range(20)]

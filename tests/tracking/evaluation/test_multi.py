@@ -15,9 +15,10 @@ from tsuiseki.tracking.evaluation.multi import (
     evaluate_sequence,
     restrict,
 )
-from tsuiseki.tracking.formats.mot import GroundTruth, read_ground_truth, read_tracks
+from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.labels import GroundTruth
 
 
 def walk(identity: int, frames: range, x: float, y: float = 0.0) -> Track:

@@ -10,8 +10,9 @@ from tsuiseki.tracking.evaluation.space import (
     distance_to_path,
     distance_to_position,
 )
-from tsuiseki.tracking.formats.track3d import Path3D, read_path3d, write_track3d
+from tsuiseki.tracking.formats.track3d import read_path3d, write_track3d
 from tsuiseki.tracking.types import Position
+from tsuiseki.tracking.types.tracks import Path3D
 
 
 def test_distance_to_the_path_forgives_being_late_and_distance_to_the_position_does_not():

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.drone.flight import ground_homography
 from tsuiseki.datamodules.scenes.drone.flow_pairs import random_flow_pair
 from tsuiseki.tracking.association.costs import ObservationCost
@@ -21,7 +21,9 @@ IDENTITY = np.eye(3)[:2]
 
 @pytest.fixture(scope="module")
 def flight():
-    return plan_flight(DroneSettings(width=640, height=360, frames=16, people=3, clutter=1, camera="violent"), seed=2)
+    return plan_flight(
+        DroneSceneSettings(width=640, height=360, frames=16, people=3, clutter=1, camera="violent"), seed=2
+    )
 
 
 @pytest.fixture(scope="module")

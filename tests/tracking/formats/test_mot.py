@@ -8,7 +8,6 @@ import pytest
 from tsuiseki.datamodules.readers.mot import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import (
-    GroundTruth,
     find_sequences,
     read_detections,
     read_ground_truth,
@@ -20,6 +19,7 @@ from tsuiseki.tracking.formats.mot import (
     write_tracks,
 )
 from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.labels import GroundTruth
 
 MOT15_ROW = "1,3,11,21,30,40,1,-1,-1,-1"
 MOT16_ROW = "1,3,11,21,30,40,1,1,0.25"

@@ -12,9 +12,9 @@ import pytest
 
 from tsuiseki.tracking.evaluation.coverage import coverage, spans
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
-from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.report.page import Report, ReportedMethod, report_page
 from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.labels import GroundTruth
 
 NASTY = "<script>alert('x')</script> & \"q\" $a$ {b}"
 LENGTH = 20

@@ -18,9 +18,16 @@ from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.trackers.bridging import FILTER, BridgingSettings
 from tsuiseki.trainers.experiments.drone.clips import Clip, Networks
-from tsuiseki.trainers.experiments.drone.rows import Costs, Method, mean_rows, people_row, people_scores, track_all
+from tsuiseki.trainers.experiments.drone.rows import (
+    ComparedMethod,
+    Costs,
+    mean_rows,
+    people_row,
+    people_scores,
+    track_all,
+)
 
-METHODS: tuple[Method, ...] = ("flow", "flow-maf, one-sided")
+METHODS: tuple[ComparedMethod, ...] = ("flow", "flow-maf, one-sided")
 
 
 def ablation(

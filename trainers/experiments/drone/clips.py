@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSettings as SceneSettings
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.evaluation.action_pairs import LabelledActions, read_labelled_actions
@@ -22,7 +22,6 @@ from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observation, Observers
 from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.formats.mot import (
-    GroundTruth,
     read_detections,
     read_ground_truth,
     read_sequence,
@@ -32,13 +31,14 @@ from tsuiseki.tracking.formats.mot import (
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.trackers.given import as_detections
 from tsuiseki.tracking.types import IntArray
+from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.store import Store, code_version
 
 # Fixed on clips of other seeds, before anything was compared: violent motion, people dressed alike, and a detector that
 # misses two in five. There the flow alone switches more than twice in a hundred frames.
-TEST_SCENE = SceneSettings(frames=300, camera="violent", people=9, look_alikes=0.5)
+TEST_SCENE = DroneSceneSettings(frames=300, camera="violent", people=9, look_alikes=0.5)
 # The second set, to which everything learnt is carried over: few people from low and calm, as in Drone-Action.
-SECOND_SCENE = SceneSettings(frames=200, camera="calm", people=4, altitude=(10.0, 16.0), look_alikes=0.5)
+SECOND_SCENE = DroneSceneSettings(frames=200, camera="calm", people=4, altitude=(10.0, 16.0), look_alikes=0.5)
 FAULTS = DetectorFaults(jitter=0.07, missed=0.35, hidden=0.8, false_alarms=0.6)
 FIRST_SEED, SECOND_SEED = 3000, 9000
 
@@ -79,7 +79,7 @@ class Clip:
     given_labels: IntArray
 
 
-ClipPlan: TypeAlias = tuple[str, SceneSettings, int]
+ClipPlan: TypeAlias = tuple[str, DroneSceneSettings, int]
 
 
 def prepare_clips(

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import Coverage, coverage
-from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.types import IntArray
+from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.trainers.experiments.drone.clips import Clip
 from tsuiseki.trainers.experiments.drone.strips import StripRow, strip
 

@@ -16,14 +16,14 @@ from tsuiseki.tracking.evaluation.action_pairs import action_rows, join_action_r
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_people
 from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
 from tsuiseki.tracking.features.observations import Observation
-from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.trackers.deepsort import DeepSort
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.trainers.experiments.drone.clips import Clip
 
-Method = Literal["deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided"]
-METHODS: tuple[Method, ...] = ("deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided")
+ComparedMethod = Literal["deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided"]
+METHODS: tuple[ComparedMethod, ...] = ("deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided")
 MOST_ITERATIONS = 10
 
 
@@ -49,7 +49,7 @@ class Costs:
         names = ("affinity_drone", "affinity_drone_saf", "affinity_drone_maf", "affinity_drone_sided")
         return cls(*(Affinity(folder / f"{name}.onnx", threads=1) for name in names))
 
-    def prices(self, method: Method) -> Prices:
+    def prices(self, method: ComparedMethod) -> Prices:
         """What a method pays."""
         if method == "flow":
             return Prices(self.flow.observation, self.flow)
@@ -58,7 +58,7 @@ class Costs:
 
 
 def tracker_for(
-    method: Method, seen: Sequence[Observation], costs: Costs, *, compensate: bool, iterations: int = 6
+    method: ComparedMethod, seen: Sequence[Observation], costs: Costs, *, compensate: bool, iterations: int = 6
 ) -> DroneTracker:
     """A drone tracker that has seen all observations."""
     settings = DroneSettings()
@@ -72,7 +72,9 @@ def tracker_for(
     return tracker
 
 
-def track_all(clips: Sequence[Clip], method: Method, costs: Costs, *, compensate: bool) -> list[list[ActingTrack]]:
+def track_all(
+    clips: Sequence[Clip], method: ComparedMethod, costs: Costs, *, compensate: bool
+) -> list[list[ActingTrack]]:
     """The people of every clip."""
     if method == "deepsort":
         return [[ActingTrack(track) for track in _deepsort(clip)] for clip in clips]
@@ -95,7 +97,7 @@ def people_scores(clips: Sequence[Clip], people: Sequence[Sequence[ActingTrack]]
 
 
 def by_iteration(
-    clips: Sequence[Clip], method: Method, costs: Costs, *, compensate: bool, count: int = MOST_ITERATIONS
+    clips: Sequence[Clip], method: ComparedMethod, costs: Costs, *, compensate: bool, count: int = MOST_ITERATIONS
 ) -> list[list[list[ActingTrack]]]:
     """The people of every clip after each of ``count`` iterations; where it stopped, the last ones stay."""
     found: list[list[list[ActingTrack]]] = [[] for _ in range(count)]

@@ -10,11 +10,11 @@ import numpy as np
 
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.tracking.features.action_inputs import crop_squares
-from tsuiseki.tracking.formats.acting_tracks import ActingTrack
 from tsuiseki.tracking.formats.mot import list_images
 from tsuiseki.tracking.report.actions import captions_of
 from tsuiseki.tracking.report.overlay import Overlay, draw_label
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
+from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.trainers.experiments.drone.clips import Clip
 
 # Pixels of a cell, of the bands above the rows and below them, and of the lines between the cells.

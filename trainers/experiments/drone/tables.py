@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tsuiseki.trainers.experiments.drone.rows import Method
+from tsuiseki.trainers.experiments.drone.rows import ComparedMethod
 from tsuiseki.trainers.experiments.experiment import Table
 
 # Thesis Table 5.3: recall, precision, IDs, MOTA, MOTP; the names are those of the table's rows.
-PAPER_PEOPLE: dict[Method, tuple[float, float, int, float, float]] = {
+PAPER_PEOPLE: dict[ComparedMethod, tuple[float, float, int, float, float]] = {
     "deepsort": (29.10, 70.81, 584, 17.29, 32.85),
     "flow": (32.42, 73.93, 597, 21.43, 32.99),
     "flow-saf": (32.13, 74.10, 558, 21.20, 33.01),
     "flow-maf": (32.48, 74.24, 528, 21.57, 33.01),
 }
 # Table 5.4, the second data set.
-PAPER_SECOND: dict[Method, tuple[float, float, int, float, float]] = {
+PAPER_SECOND: dict[ComparedMethod, tuple[float, float, int, float, float]] = {
     "flow-saf": (89.68, 83.23, 47, 41.29, 33.98),
     "flow-maf": (89.68, 83.23, 43, 43.87, 33.98),
 }

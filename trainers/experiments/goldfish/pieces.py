@@ -15,12 +15,13 @@ from tsuiseki.datamodules.scenes.fish.goldfish import write_goldfish
 from tsuiseki.datamodules.scenes.fish.sets import GoldfishSets, planned_clips
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.filters.body_motion import RandomWalk
-from tsuiseki.tracking.formats.states import BodyTrack, read_states, write_states
+from tsuiseki.tracking.formats.states import read_states, write_states
 from tsuiseki.tracking.likelihoods.colour_region import ColourRange
 from tsuiseki.tracking.likelihoods.contour import Extraction
 from tsuiseki.tracking.trackers.body_starts import wide_noise
 from tsuiseki.tracking.trackers.deformable import DeformableSettings
 from tsuiseki.tracking.types import Status
+from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND, Arm, Learnt
 from tsuiseki.trainers.experiments.goldfish.runs import NEVER, Clip, follow_fish, prepare_clip
 from tsuiseki.trainers.experiments.store import Store

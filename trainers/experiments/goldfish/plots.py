@@ -11,11 +11,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tsuiseki.datamodules.scenes.fish.turns import sudden_turns
-from tsuiseki.tracking.evaluation.plots import COLOURS
 from tsuiseki.tracking.filters.body_motion import draw
 from tsuiseki.tracking.filters.resampling import systematic
 from tsuiseki.tracking.filters.weights import probabilities
 from tsuiseki.tracking.report.bodies import draw_contour
+from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video import open_source

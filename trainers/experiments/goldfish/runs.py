@@ -16,10 +16,11 @@ from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.filters.body_motion import BodyMotion
 from tsuiseki.tracking.filters.particle import AdaptiveNumber
 from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes
-from tsuiseki.tracking.formats.states import BodyTrack, read_states
+from tsuiseki.tracking.formats.states import read_states
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
 from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video import open_source
 
 # A fish that is not seen is not searched for anew: in the experiment it has failed before.

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from tsuiseki.datamodules.scenes.ball.carried import BallSettings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.plots import COLOURS
+from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.sphere.films import Configuration, FilmErrors, configurations, over_seeds, run_film
 

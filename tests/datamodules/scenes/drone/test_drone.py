@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.readers.okutama import okutama_sequences
-from tsuiseki.datamodules.scenes.drone.clip import DroneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.datamodules.scenes.drone.flight import MOTIONS, Viewpoint, fly, ground_homography
 from tsuiseki.datamodules.scenes.drone.gathering import gather
@@ -24,7 +24,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS, POSTURES
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_sequence
 
-SMALL = DroneSettings(width=320, height=180, frames=6, people=4, clutter=1)
+SMALL = DroneSceneSettings(width=320, height=180, frames=6, people=4, clutter=1)
 
 
 @pytest.fixture(scope="module")

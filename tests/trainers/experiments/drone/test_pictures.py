@@ -11,9 +11,9 @@ import pytest
 
 from tsuiseki.tracking.evaluation.action_pairs import LabelledActions
 from tsuiseki.tracking.features.observations import Observation
-from tsuiseki.tracking.formats.acting_tracks import ActingTrack
-from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.trainers.experiments.drone.clips import Clip
 from tsuiseki.trainers.experiments.drone.pictures import SHOWN, Picture, draw_pictures, draw_second
 from tsuiseki.trainers.experiments.drone.strips import BAND, CELL, LINE

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tsuiseki.tracking.cameras.files import PlacedCamera
-from tsuiseki.tracking.evaluation.plots import COLOURS
-from tsuiseki.tracking.formats.track3d import Path3D
+from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray, Position
+from tsuiseki.tracking.types.tracks import Path3D
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

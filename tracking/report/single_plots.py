@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsuiseki.tracking.evaluation.plots import COLOURS
 from tsuiseki.tracking.evaluation.single import DISTANCES, OVERLAPS, PRECISION_AT
 from tsuiseki.tracking.evaluation.single_table import MeanCurves
+from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import Estimate
 
 if TYPE_CHECKING:

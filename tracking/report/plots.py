@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
-from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.labels import GroundTruth
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

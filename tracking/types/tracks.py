@@ -1,0 +1,82 @@
+"""Tracks that say more than boxes: what a person does, how a body bends, where something is in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Status, Track
+
+
+@dataclass(frozen=True)
+class ActingTrack:
+    """A person and what they do.
+
+    Attributes:
+        track: who is where.
+        single: ``(T, A)`` probabilities of single frames, of filled frames in proportion to the detections on both
+            sides. None without action features.
+        multi: ``(T, A)`` means over the window around each frame.
+    """
+
+    track: Track
+    single: FloatArray | None = None
+    multi: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class BodyTrack:
+    """The states of one body through a video.
+
+    Attributes:
+        id: positive and unique within a file.
+        frames: ``(T,)`` strictly increasing 0-based frame numbers.
+        states: ``(T, D)``.
+        scores: ``(T,)`` how sure the tracker is; 1 where states are exact.
+        statuses: ``T`` of them.
+    """
+
+    id: int
+    frames: IntArray
+    states: FloatArray
+    scores: FloatArray
+    statuses: tuple[Status, ...]
+
+    def __post_init__(self) -> None:
+        lengths = {len(self.frames), len(self.states), len(self.scores), len(self.statuses)}
+        if self.id < 1 or len(lengths) != 1 or np.any(np.diff(self.frames) <= 0):
+            raise ValueError("expected a positive id, increasing frames and arrays of one length")
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def tracking(self) -> BoolArray:
+        """``(T,)`` frames whose status is ``tracking``."""
+        return np.array([status == "tracking" for status in self.statuses], dtype=np.bool_)
+
+    def stretches(self) -> list[FloatArray]:
+        """States ``(T_i, D)`` of the stretches of consecutive frames whose status is ``tracking``."""
+        good = np.flatnonzero(self.tracking)
+        breaks = np.flatnonzero(np.diff(self.frames[good]) != 1) + 1
+        return [self.states[part] for part in np.split(good, breaks.tolist()) if len(part)]
+
+
+def exact_track(identity: int, frames: IntArray, states: FloatArray) -> BodyTrack:
+    """A track of known states ``(T, D)``."""
+    tracking: Status = "tracking"
+    return BodyTrack(identity, frames, states, np.ones(len(frames)), (tracking,) * len(frames))
+
+
+@dataclass(frozen=True)
+class Path3D:
+    """A path in space.
+
+    Attributes:
+        times: ``(T,)`` seconds.
+        points: ``(T, 3)`` metres.
+    """
+
+    times: FloatArray
+    points: FloatArray
