@@ -1,6 +1,7 @@
 """Results on disk: written beside and renamed, so that the final name never holds half a result.
 
-A result folder says in ``run.json`` how it was made and which files belong to it.
+A result folder says in ``run.json`` how it was made and which files belong to it. While a run writes, it holds a lock
+on its folder: a second one is refused, and what a run that was killed has left behind is cleared by the next.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import platform
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path, PurePosixPath
@@ -19,37 +20,53 @@ from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 
+try:
+    import fcntl
+except ImportError:  # elsewhere than on Unix nothing is locked
+    fcntl = None  # type: ignore[assignment]
+
 RUN_FILE = "run.json"
+UNFINISHED = ".unfinished"
 VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime", "ortools")
 
 
 @contextmanager
 def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
-    """A working folder that becomes ``folder`` when the ``with`` block ends, and vanishes when it fails.
+    """A working folder whose files come to lie in ``folder`` when the ``with`` block ends, and vanish when it fails.
 
     An existing folder is kept. Files of the same name and sub-folders of the same name are replaced, and what an
     earlier run listed in its ``run.json`` and this one did not write is removed.
 
     Raises:
-        RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
+        RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, cannot be made, or another run
+            writes to it.
     """
     check_output_folder(folder, overwrite)
-    # Inside a folder that exists, beside one that does not: a rename must stay on one file system.
-    work = _working_folder(folder.name, folder if folder.is_dir() else folder.resolve().parent)
-    try:
+    with ExitStack() as stack:
+        # Of two runs at once, only one can make the folder and lock it.
+        made = not folder.exists()
+        if made:
+            stack.callback(_remove_if_empty, folder)
+        _make(folder)
+        _lock(folder, folder, stack)
+        check_output_folder(folder, overwrite)
+        for left in _unfinished(folder, folder.name):
+            shutil.rmtree(left, ignore_errors=True)
+        work = _working_folder(folder.name, folder)
+        stack.callback(shutil.rmtree, work, ignore_errors=True)
         yield work
         _publish(work, folder)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
 
 
 def check_output_folder(folder: Path, overwrite: bool) -> None:
     """Refuse a folder that results cannot go to; see `output_folder`."""
+    if str(folder) == "-":
+        raise RequestError("`out`: expected the name of a folder, got -; results are files, and are not printed")
     if folder.exists() and not folder.is_dir():
-        raise RequestError(f"expected --out to name a folder, but {folder} is a file; choose another name")
+        raise RequestError(f"`out`: expected the name of a folder, but {folder} is a file; choose another name")
     found = sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")) if folder.is_dir() else []
     if found and not overwrite:
-        raise RequestError(f"{folder} already holds {_some(found)}; choose another folder or add --overwrite")
+        raise RequestError(f"{folder} already holds {_some(found)}; choose another folder or add `overwrite`")
 
 
 @contextmanager
@@ -57,23 +74,32 @@ def output_file(path: Path, overwrite: bool) -> Iterator[Path]:
     """A working file beside ``path`` that takes its place when the ``with`` block ends, and vanishes when it fails.
 
     Raises:
-        RequestError: ``path`` is a folder, exists while ``overwrite`` is False, or cannot be made.
+        RequestError: ``path`` is a folder, exists while ``overwrite`` is False, cannot be made, or another run writes
+            it.
     """
     check_output_file(path, overwrite)
-    work = _working_folder(path.name, path.resolve().parent)
-    try:
+    with ExitStack() as stack:
+        parent = path.resolve().parent
+        _make(parent)
+        for left in _unfinished(parent, path.name):
+            with ExitStack() as probe:
+                _lock(left, path, probe)
+                shutil.rmtree(left, ignore_errors=True)
+        work = _working_folder(path.name, parent)
+        stack.callback(shutil.rmtree, work, ignore_errors=True)
+        _lock(work, path, stack)
         yield work / path.name
         (work / path.name).replace(path)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
 
 
 def check_output_file(path: Path, overwrite: bool) -> None:
     """Refuse a file that a result cannot go to; see `output_file`."""
+    if str(path) == "-":
+        raise RequestError("expected the name of a file to write, got -")
     if path.is_dir():
         raise RequestError(f"expected the name of a file to write, but {path} is a folder")
     if path.exists() and not overwrite:
-        raise RequestError(f"{path} already exists; choose another name or add --overwrite")
+        raise RequestError(f"{path} already exists; choose another name or add `overwrite`")
 
 
 @dataclass
@@ -86,7 +112,9 @@ class RunRecord:
         seed: of all random numbers.
         seconds: per stage.
         frames: one list a name, all as long as ``frame``: frame numbers counted from 1, counts and scores.
-        partial: the run was stopped before the end of its input.
+        partial: the run was stopped before the end of its input, or before all was written.
+        reason: why it is partial.
+        facts: what the run found out about its input, or chose by itself.
     """
 
     command: Sequence[str]
@@ -95,14 +123,18 @@ class RunRecord:
     seconds: Mapping[str, float] = field(default_factory=dict)
     frames: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     partial: bool = False
+    reason: str = ""
+    facts: Mapping[str, Any] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
         """Write ``run.json`` into ``folder``; call it last, for it lists the files there."""
         values = {
             "command": list(self.command),
             "partial": self.partial,
+            **({"reason": self.reason} if self.reason else {}),
             "seed": self.seed,
             "settings": self.settings,
+            **({"facts": self.facts} if self.facts else {}),
             "versions": versions(),
             "seconds": {stage: round(value, 4) for stage, value in self.seconds.items()},
             "files": sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()),
@@ -138,10 +170,43 @@ def versions() -> dict[str, str]:
     return found
 
 
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RequestError(f"cannot write to {folder}: {error.strerror}; choose another place") from error
+
+
+def _lock(held: Path, wanted: Path, until: ExitStack) -> None:
+    """Hold a lock on the folder ``held``; raises RequestError where another run does."""
+    if fcntl is None:
+        return
+    try:
+        number = os.open(held, os.O_RDONLY)
+    except FileNotFoundError:
+        return
+    until.callback(os.close, number)
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise RequestError(f"another run is writing {wanted} at this moment; choose another name") from error
+    except OSError:
+        return  # a file system without locks
+
+
+def _unfinished(parent: Path, name: str) -> list[Path]:
+    """What runs that were killed have left behind."""
+    return [p for p in parent.iterdir() if p.name.startswith(f".{name}.") and p.name.endswith(UNFINISHED)]
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
+
+
 def _working_folder(name: str, parent: Path) -> Path:
     try:
-        parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{name}.", suffix=".unfinished", dir=parent))
+        work = Path(tempfile.mkdtemp(prefix=f".{name}.", suffix=UNFINISHED, dir=parent))
         # A folder for temporary use is the owner's alone; a result is for everybody whom the umask lets.
         work.chmod(0o777 & ~_umask())
     except OSError as error:
@@ -156,9 +221,6 @@ def _umask() -> int:
 
 
 def _publish(work: Path, folder: Path) -> None:
-    if not folder.exists():
-        work.replace(folder)
-        return
     written = {path.relative_to(work).as_posix() for path in work.rglob("*") if path.is_file()}
     stale = _listed_files(folder) - written - {RUN_FILE}
     # run.json goes first and comes last: while it is missing, nobody takes a mixture for a result.

@@ -186,8 +186,7 @@ class VideoFile:
         slack = self.slack
         if frames + slack < self.promised and seconds + slack / self.frame_rate < self.promised / self.frame_rate:
             raise RunError(
-                f"{self.path}: expected {self.promised} frames, but the video breaks off after frame {frames}; "
-                f"use what is there with --frames {wanted.first + 1}-{frames}"
+                f"{self.path}: expected {self.promised} frames, but the video breaks off after frame {frames}"
             )
 
 

@@ -51,7 +51,7 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path, error: type[BaseExcepti
 
 def test_a_result_is_not_replaced_unasked(tmp_path: Path) -> None:
     write_result(tmp_path / "r", {"tracks.txt": "old"})
-    with pytest.raises(RequestError, match=r"already holds run.json, tracks.txt; .* --overwrite"):
+    with pytest.raises(RequestError, match=r"already holds run.json, tracks.txt; .* `overwrite`"):
         write_result(tmp_path / "r", {"tracks.txt": "new"})
     assert (tmp_path / "r" / "tracks.txt").read_text() == "old"
 

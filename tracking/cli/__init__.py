@@ -9,14 +9,22 @@ from __future__ import annotations
 import difflib
 import importlib
 import os
+import re
+import signal
 import sys
-from collections.abc import Mapping, Sequence
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeAlias
+from types import FrameType
+from typing import Any, TypeAlias
 
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 
-DONE, FAILED, WRONG_REQUEST, INTERRUPTED = 0, 1, 2, 130
+DONE, FAILED, WRONG_REQUEST = 0, 1, 2
+# Ways to ask a run to end, as far as the system knows them.
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 @dataclass(frozen=True)
@@ -90,11 +98,11 @@ COMMANDS: Tree = {
     "track": Group(
         "follow something through a video with exported models",
         {
-            "people": Command("everyone in view, each with an id", "track", "people", ("source",)),
+            "people": Command("everyone in view, each with an id", "track.people", "people", ("source",)),
             "single": Command("one target, from its box in the first frame", "track_single", "single", ("source",)),
             "sphere": Command("a ball in space, from calibrated cameras", "sphere", "sphere", ("source",)),
-            "drone": Command("people seen from a drone, and what they do", "drone", "track", ("source",)),
-            "blobs": Command("objects of a colour, or measured points", "blobs", "track", ("source",)),
+            "drone": Command("people seen from a drone, and what they do", "track.drone", "drone", ("source",)),
+            "blobs": Command("objects of a colour, or measured points", "track.blobs", "blobs", ("source",)),
             "deformable": Command("bodies that bend, such as fish from above", "deformable", "track", ("source",)),
         },
     ),
@@ -145,24 +153,65 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _dispatch(words, "tsuiseki", COMMANDS)
     except RequestError as error:
-        return _complain(error, WRONG_REQUEST)
+        return complain(error, WRONG_REQUEST)
     except RunError as error:
-        return _complain(error, FAILED)
+        return complain(error, FAILED)
     except ImportError as error:
         from tsuiseki.tracking.opencv import explained
 
         known = explained(error)
         if known is None:
             raise
-        return _complain(known, FAILED)
+        return complain(known, FAILED)
     except BrokenPipeError:
         sys.stderr.close()
         return FAILED
     except OSError as error:
         place = f" ({error.filename})" if error.filename else ""
-        return _complain(f"{error.strerror or error}{place}", FAILED)
-    except KeyboardInterrupt:
-        return _complain("interrupted; nothing was written", INTERRUPTED)
+        return complain(f"{error.strerror or error}{place}", FAILED)
+    except MemoryError as error:
+        return complain(f"not enough memory{f': {error}' if str(error) else ''}", FAILED)
+    except KeyboardInterrupt as error:
+        number = error.args[0] if error.args and isinstance(error.args[0], int) else signal.SIGINT
+        return complain("interrupted; nothing was written", 128 + number)
+
+
+@contextmanager
+def on_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Within the ``with`` block `ENDING` goes to ``handler``, save what this process was started to ignore."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in ENDING}
+    heard = [number for number, old in before.items() if old is not signal.SIG_IGN]
+    try:
+        for number in heard:
+            signal.signal(number, handler)
+        yield
+    finally:
+        for number in heard:
+            signal.signal(number, before[number])
+
+
+@contextmanager
+def _warnings_in_a_line() -> Iterator[None]:
+    """Within the ``with`` block every `InputWarning` is printed as a note."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", InputWarning)
+        usual = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+            if issubclass(category, InputWarning):
+                complain(f"note: {message}", DONE)
+            else:
+                usual(message, category, *place, **more)
+
+        warnings.showwarning = show
+        yield
+
+
+def _interrupt(number: int, _: FrameType | None) -> None:
+    raise KeyboardInterrupt(number)
 
 
 def _dispatch(words: list[str], typed: str, tree: Tree) -> int:
@@ -193,10 +242,11 @@ def _run(command: Command, typed: str, words: list[str]) -> int:
     from tsuiseki.tracking.cli.parser import parse
 
     try:
-        arguments = parse(typed, function, command.positional, words)
+        with on_signals(_interrupt), _warnings_in_a_line():
+            arguments = parse(typed, function, command.positional, words)
+            return int(function(**arguments) or DONE)
     except SystemExit as done:
         return int(done.code or DONE)
-    return int(function(**arguments) or DONE)
 
 
 def _overview(typed: str, tree: Tree) -> str:
@@ -214,6 +264,9 @@ def _overview(typed: str, tree: Tree) -> str:
     return "\n".join(lines)
 
 
-def _complain(message: object, status: int) -> int:
+def complain(message: object, status: int) -> int:
+    """Print one line to stderr; returns ``status``."""
+    # The library speaks of arguments, in backquotes.
+    message = re.sub(r"`(\w+)`", lambda name: "--" + name[1].replace("_", "-"), str(message))
     print(f"tsuiseki: {' '.join(str(message).split())}", file=sys.stderr)
     return status

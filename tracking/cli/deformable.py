@@ -64,7 +64,7 @@ def track(
     given = dict(locals())
     from tsuiseki.tracking.bodies.choice import parse_body
     from tsuiseki.tracking.cli.deformable_run import follow, report_end, write_run
-    from tsuiseki.tracking.cli.people_run import plain
+    from tsuiseki.tracking.cli.parser import plain
     from tsuiseki.tracking.frame_range import parse_frames
     from tsuiseki.tracking.likelihoods.colour_region import parse_colour
     from tsuiseki.tracking.likelihoods.contour import Extraction

@@ -7,20 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.cli.people_run import Inputs, Method, PeopleRun
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
-    from tsuiseki.tracking.timing import StageTimes
-    from tsuiseki.tracking.trackers.base import PeopleTracker
     from tsuiseki.tracking.types.labels import GroundTruth
+    from tsuiseki.tracking.pipelines.methods import PeopleMethod
+    from tsuiseki.tracking.trackers.run import FrameLog
+    from tsuiseki.tracking.types import Track
     from tsuiseki.tracking.video import Source
 
 # What each method is called in table and report; the tracks of the last one are drawn.
-METHODS: Mapping[Method, str] = {"sort": "SORT", "deepsort": "DeepSORT", "flow": "Min-cost flow"}
+METHODS: Mapping[PeopleMethod, str] = {"sort": "SORT", "deepsort": "DeepSORT", "flow": "Min-cost flow"}
 CLIP_FOLDER = "street"
-REPORT_FILE = "report.html"
+REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
 STAGES = {
     "generate": "generate the clip",
     "decode": "decode",
@@ -29,17 +31,16 @@ STAGES = {
     "overlay": "draw the overlay",
 }
 FRAMES, FRAME_RATE = 180, 25.0
+OUTPUT = SeededOutput(Path("out/demo"), seed=100)
 
 
 def demo(
-    out: Path = Path("out/demo"),
+    output: SeededOutput = OUTPUT,
     scene: Literal["street", "drone"] = "street",
     train: bool = False,
     frames: int = FRAMES,
-    seed: int = 100,
     threads: int = 0,
-    overwrite: bool = False,
-) -> None:
+) -> int:
     """Run the whole path on a generated clip: detect, describe, track three ways, evaluate, report.
 
     A street with walking people is generated together with its exact truth. The shipped models find and describe the
@@ -50,7 +51,6 @@ def demo(
     flow links them without, with single-frame and with multi-frame action features.
 
     Args:
-        out: folder for the results.
         scene: what is generated.
         train: first train the models anew on generated scenes and use those; takes hours, and the train extra.
         frames: length of the clip.
@@ -58,42 +58,38 @@ def demo(
         threads: CPU threads of the networks; 0 takes all.
         overwrite: replace an earlier demo in the folder.
     """
-    from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
-    from tsuiseki.tracking.cli.people_run import run_people
-    from tsuiseki.tracking.cli.progress import progress
-    from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
-    from tsuiseki.tracking.formats.mot import read_ground_truth
-    from tsuiseki.tracking.output import output_folder
-    from tsuiseki.tracking.timing import StageTimes
-    from tsuiseki.tracking.video import open_source
-
     if scene == "drone":
         from tsuiseki.tracking.cli.demo_drone import demo_drone
 
         if train:
-            raise RequestError("--train: expected --scene street; docs/drone.md has the commands for the drone")
-        demo_drone(out, frames, seed, threads, overwrite=overwrite)
-        return
-    times = StageTimes()
-    with output_folder(out, overwrite) as work:
-        models = _models(work, train=train)
-        with times.measure("generate"):
+            raise RequestError("`train`: expected --scene street; docs/drone.md has the commands for the drone")
+        return demo_drone(output, frames, threads)
+    from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+    from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
+    from tsuiseki.tracking.formats.mot import read_ground_truth
+    from tsuiseki.tracking.video import open_source
+
+    with output.run() as run:
+        models = _models(run.work, train=train)
+        with run.times.measure("generate"):
             settings = StreetSettings(frames=frames, frame_rate=FRAME_RATE)
             clip = write_street(
-                work / CLIP_FOLDER, settings, seed, watch=lambda drawn: progress(drawn, "generating", frames)
+                run.work / CLIP_FOLDER,
+                settings,
+                output.seed,
+                watch=lambda drawn: run.watched(drawn, "generating", frames),
             )
         source = open_source(clip)
-        inputs, trackers = _prepare(source, models, threads)
-        run = run_people(inputs, {METHODS[name]: tracker for name, tracker in trackers.items()}, times)
-        if run.stopped:
-            raise KeyboardInterrupt
-        truth = read_ground_truth(clip / "gt" / "gt.txt")
+        tracks, log = _track(run, source, models, threads)
+        truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
         scores = {
-            name: evaluate_people([SequencePair(CLIP_FOLDER, truth, tracks, frames)])
-            for name, tracks in run.tracks.items()
+            name: evaluate_people([SequencePair(CLIP_FOLDER, truth, found, run.count)])
+            for name, found in tracks.items()
         }
-        _write(work, _Demo(source, truth, run, scores, times, models, frames, seed))
-    _show(scores, out)
+        _write(run, _Demo(source, truth, tracks, log, scores, models, run.count))
+    if run.status == 0:
+        _show(scores, output.out)
+    return run.status
 
 
 @dataclass(frozen=True)
@@ -102,12 +98,11 @@ class _Demo:
 
     source: Source
     truth: GroundTruth
-    run: PeopleRun
+    tracks: Mapping[str, list[Track]]
+    log: FrameLog
     scores: Mapping[str, PeopleEvaluation]
-    times: StageTimes
     models: Mapping[str, Path]
     frames: int
-    seed: int
 
 
 def _models(work: Path, *, train: bool) -> dict[str, Path]:
@@ -121,49 +116,56 @@ def _models(work: Path, *, train: bool) -> dict[str, Path]:
     return make_models(work / "models")
 
 
-def _prepare(source: Source, models: Mapping[str, Path], threads: int) -> tuple[Inputs, dict[Method, PeopleTracker]]:
-    """Models and trackers as `tsuiseki track people` would use them."""
+def _track(
+    run: Run, source: Source, models: Mapping[str, Path], threads: int
+) -> tuple[dict[str, list[Track]], FrameLog]:
+    """The same detections linked by every method, as `tsuiseki track people` would."""
     from tsuiseki.tracking.association.affinity import Affinity
-    from tsuiseki.tracking.cli.people_run import Inputs, MethodSettings, build_tracker
+    from tsuiseki.tracking.cli.run import frames_expected
     from tsuiseki.tracking.features.networks import Appearance, Detector
+    from tsuiseki.tracking.pipelines.finding import PeopleInputs
+    from tsuiseki.tracking.pipelines.methods import people_tracker
+    from tsuiseki.tracking.trackers.run import run_trackers
 
     affinity = Affinity(models["affinity"], threads)
-    trackers = {method: build_tracker(method, MethodSettings(), affinity) for method in METHODS}
-    detector = Detector(models["detector"], threads=threads)
-    return Inputs(source, detector, Appearance(models["appearance"], threads)), trackers
+    trackers = {name: people_tracker(method, None, affinity) for method, name in METHODS.items()}
+    detector, appearance = Detector(models["detector"], threads=threads), Appearance(models["appearance"], threads)
+    found = PeopleInputs(source, detector, appearance).found(run.frames(source), run.times)
+    return run_trackers(run.steps(found, total=frames_expected(source)), trackers, run.times)
 
 
-def _write(work: Path, demo: _Demo) -> None:
+def _write(run: Run, demo: _Demo) -> None:
     """A folder for each method, the overlay, the report."""
-    from tsuiseki.tracking.cli.people_run import OVERLAY_FILE, TRACKS_FILE, write_people_run
+    from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.output import RunRecord
     from tsuiseki.tracking.report.overlay import write_overlay
 
-    settings = {"frames": demo.frames, "models": {kind: path.name for kind, path in demo.models.items()}}
-    command = ["tsuiseki", "demo"]
-    best = list(METHODS.values())[-1]
-    with demo.times.measure("overlay"):
-        tracks = demo.run.tracks[best]
-        write_overlay(work / OVERLAY_FILE, demo.source.frames(), tracks, demo.source.frame_rate)
+    given, seed = run.output.given, run.output.random_seed
+    models = {kind: path.name for kind, path in demo.models.items()}
     for method, name in METHODS.items():
-        (work / method).mkdir()
-        seconds = {s: v for s, v in demo.times.seconds.items() if s not in demo.run.tracks or s == name}
-        record = RunRecord(command, {**settings, "method": method}, demo.seed, seconds)
-        write_people_run(work / method, demo.run, demo.run.tracks[name], record, demo.source, overlay=False)
-        assert (work / method / TRACKS_FILE).is_file()
-    _write_report(work, demo)
-    RunRecord(command, settings, demo.seed, demo.times.seconds).write(work)
+        tracks = demo.tracks[name]
+        run.write(f"{method}/tracks.txt", lambda path, tracks=tracks: write_tracks(path, tracks))  # type: ignore[misc]
+        seconds = {s: v for s, v in run.times.seconds.items() if s not in demo.tracks or s == name}
+        record = RunRecord(given.command, {"frames": demo.frames, "models": models, "method": method}, seed, seconds)
+        record.frames = demo.log.columns(tracks)
+        record.write(run.work / method)
+    run.facts["models"] = models
+    best = demo.tracks[list(METHODS.values())[-1]]
+    with run.times.measure("overlay"):
+        overlay = run.draw(
+            OVERLAY_FILE, lambda path: write_overlay(path, demo.source.frames(), best, demo.source.frame_rate)
+        )
+    _write_report(run, demo, overlay)
 
 
-def _write_report(work: Path, demo: _Demo) -> None:
-    from tsuiseki.tracking.cli.people_run import OVERLAY_FILE
+def _write_report(run: Run, demo: _Demo, overlay: Path | None) -> None:
     from tsuiseki.tracking.output import versions
     from tsuiseki.tracking.report.page import Report, ReportedMethod, write_report
 
-    methods = [ReportedMethod(name, demo.scores[name].combined, demo.run.tracks[name]) for name in METHODS.values()]
+    methods = [ReportedMethod(name, demo.scores[name].combined, demo.tracks[name]) for name in METHODS.values()]
     people = len(set(demo.truth.ids.tolist()))
     facts = {f"{kind} model": path.name for kind, path in demo.models.items()}
-    facts |= {"seed": str(demo.seed)} | versions()
+    facts |= {"seed": str(run.output.random_seed)} | versions()
     report = Report(
         title="Tsuiseki demo",
         introduction=f"{people} people on a generated street, {demo.frames} frames. Networks trained on generated "
@@ -172,11 +174,11 @@ def _write_report(work: Path, demo: _Demo) -> None:
         truth=demo.truth,
         length=demo.frames,
         frame_rate=demo.source.frame_rate,
-        overlay=work / OVERLAY_FILE,
-        seconds={STAGES.get(stage, stage): value for stage, value in demo.times.seconds.items()},
+        overlay=overlay,
+        seconds={STAGES.get(stage, stage): value for stage, value in run.times.seconds.items()},
         facts=facts,
     )
-    write_report(work / REPORT_FILE, report)
+    run.write(REPORT_FILE, lambda path: write_report(path, report))
 
 
 def _show(scores: Mapping[str, PeopleEvaluation], out: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
-from tsuiseki.tracking.cli import INTERRUPTED
+INTERRUPTED = 130
 
 T = TypeVar("T")
 

@@ -13,11 +13,14 @@ import re
 import shutil
 from argparse import SUPPRESS, Action
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Literal, NoReturn
+from pathlib import Path
+from typing import Any, Literal, NoReturn, TypeGuard, get_type_hints
 
 from jsonargparse import ArgumentError, ArgumentParser, DefaultHelpFormatter, Namespace
 from jsonargparse._actions import ActionConfigFile, _ActionConfigLoad
 
+from tsuiseki.tracking.cli.config import config_text
+from tsuiseki.tracking.cli.options import Given, Output, Shared
 from tsuiseki.tracking.errors import RequestError
 
 METAVARS = {"int": "N", "float": "X", "str": "TEXT", "Path": "FILE"}
@@ -95,17 +98,60 @@ def parse(prog: str, function: Callable[..., Any], positional: Sequence[str], wo
     # jsonargparse also leaves out of --print-config what its help does not show: hide options for --help alone.
     parser = build_parser(prog, function, positional, every_option=not {"-h", "--help"} & set(words))
     try:
-        found = parser.parse_args(_normalised(words, parser))
+        found = parser.parse_args(_normalised(words, parser, prog.split()))
     except ArgumentError as error:
         raise RequestError(friendly(str(error), parser.option_names())) from error
     for name, kind in inspect.get_annotations(function, eval_str=True).items():
-        if dataclasses.is_dataclass(kind) and not isinstance(found[name], Namespace):
+        if dataclasses.is_dataclass(kind) and not is_shared(kind) and not isinstance(found[name], Namespace):
             raise RequestError(f"{name}: expected options of its own below it, got {found[name]!r}")
     try:
         values = parser.instantiate(found)
     except ValueError as error:  # a settings dataclass refuses a value
         raise RequestError(friendly(str(error), parser.option_names())) from error
-    return {name: values[name] for name in inspect.signature(function).parameters}
+    return _arguments(function, values, prog)
+
+
+def is_shared(kind: Any) -> TypeGuard[type[Shared]]:
+    """Whether the parameters of type ``kind`` are options of the command itself."""
+    return isinstance(kind, type) and issubclass(kind, Shared)
+
+
+def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str, Any]:
+    """What ``function`` is called with, from the values of all options."""
+    settings: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
+    for name, kind in inspect.get_annotations(function, eval_str=True).items():
+        if name == "return":
+            continue
+        if is_shared(kind):
+            own = {field.name: values[field.name] for field in _options_of(kind)}
+            arguments[name] = kind(**own)
+            settings |= own
+        else:
+            arguments[name] = settings[name] = values[name]
+    given = Given(prog.split(), {name: plain(value) for name, value in settings.items()})
+    for name, value in arguments.items():
+        if isinstance(value, Shared):
+            value.check()
+        if isinstance(value, Output):
+            arguments[name] = dataclasses.replace(value, given=given)
+    return arguments
+
+
+def _options_of(kind: type[Shared]) -> list[dataclasses.Field[Any]]:
+    """The fields of a shared dataclass that are options."""
+    return [field for field in dataclasses.fields(kind) if field.metadata.get("option", True)]  # type: ignore[arg-type]
+
+
+def plain(value: Any) -> Any:
+    """Settings for ``run.json``: dataclasses as mappings, paths as text."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return plain(dataclasses.asdict(value))
+    if isinstance(value, dict):
+        return {name: plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def build_parser(
@@ -125,14 +171,21 @@ def build_parser(
         allow_abbrev=False,
     )
     hints = inspect.get_annotations(function, eval_str=True)
+    shared = {name: kind for name, kind in hints.items() if is_shared(kind)}
+    options = _shared_options(function, shared, places)
+    places = {name: option.text for name, option in options.items()} | places
+    kinds = hints | {name: option.kind for name, option in options.items()}
     for name in positional:
-        many = getattr(hints[name], "__origin__", None) is list
-        kind = hints[name].__args__[0] if many else hints[name]
-        shown = name.upper()
-        parser.add_argument(name, type=kind, nargs="+" if many else None, metavar=shown, help=places.get(name))
-    parser.add_function_arguments(function, as_group=False, skip=set(positional), sub_configs=False)
+        many = getattr(kinds[name], "__origin__", None) is list
+        kind = kinds[name].__args__[0] if many else kinds[name]
+        parser.add_argument(name, type=kind, nargs="+" if many else None, metavar=name.upper(), help=places.get(name))
+    parser.add_function_arguments(function, as_group=False, skip={*positional, *shared}, sub_configs=False)
+    for name, option in options.items():
+        if name not in positional:
+            needed = {"required": True} if option.required else {"default": option.default}
+            parser.add_argument(f"--{name}", type=option.kind, help=option.text, **needed)
     parser.add_argument("--config", action=ActionConfigFile, metavar="FILE", help=CONFIG_HELP)
-    groups = [n for n, kind in hints.items() if dataclasses.is_dataclass(kind)]
+    groups = [n for n, kind in hints.items() if dataclasses.is_dataclass(kind) and n not in shared]
     if groups:
         parser.add_argument(
             "--help_all", action="help", help=f"also show {', '.join(f'--{name}.*' for name in groups)}"
@@ -141,17 +194,45 @@ def build_parser(
     if not every_option:
         for action in parser._actions:
             action.help = SUPPRESS if "." in action.dest else action.help
-    needed = _required(function, positional)
-    required = [f"--{name} {shown_value(name, hints[name], places.get(name, ''))}" for name in needed]
-    several = [n.upper() + (" …" if getattr(hints[n], "__origin__", None) is list else "") for n in positional]
+    missing = [n for n in _required(function) if n not in positional and n not in shared]
+    missing += [name for name, option in options.items() if option.required and name not in positional]
+    required = [f"--{name} {shown_value(name, kinds[name], places.get(name, ''))}" for name in missing]
+    several = [n.upper() + (" …" if getattr(kinds[n], "__origin__", None) is list else "") for n in positional]
     parser.usage = " ".join([prog, *several, *required, "[options]"])
     return parser
 
 
-def _required(function: Callable[..., Any], positional: Sequence[str]) -> list[str]:
-    """Options without a default."""
-    parameters = inspect.signature(function).parameters.values()
-    return [p.name for p in parameters if p.default is p.empty and p.name not in positional]
+@dataclasses.dataclass(frozen=True)
+class _Option:
+    """An option that a shared dataclass has."""
+
+    kind: Any
+    text: str
+    default: Any
+    required: bool
+
+
+def _shared_options(
+    function: Callable[..., Any], shared: dict[str, type[Shared]], places: dict[str, str]
+) -> dict[str, _Option]:
+    """The options in the shared dataclasses of ``function``, with its own texts and defaults where it has some."""
+    options = {}
+    for name, kind in shared.items():
+        default = inspect.signature(function).parameters[name].default
+        texts: dict[str, str] = {}
+        for base in reversed(kind.__mro__):
+            texts |= _documentation(base)[1] if is_shared(base) else {}
+        hints = get_type_hints(kind)
+        for field in _options_of(kind):
+            value = field.default if default is inspect.Parameter.empty else getattr(default, field.name)
+            text = places.get(field.name, texts.get(field.name, ""))
+            options[field.name] = _Option(hints[field.name], text, value, value is dataclasses.MISSING)
+    return options
+
+
+def _required(function: Callable[..., Any]) -> list[str]:
+    """Parameters without a default."""
+    return [p.name for p in inspect.signature(function).parameters.values() if p.default is p.empty]
 
 
 def shown_value(name: str, kind: Any, description: str) -> str:
@@ -182,6 +263,7 @@ def metavar(kind: Any) -> str:
 def friendly(message: str, options: Iterable[str]) -> str:
     """One line that says which option is wrong and what it takes, from a message of jsonargparse."""
     text = " ".join(message.split())
+    text = text.replace('Parser key "config": ', "")
     # The options of a group that may be null have been found wrong by a parser of their own, without its name.
     if match := re.search(r"[Pp]arser key \"(.+?)\": .* Errors: - (.*?) - Expected .*NestedArg\(", text):
         return match[2].replace("--", f"{_option(match[1])}.", 1)
@@ -231,15 +313,17 @@ def _option(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-def _normalised(words: Sequence[str], parser: Parser) -> list[str]:
+def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) -> list[str]:
     """``--some-option`` as ``--some_option``, switches with their value, and ``1,2`` for several numbers as a list.
 
-    An option for a list of such lists is given once for each of them, ``--init 1,2 --init 3,4``.
+    An option for a list of such lists is given once for each of them, ``--init 1,2 --init 3,4``. The contents of files
+    of options come first, so that what is given here wins over them wherever it stands.
     """
     switches, several = parser.of_kind(lambda kind: kind is bool), parser.of_kind(_is_several)
     lists_of_lists = parser.of_kind(lambda kind: _is_several(kind) and any(map(_is_several, _parts(kind))))
     repeated: dict[str, list[str]] = {}
     result: list[str] = []
+    configs: list[str] = []
     rest = list(words)
     while rest:
         word = rest.pop(0)
@@ -251,6 +335,9 @@ def _normalised(words: Sequence[str], parser: Parser) -> list[str]:
             continue
         name, equals, value = word.partition("=")
         shown, name = name.replace("_", "-"), "--" + name[2:].replace("-", "_")
+        if name == "--config" and (equals or rest):
+            configs.append("--config=" + config_text(Path(value if equals else rest.pop(0)), command))
+            continue
         if shown in switches and not equals:
             equals, value = "=", "true"
         if shown in several and (equals or rest):
@@ -260,7 +347,7 @@ def _normalised(words: Sequence[str], parser: Parser) -> list[str]:
                 repeated.setdefault(name, []).append(value)
                 continue
         result.append(name + equals + value)
-    return [*(f"{name}=[{','.join(values)}]" for name, values in repeated.items()), *result]
+    return [*configs, *(f"{name}=[{','.join(values)}]" for name, values in repeated.items()), *result]
 
 
 def _parts(kind: Any) -> list[Any]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from typing import TypeVar
 
 T = TypeVar("T")
 SECONDS_BETWEEN_LINES = 10.0
 
 
-def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+def progress(items: Iterable[T], what: str, total: int | None = None) -> Generator[T]:
     """Pass ``items`` through and show how many went by.
 
     Args:
@@ -25,7 +25,7 @@ def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterato
         yield from _lines(items, what, total)
 
 
-def _bar(items: Iterable[T], what: str, total: int | None) -> Iterator[T]:
+def _bar(items: Iterable[T], what: str, total: int | None) -> Generator[T]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -37,7 +37,7 @@ def _bar(items: Iterable[T], what: str, total: int | None) -> Iterator[T]:
             bar.advance(task)
 
 
-def _lines(items: Iterable[T], what: str, total: int | None) -> Iterator[T]:
+def _lines(items: Iterable[T], what: str, total: int | None) -> Generator[T]:
     of = f"/{total}" if total else ""
     last = time.monotonic()
     done = 0

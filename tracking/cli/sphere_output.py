@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.cameras.files import PlacedCamera
-from tsuiseki.tracking.cli.people_run import plain
+from tsuiseki.tracking.cli.parser import plain
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
 from tsuiseki.tracking.formats.track3d import write_track3d

@@ -17,13 +17,14 @@ from __future__ import annotations
 import configparser
 import itertools
 import re
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -85,6 +86,14 @@ def read_sequence(folder: str | Path) -> Sequence:
         raise RequestError(f"{folder}/seqinfo.ini: imDir = {image_folder} leads out of the sequence folder")
     images = list_images(folder / image_folder)
     length = int(_number(info, "seqLength", len(images), folder))
+    if images and len(images) < length:
+        warnings.warn(
+            f"{folder}: seqinfo.ini promises {length} frames, but {image_folder}/ has {len(images)} images; "
+            "the sequence ends with them",
+            InputWarning,
+            stacklevel=2,
+        )
+        length = len(images)
     if images and len(images) != length:
         raise RequestError(
             f"{folder}: seqinfo.ini promises {length} frames, but {image_folder}/ has {len(images)} images"
@@ -197,7 +206,7 @@ def read_detections(
         score_range: smallest and largest score to expect. Some detectors score outside [0, 1]: say so.
 
     Raises:
-        RequestError: the file is missing or malformed, rows are out of order, repeated, beyond the video, or have
+        RequestError: the file is missing or malformed, rows are out of order, repeated, all beyond the video, or have
             a score outside the range.
     """
     path = Path(path)
@@ -220,13 +229,20 @@ def read_detections(
     if len(first) < len(rows):
         line = int(np.setdiff1d(np.arange(len(rows)), first)[0]) + 1
         raise RequestError(f"{path}:{line}: this detection stands in the file twice; remove the repeated row")
-    if length is not None and frames[-1] >= length:
-        line = int(np.argmax(frames >= length)) + 1
-        raise RequestError(
-            f"{path}:{line}: detection for frame {frames[line - 1] + 1}, but the video has {length} frames; "
-            "are these the detections of another video?"
-        )
     boxes = _boxes(rows)
+    if length is not None and frames[-1] >= length:
+        inside = frames < length
+        if not inside.any():
+            raise RequestError(
+                f"{path}:1: detection for frame {frames[0] + 1}, but the video has {length} frames; "
+                "are these the detections of another video?"
+            )
+        warnings.warn(
+            f"{path}: {np.count_nonzero(~inside)} detections after the video's last frame, {length}, are left out",
+            InputWarning,
+            stacklevel=2,
+        )
+        frames, boxes, scores = frames[inside], boxes[inside], scores[inside]
     starts = np.searchsorted(frames, np.arange((int(frames[-1]) + 1 if length is None else length) + 1))
     return [Detections(boxes[a:b], scores[a:b]) for a, b in itertools.pairwise(starts)]
 

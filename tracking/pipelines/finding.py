@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_motion import CameraPath
 from tsuiseki.tracking.features.networks import Describe, Detect, stream
 from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike, as_describer, as_detector
@@ -15,7 +16,7 @@ from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
-from tsuiseki.tracking.video import Source, VideoFile
+from tsuiseki.tracking.video import Source
 from tsuiseki.tracking.weights import shipped
 
 GivenDetections: TypeAlias = str | Path | Sequence[DetectionsLike]
@@ -56,7 +57,6 @@ class PeopleInputs:
             times: gets the seconds of each stage.
 
         Raises:
-            RequestError: there are detections for frames that the video does not have.
             RunError: the video breaks off.
         """
         if self.needs_images:
@@ -84,19 +84,22 @@ class PeopleInputs:
         self._check_all_used(last)
 
     def _check_all_used(self, last: int) -> None:
+        """Say that a video turned out to be shorter than its detections."""
         if not isinstance(self.detect, Sequence) or self.source.frames_wanted.last is not None:
             return
         if self.source.length is None and len(self.detect) > last + 1:
-            raise RequestError(
-                f"detection for frame {len(self.detect)}, but {self.source.name} has {last + 1} frames; "
-                "are these the detections of another video?"
+            unused = sum(map(len, self.detect[last + 1 :]))
+            warnings.warn(
+                f"{unused} detections after the last frame of {self.source.name}, {last + 1}, are left out",
+                InputWarning,
+                stacklevel=2,
             )
 
 
 def given_detections(
     given: GivenDetections, source: Source, score_range: tuple[float, float] = (0.0, 1.0)
 ) -> list[Detections]:
-    """Detections that are there already, checked against the length of the video as far as it is known.
+    """Detections that are there already, up to the end of the video as far as it is known.
 
     Args:
         given: a file (MOTChallenge ``det.txt``), or one entry a frame.
@@ -113,12 +116,8 @@ def given_detections(
                 "detections of another video?"
             )
         return [as_detections(entry) for entry in given]
-    path = Path(given)
-    found = read_detections(path, source.length, score_range)
-    # The header of a video file only estimates its length; what it misses shows when the video has ended.
-    if isinstance(source, VideoFile) and source.promised and len(found) > source.promised + source.slack:
-        read_detections(path, source.promised, score_range)
-    return found
+    # The header of a video file only estimates its length: what is too much shows when the video has ended.
+    return read_detections(given, source.length, score_range)
 
 
 def people_detect(

@@ -1,11 +1,15 @@
-"""Video out: WebM with VP8 or VP9, which every browser plays and which OpenCV from pip can write."""
+"""Video out: WebM (VP8 or VP9), which every browser plays and OpenCV from pip can write, or MP4 where it can.
+
+The same pictures give the same bytes.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Literal
@@ -16,37 +20,65 @@ import numpy as np
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.types import ImageArray
 
+WebmCodec = Literal["VP80", "VP90"]
+# H.264 plays everywhere, but few builds of OpenCV write it; browsers also play VP9 in MP4.
+MP4_CODECS = ("avc1", "vp09")
+# Of smaller pictures OpenCV's VP8 makes files that nothing reads.
+SMALLEST_SIDE = 16
+# EBML identifiers of a track's number, which FFmpeg draws at random: in the header, and in the tags that refer to it.
+TRACK_UID = re.compile(rb"(?<=\x73\xc5\x88).{8}|(?<=\x63\xc5\x88).{8}", re.DOTALL)
+# The first element of pictures, before which all of the header lies.
+CLUSTER = b"\x1f\x43\xb6\x75"
+HEADER_BYTES = 4096
+
 
 class VideoWriter:
-    """A WebM file, written frame by frame and closed with the ``with`` block.
+    """A WebM or MP4 file, written frame by frame and closed with the ``with`` block.
 
     Args:
-        path: ends in ``.webm``.
+        path: ends in ``.webm`` or ``.mp4``.
         frame_rate: frames per second.
-        codec: VP8 is several times faster to write, VP9 about half the size.
+        codec: of WebM: VP8 is several times faster to write, VP9 about half the size.
 
     Raises:
-        RunError: OpenCV cannot write it.
+        RunError: OpenCV cannot write it, or the disk is full.
     """
 
-    def __init__(self, path: Path, frame_rate: float, codec: Literal["VP80", "VP90"] = "VP80") -> None:
-        self.path, self.frame_rate, self.codec = path, frame_rate, codec
+    def __init__(self, path: Path, frame_rate: float, codec: WebmCodec = "VP80") -> None:
+        self.path, self.frame_rate = path, frame_rate
+        self._codecs = MP4_CODECS if path.suffix.lower() == ".mp4" else (codec,)
         self._writer: cv2.VideoWriter | None = None
         self._size = (0, 0)
+        self._written = 0
 
     def write(self, image: ImageArray) -> None:
-        """Append ``image`` ``(H, W, 3)`` uint8 RGB; an odd last row or column is left out."""
-        height, width = (side - side % 2 for side in image.shape[:2])
+        """Append ``image`` ``(H, W, 3)`` uint8 RGB.
+
+        An odd last row or column is left out; the border of a picture below 16 pixels is repeated.
+        """
+        image = _even(image)
+        height, width = image.shape[:2]
         if self._writer is None:
             self._size = (width, height)
-            fourcc = cv2.VideoWriter.fourcc(*self.codec)
-            with _silent_stderr():
-                self._writer = cv2.VideoWriter(str(self.path), fourcc, self.frame_rate, self._size)
-            if not self._writer.isOpened():
-                raise RunError(f"{self.path}: OpenCV cannot write WebM video ({self.codec}) on this machine")
+            self._writer = self._opened()
         if (width, height) != self._size:
             raise RunError(f"{self.path}: expected frames of {self._size[0]}x{self._size[1]}, got {width}x{height}")
-        self._writer.write(cv2.cvtColor(np.ascontiguousarray(image[:height, :width]), cv2.COLOR_RGB2BGR))
+        self._writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+        self._written += 1
+
+    def _opened(self) -> cv2.VideoWriter:
+        for codec in self._codecs:
+            with _silent_stderr():
+                writer = cv2.VideoWriter(str(self.path), cv2.VideoWriter.fourcc(*codec), self.frame_rate, self._size)
+            if writer.isOpened():
+                return writer
+        shown = " or ".join(self._codecs)
+        kind = self.path.suffix.lower().lstrip(".")
+        advice = "; WebM can usually be written" if kind == "mp4" else ""
+        raise RunError(
+            f"{self.path.name}: OpenCV on this machine cannot write {kind} video ({shown}) of "
+            f"{self._size[0]}x{self._size[1]} pixels{advice}"
+        )
 
     def __enter__(self) -> VideoWriter:
         return self
@@ -54,14 +86,52 @@ class VideoWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._writer is not None:
-            self._writer.release()
+        if self._writer is None:
+            return
+        self._writer.release()
+        if kind is None:
+            self._check_complete()
+            if self.path.suffix.lower() != ".mp4":
+                _number_the_track(self.path)
+
+    def _check_complete(self) -> None:
+        """OpenCV does not say that a write failed; a file that was cut short lacks what is written last."""
+        capture = cv2.VideoCapture(str(self.path))
+        try:
+            counted = capture.get(cv2.CAP_PROP_FRAME_COUNT) if capture.isOpened() else 0
+        finally:
+            capture.release()
+        if abs(counted - self._written) > 1 + 0.02 * self._written:
+            raise RunError(f"{self.path.name}: the video was not written to its end; is the disk full?")
+
+
+def video_type(path: Path) -> str:
+    """The media type of a video file, for a page that holds it."""
+    return "video/mp4" if path.suffix.lower() == ".mp4" else "video/webm"
+
+
+def _even(image: ImageArray) -> ImageArray:
+    """``image`` with an even number of rows and columns, as the codecs want it."""
+    height, width = image.shape[:2]
+    if min(height, width) < SMALLEST_SIDE:
+        image = np.pad(image, ((0, max(0, SMALLEST_SIDE - height)), (0, max(0, SMALLEST_SIDE - width)), (0, 0)), "edge")
+        height, width = image.shape[:2]
+    return np.ascontiguousarray(image[: height - height % 2, : width - width % 2])
+
+
+def _number_the_track(path: Path) -> None:
+    """Call the only track number 1, wherever it is named."""
+    with path.open("r+b") as file:
+        head = file.read(HEADER_BYTES).partition(CLUSTER)[0]
+        file.seek(0)
+        file.write(TRACK_UID.sub((1).to_bytes(8, "big"), head))
 
 
 @contextmanager
 def _silent_stderr() -> Iterator[None]:
     """OpenCV prints that the container has no tag for the codec, which WebM needs none for, whatever its log level."""
-    sys.stderr.flush()
+    with suppress(OSError, ValueError):
+        sys.stderr.flush()
     before = os.dup(2)
     nothing = os.open(os.devnull, os.O_WRONLY)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,8 +14,10 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.onnx import FORMAT_VERSION, ModelCard
 from tsuiseki.tracking.report.webm import VideoWriter
+from tsuiseki.tracking.video import open_source
 
 ROW = "{frame},-1,9,9,16,32,0.9\n"
 
@@ -85,15 +88,12 @@ SOURCES: dict[str, tuple[Make, int, str]] = {
     "text as video": (text_video, 2, "expected a video that OpenCV can decode"),
     "zero frames": (zero_frames, 2, "expected a video that OpenCV can decode"),
     "header only": (header_only, 2, "expected a video that OpenCV can decode"),
-    "truncated video": (truncated, 1, "expected 12 frames, but the video breaks off after frame"),
     "mixed sizes": (mixed_sizes, 2, "000005.png: expected 64x48 pixels as in 000001.png, got 32x32"),
     "text as image": (image_of_text, 2, "000005.png: expected an image"),
     "not only images": (not_only_images, 2, "expected only images, found notes.txt"),
-    "image that breaks off": (broken_later, 1, "000005.png: expected an image"),
     "empty folder": (lambda folder, _: folder, 2, "found neither"),
 }
 DETECTIONS: dict[str, tuple[str, int, str]] = {
-    "beyond the video": (rows(1, 13), 2, "detection for frame 13, but the video has 12 frames"),
     "negative size": ("1,-1,9,9,-16,32,0.9\n", 2, "expected a box with a positive width and height"),
     "NaN": ("1,-1,nan,9,16,32,0.9\n", 2, "expected finite numbers"),
     "score outside": ("1,-1,9,9,16,32,7\n", 2, "expected a score in [0, 1], got 7"),
@@ -140,18 +140,46 @@ def test_bad_detections(case: str, source: str, inputs: Any, tmp_path: Path, com
     file = tmp_path / "det.txt"
     file.write_text(text)
     words = ["track", "people", str(getattr(inputs, source)), "--method", "sort", "--detections", str(file)]
-    if case == "beyond the video" and source == "video":
-        status, line = 1, "detection for frame 13, but v.webm has 12 frames"
     assert line in complaint(words, status)
 
 
-def test_detections_far_beyond_a_video_are_refused_before_it_is_played(
-    inputs: Any, tmp_path: Path, complaint: Complaint
+@pytest.mark.parametrize("source", ["video", "images"])
+def test_detections_after_the_end_are_left_out_and_told(
+    source: str, inputs: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "det.txt"
-    file.write_text(rows(1, 500))
-    words = ["track", "people", str(inputs.video), "--method", "sort", "--detections", str(file)]
-    assert "detection for frame 500, but the video has 12 frames" in complaint(words, 2)
+    file.write_text(rows(*range(1, 13), 500, 501))
+    words = ["track", "people", str(getattr(inputs, source)), "--method", "sort", "--detections", str(file)]
+    assert main([*words, "--out", str(tmp_path / "o")]) == 0
+    assert [line for line in capsys.readouterr().err.splitlines() if line.startswith("tsuiseki:")] == [
+        f"tsuiseki: note: {file}: 2 detections after the video's last frame, 12, are left out"
+        if source == "images"
+        else "tsuiseki: note: 2 detections after the last frame of v.webm, 12, are left out"
+    ]
+
+
+def test_detections_of_another_video_are_refused(inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
+    file = tmp_path / "det.txt"
+    file.write_text(rows(500, 501))
+    words = ["track", "people", str(inputs.images), "--method", "sort", "--detections", str(file)]
+    assert "are these the detections of another video?" in complaint(words, 2)
+
+
+@pytest.mark.parametrize("make", [truncated, broken_later])
+def test_a_video_that_breaks_off_keeps_what_is_finished(
+    make: Make, inputs: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "result"
+    words = ["track", "people", str(make(tmp_path, inputs)), "--detector", str(inputs.detector), "--method", "sort"]
+    assert main([*words, "--batch-size", "2", "--overlay", "--out", str(out)]) == 1
+    record = json.loads((out / "run.json").read_text())
+    last = record["frames"]["frame"][-1]
+    assert record["partial"] is True
+    assert read_tracks(out / "tracks.txt")[0].frames.tolist() == list(range(last))
+    assert len(list(open_source(out / "overlay.webm").frames())) == last
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("tsuiseki:")]
+    assert len(lines) == 1
+    assert f"the partial result up to frame {last} is in {out}, marked in its run.json" in lines[0]
 
 
 def newer_version(path: Path) -> None:
@@ -210,10 +238,10 @@ def test_models_of_another_kind(option: str, other: str, inputs: Any, complaint:
         ("ovrlay: true", "unknown option --ovrlay; did you mean --overlay?"),
         ("flow:\n  entri: 3", "unknown option --flow.entri; did you mean --flow.entry?"),
         ("seed: lots", "--seed: expected a whole number, got 'lots'"),
-        ("method: magic", "--method: expected one of 'sort', 'deepsort', 'bytetrack', 'ocsort', 'flow', got 'magic'"),
+        ("method: magic", "--method: expected one of 'flow', 'deepsort', 'sort', 'bytetrack', 'ocsort', got 'magic'"),
         ("flow:\n  entry: high", "--flow.entry: expected a number, got 'high'"),
         ("flow: {entry: -1}", "expected finite entry, exit and miss costs of 0 or more"),
-        ("seed: [1", "problems parsing config"),
+        ("seed: [1", "expected YAML of options"),
     ],
 )
 def test_bad_configurations(yaml: str, line: str, inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
@@ -230,7 +258,7 @@ def test_bad_configurations(yaml: str, line: str, inputs: Any, tmp_path: Path, c
         (["--frames", "0-4"], "expected --frames FIRST-LAST"),
         (["--frames", "5-99"], "expected frames within 1-12, got --frames 5-99"),
         (["--detections", "d.txt"], "expected --detections or --detector, got both"),
-        (["--method", "sort"], "--appearance: --method sort does not look at people"),
+        (["--method", "sort"], "expected --appearance with a method that compares it, flow or deepsort"),
     ],
 )
 def test_bad_options(words: list[str], line: str, inputs: Any, complaint: Complaint) -> None:

@@ -138,7 +138,7 @@ def test_the_printed_configuration_can_be_read_back(tmp_path: Path, capsys: pyte
         ("in a --out o --filter.max-ag 1", "unknown option --filter.max-ag; did you mean --filter.max-age?"),
         ("in a --out o --filter.gain much", "--filter.gain: expected a number, got 'much'"),
         ("in a --out o --filter.gain -1", "expected a gain of at least 0, got -1.0"),
-        ("in a --out o --config missing.yaml", "--config: file does not exist"),
+        ("in a --out o --config missing.yaml", "`config`: cannot read missing.yaml"),
         ("in", "missing: RESULTS, --out"),
     ],
 )
@@ -156,8 +156,8 @@ def test_mistakes_in_words_get_one_line(words: str, line: str) -> None:
         ("filter:\n  age: 4", "unknown option --filter.age"),
         ("seed: four", "--seed: expected a whole number, got 'four'"),
         ("filter: 3", "filter: expected options of its own below it, got 3"),
-        ("seed: [1", "problems parsing config"),
-        ("- 1\n- 2", "unexpected config"),
+        ("seed: [1", "`config`: expected YAML of options"),
+        ("- 1\n- 2", "`config`: expected YAML of options"),
         ("method: best", "--method: expected one of 'fast', 'good', got 'best'"),
     ],
 )

@@ -11,7 +11,7 @@ from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.costs import HandSetCost
 from tsuiseki.tracking.cli.models import chosen, shipped
-from tsuiseki.tracking.cli.people_run import given_detections
+from tsuiseki.tracking.cli.track.finding import Finding
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.action_inputs import STREAMS
@@ -22,7 +22,7 @@ from tsuiseki.tracking.features.observations import Observers
 from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
 from tsuiseki.tracking.trackers.given import as_detections, read_given_tracks
-from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.video import Source
 
 Method = Literal["flow", "flow-saf", "flow-maf"]
@@ -52,46 +52,32 @@ class DroneModels:
         cls,
         source: Source,
         method: Method,
-        detections: Path | None,
-        detector: Path | None,
-        appearance: Path | None,
-        actions: list[Path] | None,
-        tracks: Path | None,
-        score_threshold: float,
-        score_range: tuple[float, float],
-        threads: int,
-        batch_size: int,
+        finding: Finding,
+        appearance: Path | None = None,
+        actions: list[Path] | None = None,
+        tracks: Path | None = None,
         *,
-        camera_motion: bool,
+        camera_motion: bool = True,
         bridging: BridgingSettings | None,
     ) -> DroneModels:
         """The models for a video; see `tsuiseki track drone --help`."""
-        if not source.has_images:
-            raise RequestError(f"{source.name} has no images; looks, actions and camera motion need them")
-        if source.live:
-            raise RequestError("expected a video that can be played again, got a live source; record it first")
-        if sum(value is not None for value in (detections, detector, tracks)) > 1:
-            raise RequestError("expected one of --detections, --detector and --tracks, got several")
-        paths: dict[str, Path | None] = {"detections": detections, "tracks": tracks}
+        if tracks is not None and (finding.detections is not None or finding.detector is not None):
+            raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
+        paths: dict[str, Path | None] = {"detections": finding.detections, "tracks": tracks}
         given = None if tracks is None else read_given_tracks(tracks, source)
-        if given is not None:
-            detect: Detector | list[Detections] = as_detections(given)[0]
-        elif detections is not None:
-            detect = given_detections(detections, source, score_range)
-        else:
-            detector = detector or shipped("detector_drone")
-            detect = Detector(detector, score_threshold, threads=threads)
-            paths["detector"] = detector
+        detect = finding.detect(source, "detector_drone") if given is None else as_detections(given)[0]
+        if isinstance(detect, Detector):
+            paths["detector"] = finding.detector or shipped("detector_drone")
         paths["appearance"] = None if given is not None else chosen("appearance", appearance)
-        describe = None if paths["appearance"] is None else Appearance(paths["appearance"], threads)
+        describe = None if paths["appearance"] is None else Appearance(paths["appearance"], finding.threads)
         streams = _streams(method, actions, needed=given is not None)
-        recognise = ActionRecogniser(streams, threads) if streams else None
+        recognise = ActionRecogniser(streams, finding.threads) if streams else None
         camera = CameraMotionSettings() if camera_motion and given is None else None
         key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
         bridging = bridging if given is None else None
         key |= _streams_key(streams) | {"motion": repr(camera), "bridging": repr(bridging)}
-        key |= {"score_threshold": str(score_threshold), "score_range": str(score_range)}
-        observers = Observers(detect, describe, recognise, camera, batch_size, bridging)
+        key |= {"score_threshold": str(finding.score_threshold), "score_range": str(finding.score_range)}
+        observers = Observers(detect, describe, recognise, camera, finding.batch_size, bridging)
         spare = [] if streams else _streams("flow-maf", actions, needed=True)
         richer = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
         return cls(observers, recognise.names if recognise else (), key, given, richer)
@@ -108,7 +94,7 @@ def prices_of(
 ) -> Prices:
     """The costs of a method; hand-set ones where the shipped ones know nothing of the scores."""
     if multi is not None and method != "flow-maf":
-        raise RequestError(f"--affinity-multi: expected --method flow-maf, which alone uses it, got {method}")
+        raise RequestError(f"`affinity_multi`: expected --method flow-maf, which alone uses it, got {method}")
     if str(affinity) == "none" or (affinity is None and not scores_known):
         return Prices(HAND_SET_OBSERVATION, HandSetCost())
     kind = "affinity_drone" if method == "flow" else "affinity_drone_saf"

@@ -1,0 +1,169 @@
+"""Options that several commands share, each told once: what to look at, and where the result goes.
+
+A command takes such a dataclass as a parameter; the parser makes its fields options of the command itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.frame_range import parse_frames
+from tsuiseki.tracking.output import check_output_file, check_output_folder, output_file
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.cli.run import Run
+    from tsuiseki.tracking.video import Source
+
+
+class Shared:
+    """A dataclass whose fields are options of the command itself, not below the parameter's name.
+
+    The texts for the help stand under ``Attributes:``; a command may word one of its own under ``Args:``.
+    """
+
+    def check(self) -> None:
+        """Refuse values; called by the parser.
+
+        Raises:
+            RequestError: with names of options in backquotes.
+        """
+
+
+@dataclass(frozen=True)
+class Video(Shared):
+    """What to look at.
+
+    Attributes:
+        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
+            webcam (0, 1, …) or the address of a stream.
+        frames: track this stretch only, counted from 1 with both ends, such as 301-400.
+        overlay: also write a video with the result drawn in.
+        overlay_format: of that video; mp4 where OpenCV can write it.
+    """
+
+    source: str
+    frames: str | None = None
+    overlay: bool = False
+    overlay_format: Literal["webm", "mp4"] = "webm"
+
+    @property
+    def overlay_file(self) -> str:
+        """Its name in the output folder."""
+        return f"overlay.{self.overlay_format}"
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        parse_frames(self.frames)
+
+    def open(self, *, images: bool = False, replayable: bool = False) -> Source:
+        """The source, checked.
+
+        Args:
+            images: refuse a sequence that is text only.
+            replayable: refuse a webcam or stream.
+
+        Raises:
+            RequestError: see `open_source`; or there is nothing to draw the overlay on.
+        """
+        from tsuiseki.tracking.video import open_source
+
+        opened = open_source(self.source, parse_frames(self.frames))
+        if images and not opened.has_images:
+            raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
+        if replayable and opened.live:
+            raise RequestError("expected a video that can be played again, got a live source; record it first")
+        if self.overlay and not opened.has_images:
+            raise RequestError(f"{opened.name} has no images to draw on; leave `overlay` out")
+        return opened
+
+
+@dataclass(frozen=True)
+class Given:
+    """The request, for ``run.json``.
+
+    Attributes:
+        command: the program's words.
+        settings: every option with its value, as a file for ``--config`` has them.
+    """
+
+    command: Sequence[str] = ("tsuiseki",)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Output(Shared):
+    """Where the result goes.
+
+    Attributes:
+        out: folder for the results.
+        overwrite: replace an earlier result in the folder.
+    """
+
+    out: Path
+    overwrite: bool = False
+    given: Given = field(default_factory=Given, metadata={"option": False})
+
+    @property
+    def random_seed(self) -> int:
+        """For ``run.json``."""
+        return 0
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        check_output_folder(self.out, self.overwrite)
+
+    def run(self) -> Run:
+        """A run that writes there; see `tsuiseki.tracking.cli.run`."""
+        from tsuiseki.tracking.cli.run import Run
+
+        return Run(self)
+
+
+@dataclass(frozen=True)
+class SeededOutput(Output):
+    """Where the result of something random goes.
+
+    Attributes:
+        seed: of all random numbers.
+    """
+
+    seed: int = 0
+
+    @property
+    def random_seed(self) -> int:
+        """For ``run.json``."""
+        return self.seed
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        if self.seed < 0:
+            raise RequestError(f"`seed`: expected a whole number from 0, got {self.seed}")
+
+
+@dataclass(frozen=True)
+class OutputFile(Shared):
+    """A file to write.
+
+    Attributes:
+        out: file to write.
+        overwrite: replace an existing file.
+    """
+
+    out: Path
+    overwrite: bool = False
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        check_output_file(self.out, self.overwrite)
+
+    @contextmanager
+    def writing(self) -> Iterator[Path]:
+        """A file beside it that takes its place when it is whole."""
+        with output_file(self.out, self.overwrite) as work:
+            yield work

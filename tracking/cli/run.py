@@ -1,0 +1,285 @@
+"""The frame of every command: where the video comes from, and what happens to the result, whatever happens.
+
+A command is a function of typed options in the file of its name. It says what to do with a frame and what to write;
+options that several commands share stand in `options`, once.
+
+    def blobs(video: Video, output: SeededOutput, particles: int = 500) -> int:
+        source = video.open()                                   # checked before anything is computed
+        tracker = BlobTracker(..., output.seed)
+        with output.run() as run:
+            for frame in run.steps(run.frames(source), total=frames_expected(source)):
+                with run.times.measure("track"):
+                    tracker.update(frame)
+            tracks = tracker.tracks()
+            run.columns = {"frame": ...}                        # into run.json: one list a column
+            run.write("tracks.txt", lambda path: write_tracks(path, tracks))
+            if video.overlay:
+                run.draw(video.overlay_file, lambda path: write_overlay(path, run.replay(source), tracks, ...))
+            run.done(f"{len(tracks)} objects: {output.out / 'tracks.txt'}")
+        return run.status
+
+* `Run.frames` ends where the source breaks off; `Run.steps` ends where it does or where the user interrupts (Ctrl-C,
+  TERM, HUP), in both cases between two steps: what follows writes what is finished. Before the first finished step,
+  either is an end without a result. A second interrupt ends at once.
+* `Run.write` makes a file whole or not at all. What it has written is kept from then on, even where something later
+  fails. `Run.draw` makes what takes long and can be missed: an interrupt or a full disk there costs nothing else.
+* At the end of the ``with`` block the files come to lie in the output folder with ``run.json``, marked partial where
+  they are; one line says what came out. `Run.status` is 0, 1 where the run failed late, or 128 + the signal.
+"""
+
+from __future__ import annotations
+
+import shutil
+import signal
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from tsuiseki.tracking.cli import DONE, FAILED, complain, on_signals
+from tsuiseki.tracking.cli.progress import progress
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.output import RunRecord, output_folder
+from tsuiseki.tracking.timing import StageTimes
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.cli.options import Output
+    from tsuiseki.tracking.types import Frame
+    from tsuiseki.tracking.video import Source
+
+T = TypeVar("T")
+# What may end a run late; what was finished before is kept.
+LATE = (RequestError, RunError, OSError, MemoryError)
+PARTS = ".parts"
+
+
+class Run:
+    """A run of a command that fills a folder; see the head of this file.
+
+    Attributes:
+        times: seconds of each stage.
+        columns: what happened in each frame, for ``run.json``: one list a column.
+        facts: what the run found out about its input, or chose by itself; likewise.
+        count: finished steps.
+        status: exit status, known after the ``with`` block.
+    """
+
+    def __init__(self, output: Output) -> None:
+        self.output = output
+        self.times = StageTimes()
+        self.columns: Mapping[str, Sequence[Any]] = {}
+        self.facts: dict[str, Any] = {}
+        self.count = 0
+        self.status = DONE
+        self._asked = 0
+        self._patient = False
+        self._written = False
+        self._summary = ""
+        self._reason = ""
+        self._first: int | None = None
+        self._last = -1
+        self._live = False
+        self._recording: Path | None = None
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Run:
+        with ExitStack() as stack:
+            stack.enter_context(on_signals(self._ask))
+            self.work = stack.enter_context(output_folder(self.output.out, self.output.overwrite))
+            (self.work / PARTS).mkdir()
+            self._stack = stack.pop_all()
+        return self
+
+    def _ask(self, number: int, _: FrameType | None = None) -> None:
+        """The first interrupt waits for the end of a step, where there are steps."""
+        if self._asked or not self._patient:
+            raise KeyboardInterrupt(number)
+        self._asked = number
+
+    def frames(self, source: Source, record: bool = False) -> Iterator[Frame]:
+        """The frames of ``source``, up to where it breaks off.
+
+        Args:
+            source: the video.
+            record: keep the frames of a live source for `replay`.
+        """
+        self._live = source.live
+        with ExitStack() as stack:
+            writer = None
+            if source.live and record:
+                from tsuiseki.tracking.report.webm import VideoWriter
+
+                self._recording = self.work / PARTS / "recording.webm"
+                writer = stack.enter_context(VideoWriter(self._recording, source.frame_rate))
+            frames = source.frames()
+            while True:
+                try:
+                    frame = next(frames, None)
+                    if frame is not None and writer is not None:
+                        writer.write(frame.image)
+                except LATE as error:
+                    if self._first is None:
+                        raise
+                    self._fail(error)
+                    return
+                if frame is None:
+                    return
+                self._first = frame.index if self._first is None else self._first
+                self._last = frame.index
+                yield frame
+
+    def steps(self, items: Iterable[T], what: str = "tracking", total: int | None = None) -> Iterator[T]:
+        """``items``, with progress, up to an interrupt or to where they fail.
+
+        Raises:
+            RunError: there is none.
+            KeyboardInterrupt: before the first step was finished.
+        """
+        self._patient = True
+        watched = progress(items, what, total)
+        while not self._asked:
+            try:
+                item = next(watched)
+            except StopIteration:
+                break
+            except LATE as error:
+                if not self.count:
+                    raise
+                self._fail(error)
+                break
+            yield item
+            self.count += 1
+        watched.close()
+        if not self.count:
+            raise KeyboardInterrupt(self._asked) if self._asked else RunError("expected frames, got none")
+
+    def replay(self, source: Source) -> Iterator[Frame]:
+        """The finished frames again, to draw on.
+
+        Raises:
+            KeyboardInterrupt: the user interrupts.
+        """
+        return self.watched(self._again(source), "drawing", self.count)
+
+    def watched(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        """``items`` with progress; an interrupt ends them with KeyboardInterrupt."""
+        asked = self._asked
+        for item in progress(items, what, total):
+            if self._asked != asked:
+                raise KeyboardInterrupt(self._asked)
+            yield item
+
+    def _again(self, source: Source) -> Iterator[Frame]:
+        from tsuiseki.tracking.video import open_source
+
+        first, end = self._first or 0, (self._first or 0) + self.count
+        if self._recording is None:
+            for frame in source.frames():
+                yield frame
+                # A video that broke off is not asked for more than it had.
+                if self._first is not None and frame.index + 1 >= end:
+                    return
+            return
+        for frame in open_source(self._recording, FrameRange(0, self.count - 1)).frames():
+            yield replace(frame, index=frame.index + first)
+
+    def write(self, name: str, write: Callable[[Path], object]) -> Path:
+        """Make the file ``name`` of the result; it is kept from then on."""
+        part, whole = self.work / PARTS / name, self.work / name
+        part.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            write(part)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+        whole.parent.mkdir(parents=True, exist_ok=True)
+        self._written = True
+        return part.replace(whole)
+
+    def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
+        """Likewise, where the result is one without it, too; None where it was not made."""
+        if self._asked and not self._live:
+            return None
+        try:
+            return self.write(name, write)
+        except KeyboardInterrupt as error:
+            self._asked = _number(error)
+            self._say(f"interrupted while {name} was drawn", 128 + self._asked)
+        except LATE as error:
+            self._fail(error, f"{name} could not be written: ")
+        return None
+
+    def done(self, summary: str) -> None:
+        """What to tell of a whole result, in one line or several."""
+        self._summary = summary
+
+    def _fail(self, error: BaseException, prefix: str = "") -> None:
+        text = f"{error.strerror or error}" if isinstance(error, OSError) else str(error) or "not enough memory"
+        self._say(prefix + text, FAILED)
+
+    def _say(self, reason: str, status: int) -> None:
+        if not self._reason:
+            self._reason, self.status = reason, status
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        with ExitStack() as stack:
+            stack.push(self._stack.pop_all().__exit__)
+            if error is not None:
+                if not (self._written and isinstance(error, (KeyboardInterrupt, *LATE))):
+                    # The stack clears away.
+                    stack.pop_all().__exit__(kind, error, trace)
+                    return False
+                if isinstance(error, KeyboardInterrupt):
+                    self._say("interrupted", 128 + _number(error))
+                else:
+                    self._fail(error)
+            elif self._asked and not self._live and not self._reason:
+                self._say(f"interrupted after {self._place()}", 128 + self._asked)
+            self._patient = True
+            self._record()
+        self._report()
+        return True
+
+    def _record(self) -> None:
+        shutil.rmtree(self.work / PARTS, ignore_errors=True)
+        given = self.output.given
+        record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
+        record.partial, record.reason, record.facts = bool(self._reason), self._reason, self.facts
+        record.write(self.work)
+
+    def _report(self) -> None:
+        if not self._reason:
+            if self._summary:
+                print(self._summary)
+            return
+        text = " ".join(self._reason.split())
+        where = "" if "interrupted after" in text else f" up to {self._place()}" if self.count else ""
+        complain(f"{text}; the partial result{where} is in {self.output.out}, marked in its run.json", self.status)
+
+    def _place(self) -> str:
+        """How far the run came, for people."""
+        numbers = self.columns.get("frame")
+        return f"frame {numbers[-1]}" if numbers else f"{self.count} steps"
+
+
+def frames_expected(source: Source) -> int | None:
+    """How many frames the stretch of ``source`` has, as far as it is known."""
+    wanted = source.frames_wanted
+    length = source.length or getattr(source, "promised", None) or None
+    last = length - 1 if wanted.last is None and length else wanted.last
+    return None if last is None else last - wanted.first + 1
+
+
+def count(number: int, one: str, several: str) -> str:
+    """``1 person`` or ``3 people``."""
+    return f"{number} {one if number == 1 else several}"
+
+
+def _number(error: KeyboardInterrupt) -> int:
+    """The signal that ``error`` stands for."""
+    return int(error.args[0]) if error.args and isinstance(error.args[0], int) else int(signal.SIGINT)

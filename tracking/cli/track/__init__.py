@@ -1,0 +1,1 @@
+"""`tsuiseki track`: a file for each of its commands."""

@@ -1,0 +1,78 @@
+"""`tsuiseki track drone`: follow people in video from a drone, and say what they do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tsuiseki.tracking.cli.options import SeededOutput, Video
+from tsuiseki.tracking.cli.track.drone_models import Method
+from tsuiseki.tracking.cli.track.finding import Finding
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.trackers.bridging import BridgingSettings
+from tsuiseki.tracking.trackers.drone import DroneSettings
+
+DRONE, BRIDGING = DroneSettings(), BridgingSettings()
+
+
+def drone(
+    video: Video,
+    output: SeededOutput,
+    finding: Finding,
+    method: Method = "flow-maf",
+    appearance: Path | None = None,
+    actions: list[Path] | None = None,
+    affinity: Path | None = None,
+    affinity_multi: Path | None = None,
+    tracks: Path | None = None,
+    keep_camera_motion: bool = False,
+    threshold: float = 0.4,
+    cache: Path | None = None,
+    drone: DroneSettings = DRONE,
+    bridging: BridgingSettings | None = BRIDGING,
+) -> int:
+    """Track the people in a video from a drone, and name what each is doing.
+
+    People are found, described and their actions recognised by the models that ship with the toolkit; a minimum-cost
+    flow links them. DIR gets tracks.txt (MOTChallenge text), tracks.json (with actions), report.html, run.json and,
+    with --overlay, overlay.webm.
+
+    Args:
+        method: flow links by place and appearance; flow-saf also by actions of single frames; flow-maf averages actions
+            along the tracks, links again and repeats, up to --drone.refinement.iterations times.
+        detector: exported detector; by default the shipped detector_drone.onnx.
+        appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
+        actions: exported action streams, separated by commas; by default the four shipped ones. Not used by
+            method flow, which names no actions but along given --tracks.
+        affinity: exported link costs; by default those shipped for the method, but hand-set ones with --detections,
+            whose scores the shipped ones do not know; none always takes hand-set ones.
+        affinity_multi: exported link costs of the repetitions of flow-maf; by default those of --affinity, or shipped.
+        tracks: MOTChallenge tracks (gt.txt, tracks.txt) or an Okutama-Action label file that are right already; only
+            actions are named.
+        keep_camera_motion: compare places as they are in the pictures, not as if the camera had stood still.
+        threshold: an action is named where its probability is above, from 0 to 1.
+        cache: folder that keeps what the networks say; a second run on the same video with other settings of method,
+            costs or --drone takes seconds.
+        seed: of random numbers; kept in run.json, for the methods here draw none.
+        drone: settings of flow, alternation and output.
+        bridging: how correlation filters follow people whom the detector misses for a few frames; null switches them
+            off.
+    """
+    from tsuiseki.tracking.cli.track.drone_models import DroneModels, prices_of
+    from tsuiseki.tracking.cli.track.drone_run import follow, write_result
+
+    if not 0 <= threshold <= 1:
+        raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
+    source = video.open(images=True, replayable=True)
+    models = DroneModels.choose(
+        source, method, finding, appearance, actions, tracks, camera_motion=not keep_camera_motion, bridging=bridging
+    )
+    known = finding.detections is None and tracks is None
+    windows = drone.refinement.windows
+    prices = prices_of(method, affinity, affinity_multi, finding.threads, scores_known=known, windows=windows)
+    with output.run() as run:
+        kept = None if cache is None else (video.source, cache)
+        found = follow(run, source, models, method, drone, prices, kept)
+        write_result(run, found, source, threshold, overlay=video.overlay_file if video.overlay else None)
+        who = "person" if len(found.people) == 1 else "people"
+        run.done(f"{len(found.people)} {who} in {run.count} frames: {output.out / 'tracks.txt'}")
+    return run.status

@@ -1,0 +1,72 @@
+"""Where the people in each frame come from: options that the commands for people share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tsuiseki.tracking.cli.models import shipped
+from tsuiseki.tracking.cli.options import Shared
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.foreign_options import DetectorOptions
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.features.networks import Detect
+    from tsuiseki.tracking.types import Detections
+    from tsuiseki.tracking.video import Source
+
+
+@dataclass(frozen=True)
+class Finding(Shared):
+    """Where the detections come from.
+
+    Attributes:
+        detections: MOTChallenge detections (det.txt) to use instead of a detector.
+        detector: exported detector; by default the shipped one.
+        score_threshold: the detector keeps what scores at least this, from 0 to 1.
+        score_range: smallest and largest score that the rows of --detections may have.
+        batch_size: frames of one call of the detector.
+        threads: CPU threads of the networks; 0 takes all.
+    """
+
+    detections: Path | None = None
+    detector: Path | None = None
+    score_threshold: float = 0.3
+    score_range: tuple[float, float] = (0.0, 1.0)
+    batch_size: int = 4
+    threads: int = 0
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        if not 0 <= self.score_threshold <= 1:
+            raise RequestError(f"`score_threshold`: expected a number from 0 to 1, got {self.score_threshold:g}")
+        check_score_range(self.score_range)
+        if self.batch_size < 1:
+            raise RequestError(f"`batch_size`: expected at least 1 frame, got {self.batch_size}")
+        if self.threads < 0:
+            raise RequestError(f"`threads`: expected 0 or more, got {self.threads}")
+        if self.detections is not None and self.detector is not None:
+            raise RequestError("expected `detections` or `detector`, got both; leave one out")
+
+    def detect(self, source: Source, default: str, options: DetectorOptions | None = None) -> Detect | list[Detections]:
+        """The given detections, or what finds people.
+
+        Args:
+            source: the video.
+            default: kind of the shipped detector to take where none is given.
+            options: what the file of another project's detector does not tell.
+        """
+        from tsuiseki.tracking.features.networks import open_detector
+        from tsuiseki.tracking.pipelines.finding import people_detect
+
+        if self.detections is not None or not source.has_images:
+            return people_detect(source, self.detections, None, Path(), score_range=self.score_range)
+        path = self.detector or shipped(default)
+        return open_detector(path, self.score_threshold, threads=self.threads, options=options or DetectorOptions())
+
+
+def check_score_range(score_range: tuple[float, float]) -> None:
+    """Refuse a range that no score lies in."""
+    if score_range[0] >= score_range[1]:
+        raise RequestError(f"`score_range`: expected SMALLEST,LARGEST, got {score_range[0]:g},{score_range[1]:g}")

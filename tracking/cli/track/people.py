@@ -1,0 +1,124 @@
+"""`tsuiseki track people`: everyone in view, each with an id."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tsuiseki.tracking.cli.options import SeededOutput, Video
+from tsuiseki.tracking.cli.track.finding import Finding
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
+from tsuiseki.tracking.pipelines.methods import MethodSettings, PeopleMethod
+from tsuiseki.tracking.trackers.bytetrack import ByteTrackSettings
+from tsuiseki.tracking.trackers.deepsort import DeepSortSettings
+from tsuiseki.tracking.trackers.flow import FlowSettings
+from tsuiseki.tracking.trackers.ocsort import OcSortSettings
+from tsuiseki.tracking.trackers.sort import SortSettings
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.features.networks import Describe
+    from tsuiseki.tracking.video import Source
+
+DEFAULT = MethodSettings()
+DETECTOR, APPEARANCE = DetectorOptions(), AppearanceOptions()
+
+
+def people(
+    video: Video,
+    output: SeededOutput,
+    finding: Finding,
+    method: PeopleMethod = "flow",
+    detector_options: DetectorOptions = DETECTOR,
+    appearance: Path | None = None,
+    appearance_options: AppearanceOptions = APPEARANCE,
+    affinity: Path | None = None,
+    moving_camera: bool = False,
+    sort: SortSettings = DEFAULT.sort,
+    deepsort: DeepSortSettings = DEFAULT.deepsort,
+    bytetrack: ByteTrackSettings = DEFAULT.bytetrack,
+    ocsort: OcSortSettings = DEFAULT.ocsort,
+    flow: FlowSettings = DEFAULT.flow,
+) -> int:
+    """Track the people in a video: each gets a number that stays.
+
+    Without further options the people are found, described and linked by the models that ship with the toolkit.
+    DIR gets tracks.txt (MOTChallenge text), run.json and, with --overlay, overlay.webm.
+
+    Args:
+        method: sort follows positions; bytetrack, through low scores, too; ocsort, through gaps; deepsort compares
+            appearance, too; flow links the whole video at once, which is the most accurate and gives its result at the
+            end.
+        detector: detector as ONNX; by default the shipped detector_street.onnx. One of other projects (YOLO, YOLOX,
+            RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
+        detector_options: what the file of another project's detector does not tell.
+        appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
+            none does without. One of other projects may be anything from crops to features.
+        appearance_options: what the file of another project's appearance network does not tell.
+        affinity: exported link costs for flow; by default the shipped affinity_people.onnx after a detector, and
+            hand-set costs after --detections, whose scores it does not know; none takes hand-set costs always.
+        moving_camera: estimate how the camera moves and link people as if it stood still.
+        seed: of random numbers; kept in run.json, for the methods here draw none.
+        sort: settings of --method sort.
+        deepsort: settings of --method deepsort.
+        bytetrack: settings of --method bytetrack.
+        ocsort: settings of --method ocsort.
+        flow: settings of --method flow.
+    """
+    # What runs is imported here, so that help and mistakes in the options come at once.
+    from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.features.camera_motion import CameraPath
+    from tsuiseki.tracking.formats.mot import write_tracks
+    from tsuiseki.tracking.pipelines.finding import PeopleInputs
+    from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
+    from tsuiseki.tracking.report.overlay import write_overlay
+    from tsuiseki.tracking.trackers.compensated import MotionCompensated
+    from tsuiseki.tracking.trackers.run import FrameLog, shifted
+
+    source = video.open()
+    if moving_camera and not source.has_images:
+        raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
+    inputs = PeopleInputs(
+        source,
+        finding.detect(source, "detector", detector_options),
+        _describer(source, method, appearance, finding.threads, appearance_options),
+        finding.batch_size,
+        CameraPath() if moving_camera else None,
+    )
+    learnt = people_affinity(method, affinity, finding.threads, known_scores=finding.detections is None)
+    settings = MethodSettings(sort, deepsort, bytetrack, ocsort, flow)
+    tracker = people_tracker(method, settings, learnt, output.seed)
+    if inputs.camera is not None:
+        tracker = MotionCompensated(tracker, inputs.camera)
+    log = FrameLog()
+    with output.run() as run:
+        frames = run.frames(source, record=video.overlay)
+        for index, found in run.steps(inputs.found(frames, run.times), total=frames_expected(source)):
+            log.add(index, found)
+            with run.times.measure(method):
+                tracker.update(found)
+        with run.times.measure(method):
+            tracks = [shifted(track, log.frames[0]) for track in tracker.tracks()]
+        run.columns = log.columns(tracks)
+        run.write("tracks.txt", lambda path: write_tracks(path, tracks))
+        if video.overlay:
+            run.draw(
+                video.overlay_file, lambda path: write_overlay(path, run.replay(source), tracks, source.frame_rate)
+            )
+        who, length = count(len(tracks), "person", "people"), count(run.count, "frame", "frames")
+        run.done(f"{who} in {length}: {output.out / 'tracks.txt'}")
+    return run.status
+
+
+def _describer(
+    source: Source, method: PeopleMethod, appearance: Path | None, threads: int, options: AppearanceOptions
+) -> Describe | None:
+    """What describes appearance, where the method compares it and there are images."""
+    from tsuiseki.tracking.features.networks import open_appearance
+    from tsuiseki.tracking.pipelines.finding import people_describer
+    from tsuiseki.tracking.pipelines.methods import compares_appearance
+
+    compared = compares_appearance(method)
+    if not compared or appearance is None or str(appearance) == "none":
+        return people_describer(source, compared, appearance, threads)
+    return open_appearance(appearance, threads, options=options)
