@@ -13,10 +13,10 @@ from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
-    from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.pipelines.methods import PeopleMethod
     from tsuiseki.tracking.trackers.run import FrameLog
     from tsuiseki.tracking.types import Track
+    from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.video import Source
 
 # What each method is called in table and report; the tracks of the last one are drawn.

@@ -13,7 +13,6 @@ from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.observations import Observation, observe
 from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
-from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.report.actions import ActionReport, action_page, captions_of
 from tsuiseki.tracking.report.overlay import write_overlay
@@ -21,6 +20,7 @@ from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.trackers.given import as_detections
 from tsuiseki.tracking.trackers.run import FrameLog, shifted
 from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video import Source
 
 
