@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.readers.mot import LabelledImage, labelled_images
+from tsuiseki.datamodules.readers.images import LabelledImage, labelled_images
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks import Detector
 from tsuiseki.tracking.features.observations import Observers, observe

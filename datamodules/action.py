@@ -11,8 +11,7 @@ from torch.utils.data import DataLoader
 
 from tsuiseki.datamodules.action_batches import ActionAugmentation, ActionBatch, ActionBatches, ValidationBatches
 from tsuiseki.datamodules.action_crops import CropSettings, clips_to_cut, cut_clip, has_crops, load_crops
-from tsuiseki.datamodules.readers.action_sequence import ActionSequence
-from tsuiseki.datamodules.readers.actions import action_sequences
+from tsuiseki.datamodules.readers.acting import ActionSequence, action_sequences
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName
 from tsuiseki.tracking.features.optical_flow import FlowName

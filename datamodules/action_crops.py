@@ -20,7 +20,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from tsuiseki.datamodules.action_frames import ReadFrame, frame_reader
-from tsuiseki.datamodules.readers.action_sequence import ActionSequence
+from tsuiseki.datamodules.readers.acting import ActionSequence
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName, crop_squares, flow_to, square_boxes
 from tsuiseki.tracking.features.optical_flow import FlowName

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.identity_crops import read_image
-from tsuiseki.datamodules.readers.action_sequence import ActionSequence
+from tsuiseki.datamodules.readers.acting import ActionSequence
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone_action import VIDEO_SUFFIXES
 from tsuiseki.tracking.types import ImageArray

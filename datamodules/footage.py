@@ -11,7 +11,7 @@ import numpy as np
 
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, empty_view, fit_size_by_row
-from tsuiseki.datamodules.readers.video import labelled_images
+from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import ImageArray
 

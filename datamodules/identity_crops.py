@@ -10,9 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.readers.images import LabelledImage, labelled_images
 from tsuiseki.datamodules.readers.mars import training_crops
-from tsuiseki.datamodules.readers.mot import LabelledImage
-from tsuiseki.datamodules.readers.video import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mars import MarsCrop, is_mars
 from tsuiseki.tracking.geometry import intersections

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.datamodules.footage import read_image
-from tsuiseki.datamodules.readers.mot import labelled_images
+from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.models.anchors import propose_anchors
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import find_sequences

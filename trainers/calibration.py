@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from sklearn.linear_model import LogisticRegression
 
-from tsuiseki.datamodules.readers.mot import labelled_images
+from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks import Detector

@@ -17,7 +17,7 @@ from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from tsuiseki.datamodules.action_batches import centre_crops
 from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, clips_to_cut, cut_clip, load_crops
-from tsuiseki.datamodules.readers.actions import action_sequences
+from tsuiseki.datamodules.readers.acting import action_sequences
 from tsuiseki.models.action import StreamProbability
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import ActionInput, StreamName

@@ -12,7 +12,7 @@ import pytest
 from tsuiseki.datamodules.action import ActionData
 from tsuiseki.datamodules.action_batches import ActionAugmentation, ActionBatches, changed, draw_changes
 from tsuiseki.datamodules.action_crops import CropSettings, cut_clip, has_crops, load_crops
-from tsuiseki.datamodules.readers.okutama import okutama_sequences
+from tsuiseki.datamodules.readers.acting import action_sequences
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import NO_MOTION, STREAMS
 
@@ -21,7 +21,7 @@ QUIET = ActionAugmentation(0, 0, 0)
 
 
 def test_crops_show_the_labelled_people(acting_clips: Path, tmp_path: Path) -> None:
-    clip = okutama_sequences(acting_clips / "train")[0]
+    clip = action_sequences(acting_clips / "train")[0]
     cut_clip(clip, SETTINGS, tmp_path / "c")
     crops = load_crops([tmp_path / "c"], STREAMS)
     labels = clip.labels
@@ -48,7 +48,7 @@ def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path
     other = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, size=24, cutting=SETTINGS)
     other.prepare_data()
     assert (folder / "rows.npz").stat().st_mtime_ns != first
-    (clip, _) = okutama_sequences(acting_clips / "train")
+    (clip, _) = action_sequences(acting_clips / "train")
     assert not has_crops(folder, clip, SETTINGS)
 
 
@@ -91,7 +91,7 @@ def test_damaged_crops_are_cut_anew_with_a_warning(
 
 
 def test_a_clip_that_breaks_off_leaves_nothing(acting_clips: Path, tmp_path: Path) -> None:
-    clip = okutama_sequences(acting_clips / "train")[0]
+    clip = action_sequences(acting_clips / "train")[0]
     (tmp_path / "crops").mkdir()
     (tmp_path / "broken.jpg").write_bytes(b"no image")
     files = (*clip.files[:3], tmp_path / "broken.jpg", *clip.files[4:])
@@ -177,4 +177,4 @@ def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
     (broken / "img1").mkdir()
     cv2.imwrite(str(broken / "img1" / "000001.jpg"), np.zeros((18, 32, 3), np.uint8))
     with pytest.raises(RequestError, match="labels reach frame 21"):
-        okutama_sequences(broken)
+        action_sequences(broken)

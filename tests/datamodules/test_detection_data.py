@@ -146,7 +146,7 @@ def test_hidden_people_are_ignored(tmp_path: Path) -> None:
 def test_missing_sources_are_said(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match=r"data\.train and in data\.val"):
         DetectionData([], [Source("somewhere")])
-    with pytest.raises(RequestError, match="MOTChallenge sequence"):
+    with pytest.raises(RequestError, match="expected a ground truth, a sequence folder"):
         Footage(Source(str(tmp_path / "nothing")))
 
 

@@ -13,21 +13,13 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
 from tsuiseki.tracking.evaluation.pairs import result_file
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
-from tsuiseki.tracking.formats.drone_action import drone_action_labels, find_drone_action, has_drone_action_layout
-from tsuiseki.tracking.formats.mot import find_sequences
-from tsuiseki.tracking.formats.okutama import Protocol, counted_from, okutama_truth, read_okutama
-from tsuiseki.tracking.formats.okutama_folders import (
-    EXTRACTED_SIZE,
-    clip_labelled_by,
-    find_okutama,
-    has_okutama_layout,
-    read_clip_labels,
-    read_okutama_video,
-)
+from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
+from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.formats.okutama import Protocol, counted_from, okutama_truth
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
-from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
+from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
 
 PLACES, SINGLE_PLACES = ("{name}/tracks.json", "{name}.json"), ("tracks.json",)
@@ -77,8 +69,7 @@ def read_labelled_actions(
     """The labels at ``path``.
 
     Args:
-        path: a sequence folder with ``gt/actions.txt``, that file, or a folder of such folders; a label file or the
-            folder of Okutama-Action; the folder of Drone-Action.
+        path: see `open_labelled`.
         protocol: by which labels count, see `okutama_truth`; all of Drone-Action's do.
         size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
             frames that lie with them, or else of those that come with the data.
@@ -88,28 +79,14 @@ def read_labelled_actions(
     Raises:
         RequestError: there are none, they are broken, or nobody who counts is labelled in the stretch.
     """
-    found = _every_frame(path, protocol, size, multiple_actions)
+    found = []
+    for video in open_labelled(path, multiple_actions):
+        labels = video.actions(size)
+        # Every frame of Drone-Action counts, whatever the protocol.
+        used: Protocol = "lenient" if labels.class_names == DRONE_ACTION_CLASSES else protocol
+        truth, actions = okutama_truth(labels, used)
+        found.append(LabelledActions(video.name, truth, actions, labels.class_names, counted_from(used)))
     return [_within(labels, frames) for labels in found] if frames != EVERY_FRAME else found
-
-
-def _every_frame(
-    path: Path, protocol: Protocol, size: tuple[int, int] | None, multiple_actions: bool
-) -> list[LabelledActions]:
-    if path.is_file() and (clip := clip_labelled_by(path)):
-        return [_labelled(clip.name, read_clip_labels(clip), protocol)]
-    if path.is_file():
-        return [_labelled(path.stem, read_okutama(path, size or EXTRACTED_SIZE), protocol)]
-    if path.is_dir() and has_okutama_layout(path):
-        videos = find_okutama(path, multiple_actions)
-        return [_labelled(video.name, read_okutama_video(video, size=size), protocol) for video in videos]
-    if path.is_dir() and has_drone_action_layout(path):
-        return [_labelled(clip.name, drone_action_labels(clip), "lenient") for clip in find_drone_action(path)]
-    return [_labelled(clip.name, read_clip_labels(clip), protocol) for clip in find_sequences(path)]
-
-
-def _labelled(name: str, labels: ActionLabels, protocol: Protocol) -> LabelledActions:
-    truth, actions = okutama_truth(labels, protocol)
-    return LabelledActions(name, truth, actions, labels.class_names, counted_from(protocol))
 
 
 def _within(labels: LabelledActions, frames: FrameRange) -> LabelledActions:

@@ -71,7 +71,7 @@ class DroneActionClip:
         return self.labels
 
 
-def has_drone_action_layout(folder: Path) -> bool:
+def is_drone_action(folder: Path) -> bool:
     """Whether a folder in ``folder`` is named after a class; a MOTChallenge sequence of such a name does not count."""
     return any(_class_of(part.name) and not is_sequence(part) for part in _folders(folder))
 

@@ -39,7 +39,7 @@ class OkutamaVideo:
     labels: Path
 
 
-def has_okutama_layout(folder: Path) -> bool:
+def is_okutama(folder: Path) -> bool:
     """Whether ``folder`` has Okutama-Action's layout; MOTChallenge sequences beside a folder Labels do not."""
     return any((folder / "Labels" / kind).is_dir() for kind in LABEL_FOLDERS)
 
@@ -68,6 +68,8 @@ def read_clip_labels(clip: Sequence) -> ActionLabels:
     Raises:
         RequestError: labels are missing or broken (see `read_okutama`), or nothing says how large the frames are.
     """
+    if not (clip.width and clip.height) and clip.images:
+        return read_okutama_video(OkutamaVideo(clip.name, clip.images, clip.folder / ACTIONS_FILE))
     if not (clip.width and clip.height):
         raise RequestError(f"{clip.folder}/seqinfo.ini: expected imWidth and imHeight, to scale {ACTIONS_FILE} to them")
     return read_okutama(clip.folder / ACTIONS_FILE, (clip.width, clip.height))
@@ -84,7 +86,7 @@ def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[Oku
         RequestError: the layout is another, or frames are missing between others.
     """
     folder = Path(folder)
-    if not has_okutama_layout(folder):
+    if not is_okutama(folder):
         clips = [folder] if (folder / ACTIONS_FILE).is_file() else sorted(folder.glob("*/"))
         clips = [clip for clip in clips if (clip / ACTIONS_FILE).is_file()]
         videos = [OkutamaVideo(clip.name, list_images(clip / "img1"), clip / ACTIONS_FILE) for clip in clips]

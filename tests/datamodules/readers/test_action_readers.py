@@ -13,7 +13,7 @@ import torch
 from tsuiseki.datamodules.action import ActionData
 from tsuiseki.datamodules.action_crops import CropSettings
 from tsuiseki.datamodules.action_frames import ForwardVideo, frame_reader
-from tsuiseki.datamodules.readers.actions import action_sequences
+from tsuiseki.datamodules.readers.acting import action_sequences
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES

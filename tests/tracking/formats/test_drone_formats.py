@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.identity_crops import crops_from_folder
+from tsuiseki.datamodules.readers.acting import action_sequences
+from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.datamodules.readers.mars import training_crops
-from tsuiseki.datamodules.readers.okutama import okutama_sequences
-from tsuiseki.datamodules.readers.video import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone_action import find_drone_action, read_drone_action_boxes
 from tsuiseki.tracking.formats.mars import read_mars
@@ -46,7 +46,7 @@ def okutama(tmp_path: Path) -> Path:
 
 
 def test_okutama_rows_become_pixels_of_the_frames(okutama):
-    (sequence,) = okutama_sequences(okutama)
+    (sequence,) = action_sequences(okutama)
     assert sequence.name == "1.1.1"
     assert [p.name for p in sequence.files[8:12]] == ["8.jpg", "9.jpg", "10.jpg", "11.jpg"]
     labels = sequence.labels
@@ -62,12 +62,12 @@ def test_the_frames_that_come_with_the_data_are_taken_of_several_sizes(okutama):
     for size in ("3840x2160", "1920x1080"):
         for frame in range(12):
             picture(okutama / "Drone1" / "Morning" / f"Extracted-Frames-{size}" / "1.1.1" / f"{frame}.jpg")
-    (sequence,) = okutama_sequences(okutama)
+    (sequence,) = action_sequences(okutama)
     assert {path.parent.parent.name for path in sequence.files} == {"Extracted-Frames-1280x720"}
 
 
 def test_the_published_protocol_drops_lost_and_occluded_rows_and_the_first_frame(okutama):
-    labels = okutama_sequences(okutama)[0].labels
+    labels = action_sequences(okutama)[0].labels
     published, actions = okutama_truth(labels, "published")
     assert list(zip(published.frames.tolist(), published.ids.tolist(), strict=True)) == [(1, 0), (2, 0), (2, 2)]
     assert published.evaluated.all()
@@ -84,7 +84,7 @@ def test_okutama_folders_train_detectors(okutama):
 
 
 def test_written_labels_are_read_back(okutama, tmp_path):
-    labels = okutama_sequences(okutama)[0].labels
+    labels = action_sequences(okutama)[0].labels
     labels = labels.select(~labels.lost)
     write_okutama(tmp_path / "again.txt", labels, (64, 36))
     again = read_okutama(tmp_path / "again.txt", (64, 36))
@@ -125,7 +125,7 @@ def test_broken_okutama_rows_are_named(tmp_path, row, complaint):
     ],
 )
 def test_frames_that_labels_cannot_belong_to_are_refused(okutama, length, size, complaint):
-    labels = okutama_sequences(okutama)[0].labels
+    labels = action_sequences(okutama)[0].labels
     with pytest.raises(RequestError, match=complaint):
         check_frames(labels, length, size, "1.1.1")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.readers.mot import labelled_images
+from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot import (
     find_sequences,

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.readers.okutama import okutama_sequences
+from tsuiseki.datamodules.readers.acting import action_sequences
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.datamodules.scenes.drone.flight import MOTIONS, Viewpoint, fly, ground_homography
@@ -36,7 +36,7 @@ def test_a_clip_is_a_sequence_with_actions(clip):
     sequence = read_sequence(clip)
     assert (len(sequence.images), sequence.width, sequence.height, sequence.frame_rate) == (6, 320, 180, 30)
     truth = read_ground_truth(sequence.ground_truth_path)
-    (acting,) = okutama_sequences(clip)
+    (acting,) = action_sequences(clip)
     labels = acting.labels
     assert list(zip(labels.frames, labels.ids, strict=True)) == list(zip(truth.frames, truth.ids, strict=True))
     # Whole pixels of 3840x2160 are twelfths of these.
@@ -49,7 +49,7 @@ def test_a_clip_is_a_sequence_with_actions(clip):
 def test_okutama_layout_holds_the_same_labels(clip, tmp_path):
     (tmp_path / "set").mkdir()
     folder = write_drone(tmp_path / "set", SMALL, seed=3, layout="okutama")
-    (published,), (generated,) = okutama_sequences(folder), okutama_sequences(clip)
+    (published,), (generated,) = action_sequences(folder), action_sequences(clip)
     assert published.name == "1.1.1"
     assert published.files[5].name == "5.jpg"
     np.testing.assert_array_equal(published.labels.boxes, generated.labels.boxes)

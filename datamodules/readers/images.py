@@ -1,13 +1,13 @@
-"""MOTChallenge folders as training samples: one labelled image a frame."""
+"""Labelled video of any layout as training samples: one labelled image a frame."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import Sequence, find_sequences, read_ground_truth
+from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
@@ -35,29 +35,27 @@ class LabelledImage:
 
 
 def labelled_images(folder: str | Path, frames: tuple[int, int] | None = None) -> list[LabelledImage]:
-    """The labelled images of a sequence folder, or of every sequence in a folder of them.
+    """The labelled images of every video in ``folder``.
 
     Args:
-        folder: in the MOTChallenge layout.
-        frames: first and last frame, 1-based and both included as the files count; by default all.
+        folder: see `open_labelled`.
+        frames: first and last frame of each video, 1-based and both included as the files count; by default all.
 
     Raises:
-        RequestError: there is no sequence, a sequence has no images or no usable label, or no frame is left.
+        RequestError: there is no video, one has no images or no usable label, or no frame is left.
     """
-    samples = [sample for sequence in find_sequences(folder) for sample in _images_of(sequence, frames)]
+    samples = [sample for video in open_labelled(Path(folder)) for sample in _images_of(video, frames)]
     if not samples:
         raise RequestError(f"{folder}: no frame lies within {frames}; frames count from 1")
     return samples
 
 
-def _images_of(sequence: Sequence, frames: tuple[int, int] | None) -> Iterable[LabelledImage]:
-    if not sequence.images:
-        raise RequestError(f"{sequence.folder}: expected images in img1/, found none; training needs them")
-    truth = read_ground_truth(sequence.ground_truth_path)
+def _images_of(video: LabelledVideo, frames: tuple[int, int] | None) -> Iterator[LabelledImage]:
+    if video.length is None or len(video.files) != video.length:
+        raise RequestError(f"{video.name}: expected images in img1/, found none; training needs them")
+    truth = video.people()
     truth = truth.select(truth.evaluated | truth.ignored)
-    first, last = frames or (1, sequence.length)
-    for frame in range(max(first, 1) - 1, min(last, sequence.length)):
+    first, last = frames or (1, video.length)
+    for frame in range(max(first, 1) - 1, min(last, video.length)):
         rows = truth.between(frame, frame)
-        yield LabelledImage(
-            sequence.images[frame], sequence.name, frame, rows.boxes, rows.ids, rows.ignored, rows.visibility
-        )
+        yield LabelledImage(video.files[frame], video.name, frame, rows.boxes, rows.ids, rows.ignored, rows.visibility)

@@ -1,0 +1,174 @@
+"""Labelled video of every layout that is known; the layout is seen from what is there.
+
+| at the path | layout |
+|---|---|
+| ``gt.txt``, a sequence folder, a folder of sequences | MOTChallenge, with ``gt/actions.txt`` where there are actions |
+| the folder, or a label file in it | Okutama-Action |
+| the folder, or a label file in it | VisDrone-MOT |
+| the folder | Drone-Action |
+
+Which boxes count is said where each format is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.drone_action import (
+    DroneActionClip,
+    drone_action_labels,
+    find_drone_action,
+    is_drone_action,
+    read_drone_action_boxes,
+)
+from tsuiseki.tracking.formats.mot import Sequence, find_sequences, list_images, read_ground_truth, read_sequence
+from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, Protocol, counted_from, okutama_truth
+from tsuiseki.tracking.formats.okutama_folders import (
+    OkutamaVideo,
+    clip_labelled_by,
+    find_okutama,
+    is_okutama,
+    is_okutama_file,
+    read_clip_labels,
+    read_okutama_video,
+)
+from tsuiseki.tracking.formats.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
+from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
+from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
+
+Size: TypeAlias = tuple[int, int] | None
+"""Width and height of the frames that labels are wanted for; None takes those of the frames that lie with them."""
+
+
+@dataclass(frozen=True)
+class LabelledVideo:
+    """A video and its labels, which are read when they are asked for.
+
+    Attributes:
+        name: of the video.
+        files: one image a frame, by frame; or the video file alone; empty where only labels are there.
+        length: number of frames; None where nothing tells.
+        read_people: who is where; None where a protocol says which of the actions' rows count.
+        read_actions: who does what, in pixels of a size; None where nobody labelled it.
+    """
+
+    name: str
+    files: tuple[Path, ...]
+    length: int | None
+    read_people: Callable[[], GroundTruth] | None
+    read_actions: Callable[[Size], ActionLabels] | None = None
+
+    def people(self, protocol: Protocol = "lenient", size: Size = None) -> GroundTruth:
+        """Who is where.
+
+        Args:
+            protocol: by which Okutama-Action's labels count, see `okutama_truth`.
+            size: for Okutama-Action's labels.
+
+        Raises:
+            RequestError: labels are missing or broken, or nobody counts.
+        """
+        if self.read_people is not None:
+            return self.read_people()
+        truth, _ = okutama_truth(self.actions(size), protocol)
+        if not truth.evaluated.any():
+            raise RequestError(f"{self.name}: expected a labelled person who is neither lost nor occluded, got none")
+        return truth
+
+    def actions(self, size: Size = None) -> ActionLabels:
+        """Who does what.
+
+        Raises:
+            RequestError: nobody labelled actions, or labels are broken.
+        """
+        if self.read_actions is None:
+            raise RequestError(f"{self.name}: expected people labelled with actions, found labels of boxes alone")
+        return self.read_actions(size)
+
+    def counted(self, protocol: Protocol) -> FrameRange:
+        """The frames of `people` that count."""
+        return EVERY_FRAME if self.read_people is not None else counted_from(protocol)
+
+
+def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVideo]:
+    """The labelled videos at ``path``, by name.
+
+    Args:
+        path: see the module.
+        multiple_actions: of Okutama-Action's folder, take ``MultiActionLabels``.
+
+    Raises:
+        RequestError: nothing known is there, or its layout is broken.
+    """
+    if path.is_dir():
+        return _in_folder(path, multiple_actions)
+    if not path.is_file():
+        raise RequestError(f"expected a ground truth, a sequence folder or a folder of sequences, found no {path}")
+    if (clip := clip_labelled_by(path)) is not None:
+        return [_clip_by_actions(clip)]
+    if is_okutama_file(path):
+        return [_okutama(OkutamaVideo(path.stem, (), path))]
+    if path.parent.name == "annotations" and is_visdrone(path.parent.parent):
+        return [_visdrone(found) for found in find_visdrone(path.parent.parent) if found.labels.name == path.name]
+    return [_ground_truth(path)]
+
+
+def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
+    if is_okutama(folder):
+        return [_okutama(video) for video in find_okutama(folder, multiple_actions)]
+    if is_visdrone(folder):
+        return [_visdrone(sequence) for sequence in find_visdrone(folder)]
+    if is_drone_action(folder):
+        return [_drone_action(clip) for clip in find_drone_action(folder)]
+    return [_sequence(sequence) for sequence in find_sequences(folder)]
+
+
+def _sequence(sequence: Sequence) -> LabelledVideo:
+    return LabelledVideo(
+        sequence.name,
+        sequence.images,
+        sequence.length or None,
+        lambda: read_ground_truth(sequence.ground_truth_path),
+        (lambda _: read_clip_labels(sequence)) if (sequence.folder / ACTIONS_FILE).is_file() else None,
+    )
+
+
+def _clip_by_actions(clip: Sequence) -> LabelledVideo:
+    """A generated clip, of which the rows with actions say who is where."""
+    return LabelledVideo(clip.name, clip.images, clip.length or None, None, lambda _: read_clip_labels(clip))
+
+
+def _ground_truth(path: Path) -> LabelledVideo:
+    """Labels with name and length of the sequence that a ``gt/gt.txt`` lies in, where it lies in one."""
+    folder = path.resolve().parent.parent
+    if path.name == "gt.txt" and path.resolve().parent.name == "gt" and (folder / "seqinfo.ini").is_file():
+        sequence = read_sequence(folder)
+        return LabelledVideo(sequence.name, (), sequence.length or None, lambda: read_ground_truth(path))
+    name = folder.name if path.name == "gt.txt" else path.stem
+    return LabelledVideo(name, (), None, lambda: read_ground_truth(path))
+
+
+def _okutama(video: OkutamaVideo) -> LabelledVideo:
+    length = len(video.images) or None
+    return LabelledVideo(video.name, video.images, length, None, lambda size: read_okutama_video(video, size=size))
+
+
+def _visdrone(sequence: VisDroneSequence) -> LabelledVideo:
+    length = len(sequence.images)
+    return LabelledVideo(sequence.name, sequence.images, length, lambda: read_visdrone(sequence.labels, length))
+
+
+def _drone_action(clip: DroneActionClip) -> LabelledVideo:
+    images = list_images(clip.source)
+    length = len(images) or None
+    return LabelledVideo(
+        clip.name,
+        images or (clip.source,),
+        length,
+        lambda: read_drone_action_boxes(clip.labelled(), length),
+        lambda _: drone_action_labels(clip, length),
+    )
