@@ -66,6 +66,11 @@ class ForeignDetector:
         self.input = _changed(LAYOUTS[self.layout].input, options, whole=self.size is None)
         self.person = self._choose_person(list(trial.values()), options)
 
+    @property
+    def input_size(self) -> Size | None:
+        """Height and width of the input, pixels; None where it takes any."""
+        return self.size
+
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB; boxes are cut off at the border.
 

@@ -66,6 +66,11 @@ class Detector:
                 "export the detector again"
             )
 
+    @property
+    def input_size(self) -> tuple[int, int]:
+        """Height and width of the input, pixels."""
+        return self.model.card.input_height, self.model.card.input_width
+
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB, all in one batch; boxes are cut off at the border."""
         if not images:

@@ -1,0 +1,145 @@
+"""How well a detector finds people: average precision, precision and recall by the height of the person.
+
+    python benchmarks/detection_accuracy.py --data ../shared/data [--detector FILE] [--view auto] [--only NAME ...]
+
+Real sequences that no shipped detector has seen: PETS09-S2L1 (frames 1-300 and 301-400), four stills of MOT17-02, the
+video of MOT17-13, and generated streets of other seeds than those of training (`--streets 0` leaves them out). TUD has
+no pictures here. Average precision is over all scores from 0.02 on; precision and recall hold at `--score-threshold`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.street.street import StreetSettings, draw_street, plan_street
+from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections, labelled_boxes
+from tsuiseki.tracking.features.networks import open_detector
+from tsuiseki.tracking.features.view_choice import ViewedDetector
+from tsuiseki.tracking.features.views import parse_view
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.video import open_source
+
+LOWEST_SCORE = 0.02
+HEIGHTS = (0, 30, 45, 60, 90, 150, 10_000)
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Labelled pictures.
+
+    Attributes:
+        name: for the table.
+        pictures: each an image with its labels.
+    """
+
+    name: str
+    pictures: Callable[[], Iterator[tuple[ImageArray, LabelledBoxes]]]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    shipped = resources.files("tsuiseki.tracking") / "weights" / "detector_street.onnx"
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("--detector", default=str(shipped))
+    parser.add_argument("--view", default="auto")
+    parser.add_argument("--score-threshold", type=float, default=0.3)
+    parser.add_argument("--streets", type=int, default=3)
+    parser.add_argument("--every", type=int, default=1, help="look at every n-th frame only")
+    parser.add_argument("--only", nargs="*", default=[])
+    arguments = parser.parse_args()
+    bins = " ".join(f"{a:>4}-{b if b < 9999 else '':<4}" for a, b in itertools.pairwise(HEIGHTS))
+    print(f"{'sequence':22} frames   AP.3   AP.5  AP.75   prec    rec  tiles  ms CPU  recall by height: {bins}")
+    for sequence in sequences(arguments.data, arguments.streets, arguments.every):
+        if not arguments.only or any(word in sequence.name for word in arguments.only):
+            print(row(sequence, arguments.detector, arguments.view, arguments.score_threshold), flush=True)
+
+
+def sequences(data: Path, streets: int, every: int) -> Iterator[Sequence]:
+    """Those that are at hand."""
+    mot = data / "mot"
+    real = (
+        ("PETS 1-300", mot / "PETS09-S2L1-first", mot / "PETS09-S2L1-first", 0, 299, every),
+        ("PETS 301-400", mot / "PETS09-S2L1-first", mot / "PETS09-S2L1-first", 300, 399, every),
+        ("MOT17-02 stills", mot / "mot17-02-stills", mot / "mot17-02-stills", 0, 3, 1),
+        ("MOT17-13 video", video_in(mot / "mot17-13-video"), mot / "mot17-13-video", 0, 749, 15 * every),
+    )
+    for name, source, labels, first, last, step in real:
+        yield Sequence(name, lambda s=source, t=labels, a=first, b=last, n=step: labelled(s, t, a, b, n))  # type: ignore[misc]
+    if streets:
+        yield Sequence(f"{streets} generated streets", lambda: generated(streets, 10 * every))
+
+
+def video_in(folder: Path) -> Path:
+    """The video file in ``folder``."""
+    return next(p for p in sorted(folder.iterdir()) if p.suffix in (".h265", ".hevc", ".265", ".mp4", ".webm"))
+
+
+def labelled(
+    source: Path, labels: Path, first: int, last: int, step: int
+) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
+    """Every ``step``-th frame with its labels."""
+    truth = read_ground_truth(labels / "gt" / "gt.txt")
+    for frame in open_source(source, FrameRange(first, last)).frames():
+        if (frame.index - first) % step == 0:
+            yield frame.image, labelled_boxes(truth, [frame.index])[0]
+
+
+def generated(streets: int, step: int) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
+    """Frames of streets that no training has seen."""
+    for seed in range(streets):
+        street = plan_street(StreetSettings(frames=100), 7100 + seed)
+        for number in range(0, 100, step):
+            image, truth = draw_street(street, number)
+            yield image, LabelledBoxes(truth.boxes, truth.visibility < 0.25)
+
+
+def row(sequence: Sequence, path: str, view: str, threshold: float) -> str:
+    """One line of the table."""
+    detector = open_detector(path, LOWEST_SCORE, threads=1)
+    pictures = list(sequence.pictures())
+    tiled = ViewedDetector(detector, parse_view(view))
+    chosen = tiled.prepare([image for image, _ in pictures[:3]]).view
+    start = time.process_time()
+    found = [tiled.detect([image])[0] for image, _ in pictures]
+    cost = 1000 * (time.process_time() - start) / len(pictures)
+    truth = [labels for _, labels in pictures]
+    precisions = [evaluate_detections(truth, found, iou).average_precision for iou in (0.3, 0.5, 0.75)]
+    kept = [Detections(d.boxes[d.scores >= threshold], d.scores[d.scores >= threshold]) for d in found]
+    scores = evaluate_detections(truth, kept)
+    last = (scores.precision[-1], scores.recall[-1]) if len(scores.recall) else (0.0, 0.0)
+    heights = "  ".join(f"{hit:.2f}/{count:<4}" for hit, count in recall_by_height(truth, kept))
+    numbers = " ".join(f"{value:6.3f}" for value in (*precisions, *last))
+    return f"{sequence.name:22} {len(pictures):6} {numbers} {len(chosen):6} {cost:7.1f}  {heights}"
+
+
+def recall_by_height(truth: list[LabelledBoxes], found: list[Detections]) -> Iterator[tuple[float, int]]:
+    """Recall and number of the people of each height, everybody else ignored."""
+    for low, high in itertools.pairwise(HEIGHTS):
+        within = [_only(labels, low, high) for labels in truth]
+        count = sum(int((~labels.ignored).sum()) for labels in within)
+        if count == 0:
+            yield 0.0, 0
+            continue
+        recall: FloatArray = evaluate_detections(within, found).recall
+        yield (float(recall[-1]) if len(recall) else 0.0), count
+
+
+def _only(labels: LabelledBoxes, low: float, high: float) -> LabelledBoxes:
+    height = labels.boxes[:, 3] - labels.boxes[:, 1]
+    return LabelledBoxes(labels.boxes, labels.ignored | (height < low) | (height >= high))
+
+
+if __name__ == "__main__":
+    np.seterr(all="raise", under="ignore")
+    main()

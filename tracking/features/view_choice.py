@@ -1,0 +1,128 @@
+"""Which tiles a video needs, from a look at its first frames at several scales."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from tsuiseki.tracking.features.networks import Detect
+from tsuiseki.tracking.features.views import MOST_COLUMNS, TiledDetector, View, view_of
+from tsuiseki.tracking.types import Detections, ImageArray
+
+# A pixel of the frame becomes at most this many of the input: a larger picture shows nothing more.
+LARGEST_SCALE = 1.5
+# More tiles are worth their time where they find this many times the people.
+WORTH = 1.25
+_CERTAIN = 0.3
+_LOOKS = 3
+
+
+class SizedDetect(Detect, Protocol):
+    """A detector that knows the size of its input."""
+
+    @property
+    def input_size(self) -> tuple[int, int] | None:
+        """Height and width, pixels; None where it takes any."""
+
+
+@dataclass(frozen=True)
+class ViewChoice:
+    """A view, and what it takes.
+
+    Attributes:
+        view: the tiles.
+        milliseconds: that the detector took a frame; None where nothing was tried.
+        people: expected in a frame at each number of tiles across that was tried.
+    """
+
+    view: View
+    milliseconds: float | None
+    people: dict[int, float]
+
+    def __str__(self) -> str:
+        tiles = "the whole frame" if len(self.view) == 1 else f"{len(self.view)} tiles a frame"
+        cost = "" if self.milliseconds is None else f", about {self.milliseconds:.0f} ms a frame"
+        return f"{tiles}{cost}"
+
+
+def choose_view(images: Sequence[ImageArray], detector: SizedDetect, batch_size: int = 4) -> ViewChoice:
+    """The fewest tiles beyond which more do not find more people, as far as the detector can tell.
+
+    The number of people expected is the sum of the scores from 0.3 on. From the whole frame on, one more tile across is
+    taken as long as it raises that number by `WORTH`; frames that the input shows at `LARGEST_SCALE` need no tiles.
+
+    Args:
+        images: the first frames, of one size; `_LOOKS` of them are looked at.
+        detector: finds people.
+        batch_size: most pictures of one call of ``detector``.
+    """
+    size = images[0].shape[:2]
+    looked = images[:: max(1, len(images) // _LOOKS)][:_LOOKS]
+    chosen, cost = view_of(size, 1, 1.0), None
+    people: dict[int, float] = {}
+    for columns in range(1, _most_columns(size, detector.input_size) + 1):
+        assert detector.input_size is not None
+        view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
+        start = time.perf_counter()
+        found = TiledDetector(detector, view, batch_size=batch_size).detect(looked)
+        taken = 1000 * (time.perf_counter() - start) / len(looked)
+        people[columns] = sum(_expected(d) for d in found) / len(looked)
+        if columns > 1 and not people[columns] > WORTH * people[columns - 1]:
+            break
+        chosen, cost = view, taken
+    return ViewChoice(chosen, cost, people)
+
+
+class ViewedDetector:
+    """A detector that looks at frames of any size in as many tiles as they need.
+
+    Args:
+        detector: finds people in pictures.
+        wanted: tiles across and down (None: as many as cover the frame); by default chosen from the first frames.
+        batch_size: most pictures of one call of ``detector``.
+
+    Attributes:
+        choices: made so far, by the height and width of the frames.
+    """
+
+    def __init__(
+        self, detector: SizedDetect, wanted: tuple[int, int | None] | None = None, batch_size: int = 4
+    ) -> None:
+        self.detector, self.wanted, self.batch_size = detector, wanted, batch_size
+        self.choices: dict[tuple[int, ...], ViewChoice] = {}
+
+    def prepare(self, images: Sequence[ImageArray]) -> ViewChoice:
+        """Choose the view for frames like ``images``, once for each size."""
+        size = images[0].shape[:2]
+        if size not in self.choices:
+            if self.wanted is None:
+                self.choices[size] = choose_view(images, self.detector, self.batch_size)
+            else:
+                high, wide = self.detector.input_size or size
+                self.choices[size] = ViewChoice(view_of(size, self.wanted[0], wide / high, self.wanted[1]), None, {})
+        return self.choices[size]
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """People in ``images``, each ``(H, W, 3)`` uint8 RGB, all of one size."""
+        if not images:
+            return []
+        return TiledDetector(self.detector, self.prepare(images).view, batch_size=self.batch_size).detect(images)
+
+
+def _most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None) -> int:
+    """Tiles across at which the input shows the frame at `LARGEST_SCALE`; 1 where the whole frame nearly does."""
+    if wanted is None:
+        return 1
+    most = 1
+    for columns in range(2, MOST_COLUMNS + 1):
+        x1, y1, x2, y2 = view_of((size[0], size[1]), columns, wanted[1] / wanted[0]).tiles[-1].tolist()
+        if min(wanted[1] / (x2 - x1), wanted[0] / (y2 - y1)) > LARGEST_SCALE:
+            break
+        most = columns
+    return most
+
+
+def _expected(found: Detections) -> float:
+    return float(found.scores[found.scores >= _CERTAIN].sum())

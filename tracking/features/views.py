@@ -1,0 +1,150 @@
+"""Frames of any size: overlapping tiles that a detector looks at one by one, and their boxes put together again.
+
+A detector sees people from about 25 pixels of its input on. A frame that is larger than the input is shrunk, and small
+people in it with it; a tile of the frame is shrunk less. The whole frame is looked at, too, for people larger than a
+tile.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks import Detect
+from tsuiseki.tracking.geometry import areas, intersections, suppress
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray
+
+# Share of a tile that the next one sees again: someone half as wide as a tile is whole in one of them.
+OVERLAP = 0.2
+# Most tiles across that are ever asked for.
+MOST_COLUMNS = 8
+# A box this near to a seam, in shares of its tile, is taken for cut off there.
+_NEAR_SEAM = 0.01
+# A cut-off box goes where another box covers this much of it.
+_COVERED = 0.6
+
+
+@dataclass(frozen=True)
+class View:
+    """The parts of a frame that the detector looks at.
+
+    Attributes:
+        columns: tiles across; 1 for the whole frame alone.
+        tiles: ``(T, 4)`` x1, y1, x2, y2 in pixels of the frame, the whole frame first.
+    """
+
+    columns: int
+    tiles: IntArray
+
+    def __len__(self) -> int:
+        return len(self.tiles)
+
+
+def view_of(size: tuple[int, int], columns: int, shape: float, rows: int | None = None) -> View:
+    """Tiles over a frame, overlapping by `OVERLAP`, and the whole frame.
+
+    Args:
+        size: height and width of the frame, pixels.
+        columns: tiles across.
+        shape: width of the detector's input by its height; tiles are of this shape.
+        rows: tiles down, where the tiles may have another shape; by default as many as cover the frame.
+    """
+    height, width = size
+    whole = np.array([[0, 0, width, height]], dtype=np.int64)
+    if columns == 1 and rows in (None, 1):
+        return View(1, whole)
+    wide = width / (1 + (columns - 1) * (1 - OVERLAP))
+    high = min(wide / shape, height) if rows is None else height / (1 + (rows - 1) * (1 - OVERLAP))
+    if rows is None:
+        rows = 1 + math.ceil(max(height - high, 0) / (high * (1 - OVERLAP)) - 1e-9)
+    left = np.linspace(0, width - wide, columns)
+    top = np.linspace(0, height - high, rows)
+    y, x = (grid.ravel() for grid in np.meshgrid(top, left, indexing="ij"))
+    tiles = np.stack([x, y, x + wide, y + high], axis=1).round().astype(np.int64)
+    return View(columns, np.concatenate([whole, tiles]))
+
+
+def parse_view(text: str) -> tuple[int, int | None] | None:
+    """Tiles across and down of ``auto`` (None), ``3`` or ``3x2``.
+
+    Raises:
+        RequestError: it is none of them.
+    """
+    if text == "auto":
+        return None
+    match = re.fullmatch(r"(\d+)(?:x(\d+))?", text)
+    counts = [int(x) for x in match.groups() if x is not None] if match else []
+    if not counts or not all(1 <= n <= MOST_COLUMNS for n in counts):
+        raise RequestError(f"view: expected auto, tiles across such as 2, or across and down such as 3x2, got {text!r}")
+    return counts[0], counts[1] if len(counts) == 2 else None
+
+
+class TiledDetector:
+    """A detector that looks at the tiles of a view.
+
+    Args:
+        detector: finds people in pictures.
+        view: for frames of one size.
+        iou_threshold: of two boxes of different tiles that are taken for one person.
+        batch_size: most pictures of one call of ``detector``.
+    """
+
+    def __init__(self, detector: Detect, view: View, iou_threshold: float = 0.5, batch_size: int = 4) -> None:
+        self.detector, self.view = detector, view
+        self.iou_threshold, self.batch_size = iou_threshold, batch_size
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the view's size, without doubles at the seams."""
+        pictures = [image[y1:y2, x1:x2] for image in images for x1, y1, x2, y2 in self.view.tiles.tolist()]
+        found: list[Detections] = []
+        for start in range(0, len(pictures), self.batch_size):
+            found += self.detector.detect(pictures[start : start + self.batch_size])
+        count = len(self.view)
+        return [
+            merge(found[n * count : (n + 1) * count], self.view.tiles, self.iou_threshold) for n in range(len(images))
+        ]
+
+
+def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0.5) -> Detections:
+    """The detections of a frame's tiles as those of the frame.
+
+    A box that a seam cuts off goes where another tile saw more of the same person; the rest is suppressed as usual.
+
+    Args:
+        found: in each tile, in its pixels.
+        tiles: ``(T, 4)``, the whole frame first.
+        iou_threshold: from which two boxes are one person.
+    """
+    if len(tiles) == 1:
+        return found[0]
+    shifts = np.repeat(tiles[:, [0, 1, 0, 1]], [len(d) for d in found], axis=0)
+    boxes: FloatArray = np.concatenate([d.boxes for d in found]) + shifts.astype(np.float64)
+    scores = np.concatenate([d.scores for d in found])
+    owner = np.repeat(np.arange(len(tiles)), [len(d) for d in found])
+    cut = _cut_off(boxes, tiles[owner], tiles[0])
+    kept = np.flatnonzero(~_seen_better(boxes, scores, cut, owner))
+    boxes, scores = boxes[kept], scores[kept]
+    kept = suppress(boxes, scores, iou_threshold)
+    return Detections(boxes[kept], scores[kept])
+
+
+def _cut_off(boxes: FloatArray, tiles: IntArray, frame: IntArray) -> BoolArray:
+    """``(N,)`` whether a box ends at a border of its tile that is no border of the frame."""
+    margin = _NEAR_SEAM * (tiles[:, 2:] - tiles[:, :2])
+    before = (boxes[:, :2] - tiles[:, :2] < margin) & (tiles[:, :2] > frame[:2])
+    after = (tiles[:, 2:] - boxes[:, 2:] < margin) & (tiles[:, 2:] < frame[2:])
+    return np.asarray((before | after).any(axis=1))
+
+
+def _seen_better(boxes: FloatArray, scores: FloatArray, cut: BoolArray, owner: IntArray) -> BoolArray:
+    """``(N,)`` cut-off boxes that a box of another tile covers: a whole one, or a larger one that is cut off, too."""
+    size = areas(boxes)
+    covered = intersections(boxes[:, None], boxes[None]) >= _COVERED * size[:, None]
+    whole = ~cut[None] & (scores[None] >= 0.5 * scores[:, None])
+    larger = cut[None] & (size[None] > size[:, None])
+    return np.asarray(cut & (covered & (whole | larger) & (owner[:, None] != owner[None])).any(axis=1))
