@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from tsuiseki.tracking.features.networks import Detect
+from tsuiseki.tracking.features.networks import Detect, Detector
 from tsuiseki.tracking.features.views import MOST_COLUMNS, TiledDetector, View, view_of
 from tsuiseki.tracking.types import Detections, ImageArray
 
@@ -17,6 +17,8 @@ LARGEST_SCALE = 1.5
 WORTH = 1.25
 _CERTAIN = 0.3
 _LOOKS = 3
+# Below this many people in a frame the look goes on: all of them may be too small so far.
+_SOMEBODY = 0.5
 
 
 class SizedDetect(Detect, Protocol):
@@ -50,8 +52,8 @@ class ViewChoice:
 def choose_view(images: Sequence[ImageArray], detector: SizedDetect, batch_size: int = 4) -> ViewChoice:
     """The fewest tiles beyond which more do not find more people, as far as the detector can tell.
 
-    The number of people expected is the sum of the scores from 0.3 on. From the whole frame on, one more tile across is
-    taken as long as it raises that number by `WORTH`; frames that the input shows at `LARGEST_SCALE` need no tiles.
+    The number of people expected is the sum of the scores from 0.3 on. From the whole frame on, one more tile across
+    is taken as long as it raises that number by `WORTH`; frames that the input shows at `LARGEST_SCALE` need no tiles.
 
     Args:
         images: the first frames, of one size; `_LOOKS` of them are looked at.
@@ -61,17 +63,20 @@ def choose_view(images: Sequence[ImageArray], detector: SizedDetect, batch_size:
     size = images[0].shape[:2]
     looked = images[:: max(1, len(images) // _LOOKS)][:_LOOKS]
     chosen, cost = view_of(size, 1, 1.0), None
+    most = _most_columns(size, detector.input_size)
+    if most == 1 or detector.input_size is None:
+        return ViewChoice(chosen, None, {})
     people: dict[int, float] = {}
-    for columns in range(1, _most_columns(size, detector.input_size) + 1):
-        assert detector.input_size is not None
+    for columns in range(1, most + 1):
         view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
         start = time.perf_counter()
         found = TiledDetector(detector, view, batch_size=batch_size).detect(looked)
         taken = 1000 * (time.perf_counter() - start) / len(looked)
         people[columns] = sum(_expected(d) for d in found) / len(looked)
-        if columns > 1 and not people[columns] > WORTH * people[columns - 1]:
+        if columns == 1 or people[columns] > WORTH * people[chosen.columns]:
+            chosen, cost = view, taken
+        elif people[chosen.columns] >= _SOMEBODY:
             break
-        chosen, cost = view, taken
     return ViewChoice(chosen, cost, people)
 
 
@@ -93,6 +98,11 @@ class ViewedDetector:
         self.detector, self.wanted, self.batch_size = detector, wanted, batch_size
         self.choices: dict[tuple[int, ...], ViewChoice] = {}
 
+    @property
+    def summary(self) -> str:
+        """The views that are more than the whole frame, in words."""
+        return ", ".join(str(choice) for choice in self.choices.values() if len(choice.view) > 1)
+
     def prepare(self, images: Sequence[ImageArray]) -> ViewChoice:
         """Choose the view for frames like ``images``, once for each size."""
         size = images[0].shape[:2]
@@ -109,6 +119,11 @@ class ViewedDetector:
         if not images:
             return []
         return TiledDetector(self.detector, self.prepare(images).view, batch_size=self.batch_size).detect(images)
+
+
+def knows_scores(detect: object) -> bool:
+    """Whether the scores of ``detect`` mean what those of the shipped detectors do."""
+    return isinstance(detect.detector if isinstance(detect, ViewedDetector) else detect, Detector)
 
 
 def _most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None) -> int:

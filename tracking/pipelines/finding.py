@@ -10,8 +10,10 @@ from typing import TypeAlias
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_motion import CameraPath
-from tsuiseki.tracking.features.networks import Describe, Detect, stream
+from tsuiseki.tracking.features.foreign_detector import ForeignDetector
+from tsuiseki.tracking.features.networks import Describe, Detect, Detector, stream
 from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike, as_describer, as_detector
+from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.timing import StageTimes
@@ -140,6 +142,9 @@ def people_detect(
         score_range: of detections that are read from a file.
         threads: CPU threads of a detector that is read from a file.
 
+    Returns:
+        Networks look at large frames in tiles; see `choose_view`.
+
     Raises:
         RequestError: both are given, or the source has no images to find people in.
     """
@@ -149,7 +154,8 @@ def people_detect(
         return given_detections(detections, source, score_range)
     if not source.has_images:
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
-    return as_detector(default if detector is None else detector, score_threshold, threads)
+    found = as_detector(default if detector is None else detector, score_threshold, threads)
+    return ViewedDetector(found) if isinstance(found, Detector | ForeignDetector) else found
 
 
 def people_describer(

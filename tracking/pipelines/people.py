@@ -16,8 +16,8 @@ import numpy as np
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import CameraPath
-from tsuiseki.tracking.features.networks import Detector
 from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike
+from tsuiseki.tracking.features.view_choice import knows_scores
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.pipelines.finding import GivenDetections, PeopleInputs, people_describer, people_detect
 from tsuiseki.tracking.pipelines.methods import (
@@ -144,12 +144,13 @@ def _prepared(
 ) -> tuple[PeopleInputs, PeopleTracker]:
     """Everything opened and checked before the first frame is read."""
     opened = open_source(str(source), parse_frames(frames))
-    # The shipped costs know the scores of exported networks, not those of other people's detectors.
-    known_scores = detections is None and isinstance(detector, str | Path | Detector | None)
+    detect = people_detect(opened, detections, detector, shipped("detector_street"), threads=threads)
+    # The shipped costs know the scores of this toolkit's networks, not those of other people's detectors.
+    known_scores = knows_scores(detect)
     tracker = _tracker(method, affinity, known_scores, threads, seed)
     inputs = PeopleInputs(
         opened,
-        people_detect(opened, detections, detector, shipped("detector_street"), threads=threads),
+        detect,
         people_describer(opened, compares_appearance(method), appearance, threads),
         camera=CameraPath() if moving_camera else None,
     )

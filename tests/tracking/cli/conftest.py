@@ -36,10 +36,13 @@ class Inputs:
     affinity: Path
 
     def words(self, source: str | Path | None = None) -> list[str]:
-        """The command that tracks with all of them; more options may follow."""
+        """The command that tracks with all of them; more options may follow.
+
+        The detector here finds somebody in whatever it sees, so it must not look at tiles.
+        """
         models = ("detector", "appearance", "affinity")
         given = [word for name in models for word in (f"--{name}", str(getattr(self, name)))]
-        return ["track", "people", str(source or self.video), *given]
+        return ["track", "people", str(source or self.video), *given, "--view", "1"]
 
 
 @pytest.fixture(scope="session")

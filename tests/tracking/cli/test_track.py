@@ -37,7 +37,7 @@ def check_result(folder: Path, first: int, last: int) -> None:
 def test_a_person_is_tracked_from_any_source_by_any_method(
     inputs: Any, tmp_path: Path, method: str, source: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["track", "people", str(getattr(inputs, source)), "--detector", str(inputs.detector)]
+    words = ["track", "people", str(getattr(inputs, source)), "--detector", str(inputs.detector), "--view", "1"]
     words += ["--appearance", str(inputs.appearance)] if method in ("deepsort", "flow") else []
     words += ["--affinity", str(inputs.affinity)] if method == "flow" else []
     assert main([*words, "--method", method, "--out", str(tmp_path / "o")]) == 0
@@ -93,7 +93,8 @@ def test_the_same_run_gives_the_same_tracks(inputs: Any, tmp_path: Path) -> None
 def test_options_come_from_yaml(inputs: Any, tmp_path: Path) -> None:
     config = tmp_path / "c.yaml"
     config.write_text(
-        f"source: {inputs.images}\nmethod: sort\ndetector: {inputs.detector}\nframes: 1-5\nsort:\n  min_iou: 0.4\n"
+        f"source: {inputs.images}\nmethod: sort\ndetector: {inputs.detector}\nframes: 1-5\n"
+        "view: '1'\nsort:\n  min_iou: 0.4\n"
     )
     assert main(["track", "people", "--config", str(config), "--out", str(tmp_path / "o")]) == 0
     check_result(tmp_path / "o", 0, 4)

@@ -49,21 +49,28 @@ class Finding(Shared):
         if self.detections is not None and self.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
 
-    def detect(self, source: Source, default: str, options: DetectorOptions | None = None) -> Detect | list[Detections]:
+    def detect(
+        self, source: Source, default: str, options: DetectorOptions | None = None, view: str = "1"
+    ) -> Detect | list[Detections]:
         """The given detections, or what finds people.
 
         Args:
             source: the video.
             default: kind of the shipped detector to take where none is given.
             options: what the file of another project's detector does not tell.
+            view: tiles of a frame; see `parse_view`.
         """
         from tsuiseki.tracking.features.networks import open_detector
+        from tsuiseki.tracking.features.view_choice import ViewedDetector
+        from tsuiseki.tracking.features.views import parse_view
         from tsuiseki.tracking.pipelines.finding import people_detect
 
+        wanted = parse_view(view)
         if self.detections is not None or not source.has_images:
             return people_detect(source, self.detections, None, Path(), score_range=self.score_range)
         path = self.detector or shipped(default)
-        return open_detector(path, self.score_threshold, threads=self.threads, options=options or DetectorOptions())
+        found = open_detector(path, self.score_threshold, threads=self.threads, options=options or DetectorOptions())
+        return found if wanted == (1, None) else ViewedDetector(found, wanted)
 
 
 def check_score_range(score_range: tuple[float, float]) -> None:

@@ -30,6 +30,7 @@ def people(
     finding: Finding,
     method: PeopleMethod = "flow",
     detector_options: DetectorOptions = DETECTOR,
+    view: str = "auto",
     appearance: Path | None = None,
     appearance_options: AppearanceOptions = APPEARANCE,
     affinity: Path | None = None,
@@ -52,6 +53,8 @@ def people(
         detector: detector as ONNX; by default the shipped detector_street.onnx. One of other projects (YOLO, YOLOX,
             RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
         detector_options: what the file of another project's detector does not tell.
+        view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people in the
+            first frames), tiles across such as 3 (1 is the whole frame alone), or across and down such as 3x2.
         appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
             none does without. One of other projects may be anything from crops to features.
         appearance_options: what the file of another project's appearance network does not tell.
@@ -68,6 +71,7 @@ def people(
     # What runs is imported here, so that help and mistakes in the options come at once.
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.features.camera_motion import CameraPath
+    from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.pipelines.finding import PeopleInputs
     from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
@@ -80,12 +84,12 @@ def people(
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
     inputs = PeopleInputs(
         source,
-        finding.detect(source, "detector", detector_options),
+        finding.detect(source, "detector", detector_options, view),
         _describer(source, method, appearance, finding.threads, appearance_options),
         finding.batch_size,
         CameraPath() if moving_camera else None,
     )
-    learnt = people_affinity(method, affinity, finding.threads, known_scores=finding.detections is None)
+    learnt = people_affinity(method, affinity, finding.threads, known_scores=knows_scores(inputs.detect))
     settings = MethodSettings(sort, deepsort, bytetrack, ocsort, flow)
     tracker = people_tracker(method, settings, learnt, output.seed)
     if inputs.camera is not None:
@@ -99,6 +103,9 @@ def people(
                 tracker.update(found)
         with run.times.measure(method):
             tracks = [shifted(track, log.frames[0]) for track in tracker.tracks()]
+        if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:
+            run.facts["view"] = inputs.detect.summary
+            print(f"looked at {inputs.detect.summary}; --view says how many")
         run.columns = log.columns(tracks)
         run.write("tracks.txt", lambda path: write_tracks(path, tracks))
         if video.overlay:

@@ -1,0 +1,131 @@
+"""Tiles over a frame: they cover it, doubles at seams become one, and only as many are taken as find more people."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.view_choice import ViewedDetector, choose_view
+from tsuiseki.tracking.features.views import TiledDetector, parse_view, view_of
+from tsuiseki.tracking.types import Detections
+
+INPUT = (60, 80)
+
+
+class MarkDetector:
+    """Finds rectangles of one grey level each, if they are high enough once the picture is shrunk to the input."""
+
+    input_size: tuple[int, int] | None = INPUT
+
+    def __init__(self, smallest=8.0):
+        self.smallest = smallest
+        self.calls = []
+
+    def detect(self, images):
+        self.calls.append(len(images))
+        return [self._found(image) for image in images]
+
+    def _found(self, image):
+        scale = min(INPUT[0] / image.shape[0], INPUT[1] / image.shape[1])
+        boxes = []
+        for level in np.unique(image[..., 0])[1:]:
+            rows, columns = np.nonzero(image[..., 0] == level)
+            box = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+            if (box[3] - box[1]) * scale >= self.smallest:
+                boxes.append(box)
+        return Detections(np.array(boxes, dtype=float).reshape(-1, 4), np.full(len(boxes), 0.9))
+
+
+def frame_with(boxes, size=(240, 320)):
+    image = np.zeros((*size, 3), np.uint8)
+    for level, (x1, y1, x2, y2) in enumerate(boxes, start=1):
+        image[y1:y2, x1:x2] = 3 * level
+    return image
+
+
+@pytest.mark.parametrize("size", [(240, 320), (1080, 1920), (100, 300), (300, 100)])
+@pytest.mark.parametrize("columns", [1, 2, 3, 5])
+def test_tiles_cover_the_frame_overlap_and_have_the_shape_of_the_input(size, columns):
+    view = view_of(size, columns, 4 / 3)
+    covered = np.zeros(size, dtype=int)
+    for x1, y1, x2, y2 in view.tiles[1:]:
+        assert 0 <= x1 < x2 <= size[1]
+        assert 0 <= y1 < y2 <= size[0]
+        covered[y1:y2, x1:x2] += 1
+    assert view.tiles[0].tolist() == [0, 0, size[1], size[0]]
+    if columns == 1:
+        assert len(view) == 1
+        return
+    assert covered.min() == 1
+    assert covered.max() >= 2
+    width, height = (view.tiles[1:, 2:] - view.tiles[1:, :2]).T
+    whole_height = np.isclose(height, size[0])
+    assert (whole_height | (np.abs(width / height - 4 / 3) < 1.5 / height)).all()  # pixels are whole
+
+
+def test_rows_can_be_asked_for():
+    assert len(view_of((100, 200), 3, 4 / 3, rows=2)) == 7
+    assert parse_view("3x2") == (3, 2)
+    assert parse_view("4") == (4, None)
+    assert parse_view("auto") is None
+
+
+@pytest.mark.parametrize("text", ["", "0", "9", "3x0", "two", "3x2x1", "-1", "3,2"])
+def test_other_views_are_refused(text):
+    with pytest.raises(RequestError, match=r"expected auto, tiles across such as 2"):
+        parse_view(text)
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3, 4])
+def test_people_anywhere_are_found_once_and_whole(columns):
+    rng = np.random.default_rng(columns)
+    corners = [(x, y) for x in range(4, 300, 60) for y in range(4, 190, 62)]
+    boxes = [(x + int(rng.integers(0, 30)), y, 0, 0) for x, y in corners]
+    boxes = [(x, y, x + 16, y + int(rng.integers(34, 50))) for x, y, _, _ in boxes]
+    large = (290, 20, 316, 236)
+    image = frame_with([*boxes[:-4], large])
+    detector = TiledDetector(MarkDetector(smallest=8), view_of(image.shape[:2], columns, 4 / 3), batch_size=3)
+    found = detector.detect([image])[0]
+    expected = np.array(sorted([*boxes[:-4], large]), dtype=float)
+    np.testing.assert_allclose(found.boxes[np.lexsort(found.boxes.T[::-1])], expected)
+
+
+def test_small_people_are_found_in_tiles_only_and_calls_are_batched():
+    image = frame_with([(30, 30, 36, 50), (200, 150, 206, 172)])
+    assert len(TiledDetector(MarkDetector(), view_of((240, 320), 1, 4 / 3)).detect([image])[0]) == 0
+    marks = MarkDetector()
+    found = TiledDetector(marks, view_of((240, 320), 2, 4 / 3), batch_size=4).detect([image, image])
+    assert [len(d) for d in found] == [2, 2]
+    assert marks.calls == [4, 4, 2]
+
+
+@pytest.mark.parametrize(("height", "columns"), [(40, 1), (20, 2), (14, 3)])
+def test_as_many_tiles_are_taken_as_find_more_people(height, columns):
+    boxes = [(x, 100, x + 8, 100 + height) for x in range(10, 300, 40)]
+    choice = choose_view([frame_with(boxes)] * 5, MarkDetector())
+    assert choice.view.columns == columns
+    assert choice.people[columns] > 1
+    assert len(choice.view) == 1 or "tiles a frame, about" in str(choice)
+
+
+def test_a_frame_that_the_input_shows_large_is_not_cut():
+    marks = MarkDetector()
+    image = frame_with([(10, 10, 20, 50)], size=(60, 80))
+    assert ViewedDetector(marks).detect([image])[0].boxes.tolist() == [[10, 10, 20, 50]]
+    assert marks.calls == [1]
+    anything = MarkDetector()
+    anything.input_size = None
+    assert len(choose_view([frame_with([(10, 10, 20, 50)])], anything).view) == 1
+
+
+def test_a_view_is_chosen_once_for_each_size():
+    marks = MarkDetector()
+    viewed = ViewedDetector(marks)
+    small = frame_with([(30, 30, 36, 50), (200, 150, 206, 172)])
+    assert len(viewed.detect([small])[0]) == 2
+    before = len(marks.calls)
+    viewed.detect([small])
+    assert len(marks.calls) - before == 2  # five tiles in batches of four
+    assert ViewedDetector(MarkDetector(), (3, 2)).prepare([small]).view.tiles.shape == (7, 4)
+    assert viewed.detect([]) == []
