@@ -138,6 +138,9 @@ COMMANDS: Tree = {
             "phd-equalisation": Command(
                 "equal likelihoods keep the weak target", "reproduce", "phd_equalisation", forwarded=True
             ),
+            "association": Command(
+                "people and cars linked on given detections, with peers", "reproduce", "association", forwarded=True
+            ),
             "stereo-sphere": Command("a ball in space from two cameras", "reproduce", "stereo_sphere", forwarded=True),
             "multiview-drone": Command(
                 "a drone in space from measured pixels", "reproduce", "multiview_drone", forwarded=True

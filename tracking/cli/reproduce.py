@@ -129,4 +129,5 @@ multi_correlation_filter = partial(run, "multi-correlation-filter", "single.mult
 stereo_sphere = partial(run, "stereo-sphere", "sphere.stereo_sphere")
 multiview_drone = partial(run, "multiview-drone", "sphere.multiview_drone")
 pca_particle_filter = partial(run, "pca-particle-filter", "goldfish.pca_particle_filter")
+association = partial(run, "association", "association.association")
 drone_action_features = partial(run, "drone-action-features", "drone.action_features")

@@ -84,15 +84,15 @@ class PeopleEvaluation:
 
 
 @dataclass(frozen=True)
-class _Sums:
+class PeopleSums:
     """The sums of a sequence, from which those of several are added up."""
 
     hota: Hota
     clear: Clear
     identity: Identity
 
-    def __add__(self, other: _Sums) -> _Sums:
-        return _Sums(self.hota + other.hota, self.clear + other.clear, self.identity + other.identity)
+    def __add__(self, other: PeopleSums) -> PeopleSums:
+        return PeopleSums(self.hota + other.hota, self.clear + other.clear, self.identity + other.identity)
 
 
 def evaluate_sequence(truth: GroundTruth, tracks: list[Track], length: int | None = None) -> PeopleScores:
@@ -106,7 +106,7 @@ def evaluate_sequence(truth: GroundTruth, tracks: list[Track], length: int | Non
     Raises:
         RequestError: no labelled box counts, a track has a frame beyond ``length``, or two tracks bear one id.
     """
-    return _summary(_evaluate(SequencePair("sequence", truth, tracks, length)))
+    return _summary(people_sums(SequencePair("sequence", truth, tracks, length)))
 
 
 def evaluate_people(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
@@ -115,11 +115,11 @@ def evaluate_people(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
     Raises:
         RequestError: there is no sequence, two bear one name, or `evaluate_sequence` refuses one.
     """
-    sums: dict[str, _Sums] = {}
+    sums: dict[str, PeopleSums] = {}
     for pair in pairs:
         if pair.name in sums:
             raise RequestError(f"expected sequences of different names, got {pair.name} twice")
-        sums[pair.name] = _evaluate(pair)
+        sums[pair.name] = people_sums(pair)
     if not sums:
         raise RequestError("expected a sequence to evaluate, got none")
     combined = functools.reduce(operator.add, sums.values())
@@ -138,12 +138,17 @@ def restrict(tracks: Iterable[Track], frames: FrameRange) -> list[Track]:
     return parts
 
 
-def _evaluate(pair: SequencePair) -> _Sums:
+def people_sums(pair: SequencePair) -> PeopleSums:
+    """The sums of a sequence.
+
+    Raises:
+        RequestError: as `evaluate_sequence`.
+    """
     sequence = _prepare(pair)
-    return _Sums(hota(sequence), clear(sequence, MATCH_OVERLAP), identity(sequence, MATCH_OVERLAP))
+    return PeopleSums(hota(sequence), clear(sequence, MATCH_OVERLAP), identity(sequence, MATCH_OVERLAP))
 
 
-def _summary(sums: _Sums) -> PeopleScores:
+def _summary(sums: PeopleSums) -> PeopleScores:
     counts = sums.clear
     return PeopleScores(
         hota=float(sums.hota.hota.mean()),

@@ -1,0 +1,46 @@
+"""The tracks of our methods, as their users get them."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.tracking.pipelines.methods import PeopleMethod
+from tsuiseki.tracking.pipelines.people import track_people
+from tsuiseki.tracking.trackers.run import shifted
+from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
+
+
+def method_tracks(clip: Clip, method: PeopleMethod) -> FloatArray:
+    """What `tsuiseki track people --detections … --method METHOD` gives, as `table_of` writes it.
+
+    Pictures are looked at where the sequence has any and all its frames are kept, as the command does.
+    """
+    found = read_clip(clip)
+    if clip.pictures is not None and clip.every == 1:
+        first = clip.kept.start
+        whole = [Detections.empty()] * first + found
+        tracks = track_people(clip.pictures, method, detections=whole, frames=clip.frames, threads=1)
+        return table_of([shifted(track, -first) for track in tracks])
+    return table_of(without_pictures(clip, found, method))
+
+
+def boxes_alone(clip: Clip, method: PeopleMethod) -> FloatArray:
+    """The same without looking at pictures."""
+    return table_of(without_pictures(clip, read_clip(clip), method))
+
+
+def without_pictures(clip: Clip, found: Sequence[Detections], method: PeopleMethod) -> list[Track]:
+    """The tracks of a sequence that is its detections, its rate and the size of its images."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_sequence_info(Path(folder), clip.name, clip.rate, len(found), *clip.size)
+        return track_people(folder, method, detections=list(found))
+
+
+def observed_only(table: FloatArray) -> FloatArray:
+    """A result without the boxes that were filled in."""
+    rows = table.reshape(-1, 8)
+    return rows[rows[:, 7] > 0]
