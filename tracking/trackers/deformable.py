@@ -177,6 +177,12 @@ class DeformableTracker:
             record.scores.append(target.score)
             record.statuses.append(target.status)
 
+    def forget(self) -> None:
+        """Drop the states so far from `tracks`; ids go on."""
+        for record in self._records.values():
+            for column in (record.frames, record.states, record.scores, record.statuses):
+                column.clear()
+
     def tracks(self) -> list[BodyTrack]:
         """States of all frames so far, by id."""
         return [

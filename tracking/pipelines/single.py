@@ -1,0 +1,105 @@
+"""One target through a video, from its box in the first frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import list_images
+from tsuiseki.tracking.formats.single import LABEL_NAMES, find_single_sequences
+from tsuiseki.tracking.frame_range import FrameRange, parse_frames
+from tsuiseki.tracking.trackers.single.interface import SingleTracker, follow_target
+from tsuiseki.tracking.trackers.single.methods import METHODS, Method, Preset, make_tracker
+from tsuiseki.tracking.types import Estimate, FloatArray, Frame
+from tsuiseki.tracking.video import Source, open_source
+
+
+def follow(
+    source: str | Path | int,
+    box: Sequence[float] | ArrayLike | None = None,
+    method: Method | SingleTracker = "kcf-particle",
+    *,
+    preset: Preset = "robust",
+    frames: str | None = None,
+    seed: int = 0,
+) -> Iterator[tuple[Frame, Estimate]]:
+    """One target of any kind: each frame with the target's box, a score, and whether to believe it.
+
+    Args:
+        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), the number of a
+            webcam or the address of a stream.
+        box: ``(4,)`` the target in the first frame, x1, y1, x2, y2 in 0-based pixels; a labelled sequence folder has
+            its own.
+        method: ``kcf-particle`` is a correlation filter that particles help when the target is hidden or changes;
+            ``kcf`` is the filter alone, and faster; or a tracker of one target.
+        preset: constants of the two: ``robust`` suits most videos; ``thesis`` and ``paper`` (``kcf`` only) are the
+            published ones.
+        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        seed: of all random numbers.
+
+    Returns:
+        An iterator over all frames in order; the first answer is ``box`` itself.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+        RunError: the video breaks off, or changes its size.
+    """
+    opened, labelled = open_single(source, frames)
+    wanted = labelled if box is None else np.asarray(box, dtype=np.float64)
+    if wanted is None:
+        raise RequestError(f"{opened.name} has no labels; expected the `box` of the target in the first frame")
+    if wanted.shape != (4,):
+        raise RequestError(f"expected a `box` of four numbers x1, y1, x2, y2, got shape {wanted.shape}")
+    return follow_frames(opened.frames(), wanted, single_tracker(method, preset, seed))
+
+
+def single_tracker(method: Method | SingleTracker, preset: Preset = "robust", seed: int = 0) -> SingleTracker:
+    """A fresh tracker by its name; a tracker as it is.
+
+    Raises:
+        RequestError: there is no such method or preset, or the two do not go together.
+    """
+    if not isinstance(method, str):
+        return method
+    if method not in METHODS:
+        raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
+    if preset not in get_args(Preset) or (preset == "paper" and method != "kcf"):
+        raise RequestError(f"expected the preset robust or thesis, or paper with the method kcf, got {preset!r}")
+    return make_tracker(method, preset, seed=seed)
+
+
+def follow_frames(frames: Iterator[Frame], box: FloatArray, tracker: SingleTracker) -> Iterator[tuple[Frame, Estimate]]:
+    """`follow_target` with the frames themselves."""
+    current: list[Frame] = []
+
+    def noted() -> Iterator[Frame]:
+        for frame in frames:
+            current[:] = [frame]
+            yield frame
+
+    for estimate in follow_target(noted(), box, tracker):
+        yield current[0], estimate
+
+
+def open_single(source: str | Path | int, frames: str | None = None) -> tuple[Source, FloatArray | None]:
+    """The video, and the labelled box of its first frame where it is a sequence folder with labels.
+
+    Raises:
+        RequestError: see `open_source` and `find_single_sequences`.
+    """
+    stretch, folder = parse_frames(frames), Path(str(source))
+    if not folder.is_dir() or not any(LABEL_NAMES.fullmatch(path.name) for path in folder.iterdir()):
+        return open_source(str(source), stretch), None
+    sequence = find_single_sequences(folder)[0]
+    if not sequence.images:
+        raise RequestError(f"{folder}: expected images beside its labels, found none")
+    stretch = stretch.within(len(sequence.images))
+    skipped = list_images(sequence.images[0].parent).index(sequence.images[0])
+    assert stretch.last is not None
+    used = FrameRange(skipped + stretch.first, skipped + stretch.last)
+    return open_source(sequence.images[0].parent, used), sequence.boxes[stretch.first]
