@@ -1,4 +1,4 @@
-"""The commands that make the shipped models, as they stand in the README."""
+"""The commands that make the shipped models, as they stand in `docs/training.md`."""
 
 from __future__ import annotations
 

@@ -282,8 +282,9 @@ def read_tracks(path: str | Path) -> list[Track]:
     return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p]) for p in pieces]
 
 
-def write_tracks(path: Path, tracks: Iterable[Track]) -> None:
+def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
     """Write ``tracks`` as a result file, ordered by frame, then id."""
+    path = Path(path)
     rows = [
         (frame, track.id, box, score)
         for track in tracks

@@ -16,14 +16,25 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tsuiseki.tracking.errors import RequestError, RunError
     from tsuiseki.tracking.features.networks import Appearance, Detector
+    from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
     from tsuiseki.tracking.interchange import as_detections
+    from tsuiseki.tracking.pipelines.blobs import follow_blobs, follow_points, track_blobs, track_points
+    from tsuiseki.tracking.pipelines.deformable import follow_deformable, track_deformable
+    from tsuiseki.tracking.pipelines.evaluation import evaluate_people, evaluate_points, evaluate_target
     from tsuiseki.tracking.pipelines.people import follow_people, track_people
+    from tsuiseki.tracking.pipelines.single import follow
+    from tsuiseki.tracking.pipelines.sphere import SphereSettings, track_sphere
+    from tsuiseki.tracking.trackers.blobs import BlobSettings
     from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
     from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
+    from tsuiseki.tracking.trackers.deformable import DeformableSettings
     from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
     from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
+    from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
     from tsuiseki.tracking.trackers.sort import Sort, SortSettings
-    from tsuiseki.tracking.types import Detections, Estimate, Frame, Target, Targets, Track
+    from tsuiseki.tracking.types import Detections, Estimate, Frame, Position, Target, Targets, Track
+    from tsuiseki.tracking.types.labels import GroundTruth
+    from tsuiseki.tracking.types.tracks import BodyTrack
     from tsuiseki.tracking.weights import shipped
 
     __version__: str
@@ -32,44 +43,76 @@ if TYPE_CHECKING:
 _MODULES = {
     "errors": "RequestError RunError",
     "features.networks": "Appearance Detector",
+    "formats.mot": "read_tracks write_tracks",
     "interchange": "as_detections",
+    "pipelines.blobs": "follow_blobs follow_points track_blobs track_points",
+    "pipelines.deformable": "follow_deformable track_deformable",
+    "pipelines.evaluation": "evaluate_people evaluate_points evaluate_target",
     "pipelines.people": "follow_people track_people",
+    "pipelines.single": "follow",
+    "pipelines.sphere": "SphereSettings track_sphere",
+    "trackers.blobs": "BlobSettings",
     "trackers.bytetrack": "ByteTrack ByteTrackSettings",
     "trackers.deepsort": "DeepSort DeepSortSettings",
+    "trackers.deformable": "DeformableSettings",
     "trackers.flow": "FlowSettings FlowTracker",
     "trackers.ocsort": "OcSort OcSortSettings",
+    "trackers.points": "PointSettings PointTracker",
     "trackers.sort": "Sort SortSettings",
-    "types": "Detections Estimate Frame Target Targets Track",
+    "types": "Detections Estimate Frame Position Target Targets Track",
+    "types.labels": "GroundTruth",
+    "types.tracks": "BodyTrack",
     "weights": "shipped",
 }
 _HOMES = {name: f"tsuiseki.tracking.{module}" for module, names in _MODULES.items() for name in names.split()}
 
 __all__ = [
     "Appearance",
+    "BlobSettings",
+    "BodyTrack",
     "ByteTrack",
     "ByteTrackSettings",
     "DeepSort",
     "DeepSortSettings",
+    "DeformableSettings",
     "Detections",
     "Detector",
     "Estimate",
     "FlowSettings",
     "FlowTracker",
     "Frame",
+    "GroundTruth",
     "OcSort",
     "OcSortSettings",
+    "PointSettings",
+    "PointTracker",
+    "Position",
     "RequestError",
     "RunError",
     "Sort",
     "SortSettings",
+    "SphereSettings",
     "Target",
     "Targets",
     "Track",
     "__version__",
     "as_detections",
+    "evaluate_people",
+    "evaluate_points",
+    "evaluate_target",
+    "follow",
+    "follow_blobs",
+    "follow_deformable",
     "follow_people",
+    "follow_points",
+    "read_tracks",
     "shipped",
+    "track_blobs",
+    "track_deformable",
     "track_people",
+    "track_points",
+    "track_sphere",
+    "write_tracks",
 ]
 
 

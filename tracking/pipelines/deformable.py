@@ -14,13 +14,13 @@ from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
 from tsuiseki.tracking.filters.learnt_motion import read_motion
-from tsuiseki.tracking.formats.states import BodyTrack
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
 from tsuiseki.tracking.likelihoods.contour import Extraction
 from tsuiseki.tracking.trackers.body_starts import wide_noise
 from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.types import FloatArray, Frame
+from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video import Source, open_source
 
 MotionPreset = Literal["learnt", "paper", "conditional", "independent", "velocity", "walk", "wide"]

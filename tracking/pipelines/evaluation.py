@@ -16,9 +16,9 @@ from tsuiseki.tracking.evaluation.points import PointScores, PointTracks
 from tsuiseki.tracking.evaluation.points import evaluate_points as score_points
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.evaluation.truths import Truth, read_truths
-from tsuiseki.tracking.formats.mot import GroundTruth
 from tsuiseki.tracking.frame_range import EVERY_FRAME, parse_frames
 from tsuiseki.tracking.types import Estimate, FloatArray, Track
+from tsuiseki.tracking.types.labels import GroundTruth
 
 TruthLike: TypeAlias = str | Path | GroundTruth | Sequence[Track]
 
