@@ -7,14 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.carried import BallSettings
-from tsuiseki.datamodules.scenes.ball.files import write_ball
+from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
 from tsuiseki.datamodules.scenes.points.blobs import BlobSettings, write_blobs
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import Frame, Targets
 from tsuiseki.tracking.video import LiveSource, open_source
@@ -45,6 +46,23 @@ def cup() -> list[np.ndarray]:
     return images
 
 
+def film_ball(folder: Path) -> None:
+    """A disk where the outline of a ball of 10 cm, that moves past 0, 0, 1.2 m, lies in two cameras."""
+    cameras = ball_cameras(2)
+    rng = np.random.default_rng(0)
+    for number, camera in enumerate(cameras, start=1):
+        (folder / f"camera{number}").mkdir()
+        for t in range(3):
+            image = rng.integers(90, 110, (camera.height, camera.width, 3)).astype(np.uint8)
+            centre = np.array([[0.02 * t, 0.0, 1.2]])
+            radius = 0.1 * camera.focal[0] / camera.to_camera(centre)[0, 2]
+            place = tuple(np.round(camera.project(centre)[0][0]).astype(int).tolist())
+            cv2.circle(image, place, round(radius), (200, 60, 40), -1)
+            cv2.imwrite(str(folder / f"camera{number}" / f"{t + 1:06d}.png"), image)
+    placed = [PlacedCamera(f"camera{n}", camera, 15.0) for n, camera in enumerate(cameras, start=1)]
+    write_cameras(folder / "cameras.yaml", placed)
+
+
 @pytest.fixture(scope="module")
 def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the page names: street.mp4, cup.mp4, balls.mp4, fish, camera1, camera2, cameras.yaml."""
@@ -55,7 +73,7 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     balls = write_blobs(folder / "blobs", BlobSettings(frames=8, width=320, height=240, objects=3), seed=1)
     as_video([frame.image for frame in open_source(balls).frames()], folder / "balls.mp4")
     write_goldfish(folder / "fish", GoldfishSettings(frames=4, fish=1), seed=4)
-    write_ball(folder, BallSettings(cameras=2, frames=4), seed=1, watch=lambda items: items)
+    film_ball(folder)
     return folder
 
 
