@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings
 from tsuiseki.tracking.errors import RequestError
 
 LEARNING_FISH = (1, 2, 3, 2, 1, 2, 3, 2, 2, 2)
@@ -60,18 +60,3 @@ def planned_clips(seed: int, settings: GoldfishSettings | None = None) -> tuple[
         for place, (name, counts) in enumerate((("learning", LEARNING_FISH), ("test", TEST_FISH)), start=1)
         for number, fish in enumerate(counts)
     )
-
-
-def write_goldfish_sets(folder: Path, seed: int, settings: GoldfishSettings | None = None) -> GoldfishSets:
-    """Writes the clips of :func:`planned_clips` into ``folder``; those that are there already are kept.
-
-    Raises:
-        RequestError: as :func:`planned_clips`.
-    """
-    clips = planned_clips(seed, settings)
-    folder.mkdir(parents=True, exist_ok=True)
-    for clip in clips:
-        if not (folder / clip.name / "states.csv").is_file():
-            write_goldfish(folder / clip.name, clip.settings, clip.seed, overwrite=True)
-    paths = tuple(folder / clip.name for clip in clips)
-    return GoldfishSets(paths[: len(LEARNING_FISH)], paths[len(LEARNING_FISH) :])

@@ -15,7 +15,7 @@ Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 
 PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, SPECKLE, CLOUDS, BRICKS, WINDOWS, LEAVES = range(9)
-NO_DETAIL, HEAD, TRUNK, PELVIS, VEHICLE = range(5)
+NO_DETAIL, HEAD, TRUNK, PELVIS = range(4)
 
 
 @dataclass(frozen=True)

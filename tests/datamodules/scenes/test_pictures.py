@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.people.identities import CropSettings, paste, render_identity_crops
+from tsuiseki.datamodules.scenes.people.identities import paste
 from tsuiseki.datamodules.scenes.people.look import look_alike, random_look
 from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, degrade
@@ -54,17 +54,6 @@ def test_paste_blends_and_cuts_off() -> None:
     assert canvas.sum() == pytest.approx(4 * 3 * 40, rel=1e-5)
 
 
-def test_crops_have_the_asked_shape_and_show_people_that_differ() -> None:
-    quiet = CropSettings(person_height=(60, 70), occluded=0.0, jitter=0.0, lighting=0.0, look_alikes=0.0)
-    crops, labels = render_identity_crops(np.random.default_rng(3), 8, 4, (64, 32), quiet)
-    assert crops.shape == (8, 4, 64, 32, 3)
-    assert crops.dtype == np.uint8
-    assert labels.tolist() == [[i] * 4 for i in range(8)]
-    # The middle of the crop is clothing: it varies more between people than between the views of one.
-    middle = crops[:, :, 16:36, 11:21].reshape(8, 4, -1, 3).mean(axis=2)
-    assert middle.mean(axis=1).var(axis=0).sum() > 1.5 * middle.var(axis=1).mean(axis=0).sum()
-
-
 def test_look_alikes_share_most_of_their_clothes() -> None:
     rng = np.random.default_rng(0)
     shared = []
@@ -74,12 +63,6 @@ def test_look_alikes_share_most_of_their_clothes() -> None:
         shared.append(sum(getattr(look, n) == getattr(other, n) for n in ("upper", "lower", "hair", "bag")))
         assert look != other
     assert np.mean(shared) > 2
-
-
-@pytest.mark.parametrize("arguments", [(0, 2, (64, 32)), (2, 0, (64, 32)), (2, 2, (4, 32))])
-def test_impossible_crops_are_refused(arguments: tuple[int, int, tuple[int, int]]) -> None:
-    with pytest.raises(ValueError, match="expected at least one identity"):
-        render_identity_crops(np.random.default_rng(0), *arguments)
 
 
 def test_training_scenes_hold_their_promises() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, plan_goldfish, write_goldfish
 from tsuiseki.datamodules.scenes.fish.motion import Swimming, swim
-from tsuiseki.datamodules.scenes.fish.sets import planned_clips, write_goldfish_sets
+from tsuiseki.datamodules.scenes.fish.sets import planned_clips
 from tsuiseki.datamodules.scenes.fish.turns import count_sudden_turns, sudden_turns
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.errors import RequestError
@@ -158,16 +158,6 @@ def test_at_least_nine_fish_of_a_test_set_turn_suddenly():
         states = plan_goldfish(clip.settings, np.random.default_rng(clip.seed).spawn(2)[0])
         turning += sum(count_sudden_turns(states[:, k]) > 0 for k in range(states.shape[1]))
     assert turning >= 9
-
-
-def test_sets_are_written_once(tmp_path):
-    settings = GoldfishSettings(frames=1, width=320, height=240)
-    sets = write_goldfish_sets(tmp_path, 1, settings)
-    assert (len(sets.learning), len(sets.test)) == (10, 10)
-    marked = sets.test[2] / "states.csv"
-    before = marked.stat().st_mtime_ns
-    assert write_goldfish_sets(tmp_path, 1, settings) == sets
-    assert marked.stat().st_mtime_ns == before
 
 
 @pytest.mark.parametrize(
