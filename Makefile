@@ -4,20 +4,24 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test lint wheel clean help
+.PHONY: demo test test-thesis lint wheel clean help
 
 help:
-	@echo "make demo    set up the base installation (no torch) and run the whole path on a generated clip"
-	@echo "make test    set up the train and dev extras and run the whole test suite"
-	@echo "make lint    ruff and mypy --strict"
-	@echo "make wheel   build the wheel and check what is in it"
-	@echo "make clean   remove the virtual environment and all outputs"
+	@echo "make demo         set up the base installation (no torch) and run the whole path on a generated clip"
+	@echo "make test         set up the train and dev extras and run the tests"
+	@echo "make test-thesis  the tests of networks as large as the papers'"
+	@echo "make lint         ruff and mypy --strict"
+	@echo "make wheel        build the wheel and check what is in it"
+	@echo "make clean        remove the virtual environment and all outputs"
 
 demo: $(VENV)/.base
 	$(BIN)/tsuiseki demo --out out/demo --overwrite
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -m "not gpu"
+	$(BIN)/python -m pytest -m "not gpu and not thesis_size"
+
+test-thesis: $(VENV)/.dev
+	$(BIN)/python -m pytest -m "thesis_size and not gpu" tests
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -26,7 +26,7 @@ CONFIGS = Path(str(resources.files("tsuiseki.configs")))
 TINY = ["--trainer.accelerator=cpu", "--trainer.max_epochs=1", "--trainer.limit_val_batches=1", "--data.workers=0"]
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_ssd512_trains_on_okutamas_layout(tmp_path):
     settings = DroneSceneSettings(width=320, height=180, frames=4, people=3, clutter=0)
     folder = write_drone(tmp_path / "okutama", settings, seed=0, layout="okutama")
@@ -46,7 +46,7 @@ def test_ssd512_trains_on_okutamas_layout(tmp_path):
     track(frames, tmp_path / "tracks", "flow", *given)
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_wide_resnet_trains_on_mars(acting_clips, tmp_path):
     rng = np.random.default_rng(0)
     for person in ("0001", "0002", "0003", "0000"):
@@ -68,7 +68,7 @@ def test_wide_resnet_trains_on_mars(acting_clips, tmp_path):
     assert len(track(clip, tmp_path / "tracks", "flow", *given)) == 5
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
 @pytest.mark.parametrize(
     ("name", "streams"), [("action_resnet18", ["rgb_global"]), ("action_resnet101", ["flow_local"])]

@@ -172,7 +172,7 @@ def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
         export_action(tmp_path / "none.ckpt", tmp_path / "a.onnx")
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
 def test_the_thesis_configuration_trains_on_okutama_s_layout(acting_clips: Path, tmp_path: Path) -> None:
     """A step of one stream at full size, TV-L1 flow included; what a GPU would do five thousand times."""
