@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.ball.carried import BallSettings, ball_frames
+from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, ball_frames
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.filters.body_motion import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
@@ -37,7 +37,7 @@ class Clip:
     edges: list[EdgeImage]
 
 
-def make_clip(seed: int, settings: BallSettings) -> Clip:
+def make_clip(seed: int, settings: CarriedBallSettings) -> Clip:
     """A generated clip as the tracker sees it."""
     frames = list(ball_frames(settings, seed))
     return Clip(np.stack([f.states[0] for f in frames]), [EdgeImage.of(f.image, EXTRACTION) for f in frames])
@@ -62,7 +62,7 @@ def errors(clip: Clip, states: FloatArray) -> tuple[float, float]:
 def main() -> None:
     """Prints the table."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    settings = BallSettings(frames=240)
+    settings = CarriedBallSettings(frames=240)
     learning, *tests = (make_clip(seed, settings) for seed in (LEARNING_CLIP, *TEST_CLIPS))
     wide = follow(learning, RandomWalk(WIDE), 3000)
     mean_squash = learning.states[learning.states[:, 3] > SQUASHED, 3].mean()

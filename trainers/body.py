@@ -1,8 +1,8 @@
 """Learning a body from silhouettes: a mean outline and its main bending modes (`tsuiseki train body`).
 
-Outlines are centred, sampled evenly by arc length, and brought into line by turning each and sliding its first point;
-both at once, since for points as complex numbers the best turn and slide are the peak of a circular correlation. What
-is left is bending, and its principal components are the modes.
+Outlines are centred, sampled evenly by arc length, and aligned: each is turned, and its first point is chosen. With
+points as complex numbers both follow from the peak of a circular correlation. The principal components of what is left
+are the bending modes.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.bouncing import BallSettings, ball_frames
+from tsuiseki.datamodules.scenes.ball.bouncing import BouncingBallSettings, ball_frames
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.filters.body_motion import Noise, RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside
@@ -22,7 +22,7 @@ class BallClip:
     """Exact states ``(T, 4)``, silhouettes and edges of one ball."""
 
     def __init__(self, seed):
-        frames = list(ball_frames(BallSettings(frames=150, frame_rate=30.0), seed))
+        frames = list(ball_frames(BouncingBallSettings(frames=150, frame_rate=30.0), seed))
         self.states = np.stack([frame.states[0] for frame in frames])
         self.silhouettes = np.stack([frame.silhouettes for frame in frames])
         self.edges = [EdgeImage.of(frame.image, EXTRACTION) for frame in frames]

@@ -34,12 +34,12 @@ def simulate(
         seed: of all random numbers; the same seed makes the same clip.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.ball.bouncing import BallSettings, write_balls
+    from tsuiseki.datamodules.scenes.ball.bouncing import BouncingBallSettings, write_balls
     from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
     from tsuiseki.tracking.cli.progress import progress
 
     if body == "ball":
-        balls = BallSettings(
+        balls = BouncingBallSettings(
             frames, width, height, 30.0 if frame_rate is None else frame_rate, count if count is not None else 1
         )
         write_balls(out, balls, seed, overwrite, watch=lambda drawn: progress(drawn, "drawing", frames))

@@ -68,9 +68,9 @@ def blobs(
         seed: of all random numbers; the same seed makes the same clip.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.points.blobs import BlobSettings, write_blobs
+    from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, write_blobs
 
-    settings = BlobSettings(frames, width, height, frame_rate, objects, colour, purity, clutter=clutter)
+    settings = BlobSceneSettings(frames, width, height, frame_rate, objects, colour, purity, clutter=clutter)
     folder = write_blobs(out, settings, seed, overwrite)
     print(f"{frames} frames of {width}x{height}: {folder}")
 

@@ -32,7 +32,7 @@ def sphere(
         seed: of all random numbers; the same seed makes the same film.
         overwrite: replace what is in the folder.
     """
-    from tsuiseki.datamodules.scenes.ball.carried import BallSettings, Cover
+    from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, Cover
     from tsuiseki.datamodules.scenes.ball.files import write_ball
     from tsuiseki.tracking.cli.progress import progress
     from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
@@ -44,7 +44,7 @@ def sphere(
         covers = (Cover(cover[0] - 1, cover[1] - 1, cover[2] - 1),)
     check_output_folder(out, overwrite)
     try:
-        settings = BallSettings(cameras, frames, frame_rate, radius, noise=noise, covers=covers)
+        settings = CarriedBallSettings(cameras, frames, frame_rate, radius, noise=noise, covers=covers)
     except ValueError as error:
         raise RequestError(str(error)) from error
     with output_folder(out, overwrite) as work:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import Past
-from tsuiseki.tracking.trackers.single.methods import Method, Preset
+from tsuiseki.tracking.trackers.single.methods import Preset, SingleMethod
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,7 +25,7 @@ def single(
     out: Path,
     box: str | None = None,
     select: bool = False,
-    method: Method = "kcf-particle",
+    method: SingleMethod = "kcf-particle",
     preset: Preset = "robust",
     scale: bool | None = None,
     past: Past | None = None,
@@ -129,7 +129,7 @@ def parse_box(text: str) -> FloatArray:
 
 
 def _tracker(
-    method: Method,
+    method: SingleMethod,
     preset: Preset,
     scale: bool | None,
     past: Past | None,

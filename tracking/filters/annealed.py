@@ -1,6 +1,6 @@
-"""A proposal that looks twice: moved particles are thinned by a flattened likelihood, and the survivors move again.
+"""A proposal in two layers: particles are resampled by a flattened likelihood and move a second time.
 
-Deutscher, Blake and Reid, "Articulated body motion capture by annealed particle filtering", CVPR 2000, with two layers.
+Deutscher, Blake and Reid, "Articulated body motion capture by annealed particle filtering", CVPR 2000.
 """
 
 from __future__ import annotations

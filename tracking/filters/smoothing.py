@@ -1,4 +1,4 @@
-"""Estimates that wait a little: fixed-lag smoothing of a filter's means and covariances.
+"""Fixed-lag smoothing of a filter's means and covariances.
 
 The backward pass of Rauch, Tung and Striebel, "Maximum likelihood estimates of linear dynamic systems", 1965. It needs
 the moments of a filter only, so it serves a particle filter whose motion is linear; unlike the particles' ancestors it

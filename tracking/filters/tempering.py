@@ -1,10 +1,11 @@
 """Weighing in stages, for likelihoods much narrower than the cloud of particles.
 
-Weighed at once, a narrow likelihood leaves one or two particles alive. In stages, a share of it that keeps enough
-particles is applied first; those are drawn, spread by a kernel that keeps the mean and covariance (Liu and West,
-"Combined parameter and state estimation in simulation-based filtering", 2001), and weighed by the rest. The way from
-none to all of the likelihood is an argument, for a product of mixtures must not be tempered as a whole: its narrow
-peaks, each where one factor alone speaks, would win before the broad agreement of all is found.
+Weighed at once, a narrow likelihood leaves one or two particles alive. In stages, only a share of it is applied first,
+as large as the particles bear. They are resampled, spread by a kernel that keeps the mean and covariance (Liu and West,
+"Combined parameter and state estimation in simulation-based filtering", 2001), and weighed by the rest.
+
+How the likelihood grows with the share is an argument. A product of mixtures must not be raised to a power as a whole:
+narrow peaks of single factors would win before the place where all factors agree is found.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Weighing particles by several views, each of which may be covered.
 
-A view c gives every particle i the log-ratio l_ci of what it shows given the particle to what it would show anyway.
-If the view is open with probability v_c, its weight for the particle is ``v_c exp(l_ci) + 1 - v_c``: a view that
-speaks against all particles at once ends up weighing them alike, and no longer pulls the estimate away. v_c follows
-a two-state Markov chain and is updated by Bayes' rule.
+View c gives particle i a log-ratio l_ci: how likely its picture is if the target is at the particle, over how likely it
+is if the view is covered. The view is open with probability v_c, so its weight for the particle is
+``v_c exp(l_ci) + 1 - v_c``. A view that speaks against all particles weighs them all alike, and does not pull the
+estimate away. v_c follows a two-state Markov chain and is updated by Bayes' rule.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Covering:
     floor: float = 0.02
 
     def predict(self, open_before: FloatArray, seconds: float) -> FloatArray:
-        """v_c after ``seconds`` without looking, ``(C,)``."""
+        """v_c after ``seconds`` without an observation, ``(C,)``."""
         total = self.covers + self.opens
         rest = self.opens / total
         after = rest + (open_before - rest) * np.exp(-total * seconds)

@@ -1,8 +1,9 @@
 """How much the colours inside a box are those of the target and not those around it.
 
 Two histograms, one of the target's inner part and one of its surroundings, give each colour a probability of being the
-target; a box scores the mean over its inner part. It is blind to shape, so it fails on other frames than gradients do:
-a correlation filter that has settled on the background keeps a high response and loses its colours.
+target. The score of a box is the mean of it over the box's inner part. Colours do not depend on shape, so they fail on
+other frames than gradients do: a correlation filter that has drifted onto the background keeps a high response, and its
+colour score falls.
 """
 
 from __future__ import annotations

@@ -22,9 +22,9 @@ from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
 from tsuiseki.tracking.types import Detections, FloatArray, Targets, Track
 
-Method = Literal["labelled", "phd"]
+PointMethod = Literal["labelled", "phd"]
 COLUMNS = 6
-FILTERS: dict[Method, Callable[[PointModel, MeasurementBirths, int], Filter[Any, FloatArray, SetInfo]]] = {
+FILTERS: dict[PointMethod, Callable[[PointModel, MeasurementBirths, int], Filter[Any, FloatArray, SetInfo]]] = {
     "labelled": LabelledMultiBernoulliFilter,
     "phd": PhdFilter,
 }
@@ -38,8 +38,8 @@ class PointSettings:
         method: ``labelled`` or ``phd``.
         survival: probability that a target goes on, in [0, 1].
         detection: probability that it is measured, in [0, 1].
-        false: expected false measurements a frame, >= 0.
-        born: expected new targets a frame, > 0.
+        clutter: expected false measurements a frame, >= 0.
+        births: expected new targets a frame, > 0.
         place_error: standard deviation of a measured centre.
         size_error: standard deviation of a measured width or height.
         acceleration: standard deviation of the change of velocity.
@@ -47,15 +47,15 @@ class PointSettings:
         growth: standard deviation of the change of size.
         particles: of each target.
         shortest: a track of fewer frames is not reported.
-        least_score: detections below it are not used.
+        min_score: detections below it are not used.
         box: width and height in pixels of points without a size.
     """
 
-    method: Method = "labelled"
+    method: PointMethod = "labelled"
     survival: float = 0.99
     detection: float = 0.85
-    false: float = 1.0
-    born: float = 0.05
+    clutter: float = 1.0
+    births: float = 0.05
     place_error: float = 0.06
     size_error: float = 0.08
     acceleration: float = 0.015
@@ -63,7 +63,7 @@ class PointSettings:
     growth: float = 0.01
     particles: int = 500
     shortest: int = 3
-    least_score: float = 0.0
+    min_score: float = 0.0
     box: tuple[float, float] = (20.0, 20.0)
 
     def __post_init__(self) -> None:
@@ -72,11 +72,11 @@ class PointSettings:
         for name in ("survival", "detection"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise RequestError(f"expected the probability of {name} in [0, 1], got {getattr(self, name)}")
-        for name in ("born", "place_error", "size_error", "acceleration", "speed", "growth"):
+        for name in ("births", "place_error", "size_error", "acceleration", "speed", "growth"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise RequestError(f"expected {name} above 0, got {getattr(self, name)}")
-        if not 0.0 <= self.false < np.inf or self.particles < 1 or min(self.box) <= 0:
-            raise RequestError("expected false measurements >= 0, at least one particle and a box of positive size")
+        if not 0.0 <= self.clutter < np.inf or self.particles < 1 or min(self.box) <= 0:
+            raise RequestError("expected clutter >= 0, at least one particle and a box of positive size")
 
 
 def box_motion(acceleration: float, growth: float) -> Motion:
@@ -107,7 +107,7 @@ def box_model(
     # False boxes lie anywhere in the image, their sides within about half of a typical one.
     volume = extent[0] * extent[1] * (0.5 * unit) * unit
     motion = box_motion(settings.acceleration * unit, settings.growth * unit)
-    model = PointModel(motion, sensor, settings.survival, settings.detection, settings.false / volume)
+    model = PointModel(motion, sensor, settings.survival, settings.detection, settings.clutter / volume)
 
     def complete(measurements: FloatArray, rng: np.random.Generator) -> FloatArray:
         states = np.empty((len(measurements), COLUMNS))
@@ -115,7 +115,7 @@ def box_model(
         states[:, [1, 3]] = settings.speed * unit * rng.standard_normal((len(measurements), 2))
         return states
 
-    return model, MeasurementBirths(settings.born / volume, sensor, complete, COLUMNS)
+    return model, MeasurementBirths(settings.births / volume, sensor, complete, COLUMNS)
 
 
 def points_as_boxes(points: FloatArray, box: tuple[float, float]) -> Detections:
@@ -143,7 +143,7 @@ class PointTracker:
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; its targets."""
         found = as_detections(detections)
-        used = found.boxes[found.scores >= self.settings.least_score]
+        used = found.boxes[found.scores >= self.settings.min_score]
         centres = (used[:, :2] + used[:, 2:]) / 2
         return self._advance(np.concatenate([centres, used[:, 2:] - used[:, :2]], axis=1))
 

@@ -1,8 +1,8 @@
-"""Where in a volume a ball is, from one look and no idea.
+"""Where in a volume a ball is, from one image of each camera and no earlier estimate.
 
-A particle farther from the ball than half its radius learns nothing from its outline, so a volume is not searched by
-random particles. Each camera is searched by itself first, in steps of a fraction of the ball's image: pixel by pixel
-and size by size, and the size is a depth. What looks best in one camera is then tried in all, in fine steps of depth.
+The outline likelihood is flat farther than half a radius from the ball, so random particles would not find it. Each
+camera is searched alone first, over a grid of pixels and image sizes; a size stands for a depth. The best places of
+each camera are then weighed by all cameras, in fine steps of depth.
 """
 
 from __future__ import annotations

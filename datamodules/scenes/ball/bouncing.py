@@ -35,7 +35,7 @@ INTO_WALL = np.array([np.pi, 0.0, -np.pi / 2, np.pi / 2])
 
 
 @dataclass(frozen=True)
-class BallSettings:
+class BouncingBallSettings:
     """A clip.
 
     Attributes:
@@ -69,12 +69,12 @@ class BallSettings:
         check_clip(("ball", "balls"), self.balls, MOST_BALLS, self.frames, self.frame_rate, size, self.diameter)
 
 
-def plan_balls(settings: BallSettings, rng: np.random.Generator) -> FloatArray:
+def plan_balls(settings: BouncingBallSettings, rng: np.random.Generator) -> FloatArray:
     """Exact states ``(frames, balls, 4)``: a, b, theta, squash."""
     return np.stack([_bounce(settings, rng) for _ in range(settings.balls)], axis=1)
 
 
-def ball_frames(settings: BallSettings, seed: int) -> Iterator[SceneFrame]:
+def ball_frames(settings: BouncingBallSettings, seed: int) -> Iterator[SceneFrame]:
     """The frames of a clip, the same for one seed."""
     plan, stage = np.random.default_rng(seed).spawn(2)
     states = plan_balls(settings, plan)
@@ -91,7 +91,7 @@ def ball_frames(settings: BallSettings, seed: int) -> Iterator[SceneFrame]:
 
 def write_balls(
     folder: Path,
-    settings: BallSettings,
+    settings: BouncingBallSettings,
     seed: int,
     overwrite: bool = False,
     watch: Callable[[Iterator[SceneFrame]], Iterable[SceneFrame]] = iter,
@@ -104,7 +104,7 @@ def write_balls(
     return write_body_clip(folder, watch(ball_frames(settings, seed)), FIELDS, settings.frame_rate, overwrite)
 
 
-def _bounce(settings: BallSettings, rng: np.random.Generator) -> FloatArray:
+def _bounce(settings: BouncingBallSettings, rng: np.random.Generator) -> FloatArray:
     """States ``(frames, 4)`` of one ball. ``theta`` points into the wall that it touched last."""
     size = np.array([settings.width, settings.height], dtype=np.float64)
     radius = settings.diameter / 2
@@ -154,7 +154,7 @@ def draw_ball(diameter: float, state: FloatArray, colour: Float32) -> Drawn:
     return Drawn(left, top, np.asarray(painted, np.float32), np.asarray(opacity, np.float32))
 
 
-def _room(settings: BallSettings, rng: np.random.Generator) -> Float32:
+def _room(settings: BouncingBallSettings, rng: np.random.Generator) -> Float32:
     """A plastered wall, boards below, and the frame of the room."""
     height, width = settings.height, settings.width
     room = np.empty((height, width, 3), np.float32)

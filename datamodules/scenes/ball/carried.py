@@ -53,7 +53,7 @@ class Cover:
 
 
 @dataclass(frozen=True)
-class BallSettings:
+class CarriedBallSettings:
     """What is shot.
 
     Attributes:
@@ -97,7 +97,7 @@ class BallScene:
         truth: ``(T, 3)`` centre of the ball, m.
     """
 
-    settings: BallSettings
+    settings: CarriedBallSettings
     cameras: tuple[PinholeCamera, ...]
     rooms: tuple[Room, ...]
     person: Person
@@ -113,7 +113,7 @@ def ball_cameras(count: int) -> tuple[PinholeCamera, ...]:
     return tuple(PinholeCamera.look_at(s, np.array(AIM), float(focal), WIDTH, HEIGHT) for s in stands[:count])
 
 
-def make_scene(settings: BallSettings, seed: int) -> BallScene:
+def make_scene(settings: CarriedBallSettings, seed: int) -> BallScene:
     """Room, person and path of ``seed``."""
     rng = np.random.default_rng(seed)
     furniture = random_furniture(rng)
@@ -167,7 +167,9 @@ def expose(colour: Float32, noise: float, rng: np.random.Generator) -> ImageArra
     return np.asarray(np.clip(grey + 0.5, 0, 255), dtype=np.uint8)
 
 
-def _bodies(person: Person, settings: BallSettings, time: float) -> tuple[Pose, tuple[FloatArray, float], FloatArray]:
+def _bodies(
+    person: Person, settings: CarriedBallSettings, time: float
+) -> tuple[Pose, tuple[FloatArray, float], FloatArray]:
     """Pose, place and heading of the person, and the ball's centre."""
     length = settings.speed * settings.frames / settings.frame_rate
     along = settings.speed * time - 0.5 * length

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 
-from tsuiseki.datamodules.scenes.ball.carried import BallSettings, backgrounds, film, make_scene
+from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, backgrounds, film, make_scene
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.formats.track3d import write_path3d
 from tsuiseki.tracking.types import ImageArray
@@ -18,7 +18,7 @@ QUALITY = 95
 
 def write_ball(
     folder: Path,
-    settings: BallSettings,
+    settings: CarriedBallSettings,
     seed: int,
     watch: Callable[[Iterable[list[ImageArray]]], Iterable[list[ImageArray]]] = iter,
 ) -> None:

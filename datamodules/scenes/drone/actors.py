@@ -20,7 +20,7 @@ SPACE, TURN_RATE = 0.8, 3.5
 
 
 @dataclass(frozen=True)
-class Moment:
+class PerformerState:
     """One person in one frame: where, how, and what it is doing, with what in which hand."""
 
     position: FloatArray
@@ -33,10 +33,10 @@ class Moment:
 
 @dataclass(frozen=True)
 class Performer:
-    """A person with its `Moment` in every frame."""
+    """A person with its `PerformerState` in every frame."""
 
     person: Person
-    moments: tuple[Moment, ...]
+    states: tuple[PerformerState, ...]
 
 
 @dataclass
@@ -81,7 +81,7 @@ class Actor:
     hand: int = 1
     seat: Standing | None = None
     before: Pose = field(default_factory=Pose)
-    moments: list[Moment] = field(default_factory=list)
+    states: list[PerformerState] = field(default_factory=list)
 
     def facing(self, angle: float | None = None) -> FloatArray:
         """Unit vector of the heading, or of another angle."""
@@ -119,9 +119,11 @@ def walk_on(actor: Actor, away: FloatArray, others: FloatArray, rate: float) -> 
 
 
 def remember(actor: Actor, frame: int, rate: float) -> None:
-    """Add what ``actor`` is like in ``frame`` to its moments."""
+    """Add what ``actor`` is like in ``frame`` to its states."""
     seconds = (frame - actor.began) / rate
     pose = pose_of(actor.activity, actor.person, actor.rest, seconds, actor.phase, actor.pace, actor.hand, actor.prop)
-    if actor.moments and seconds < CHANGE:
+    if actor.states and seconds < CHANGE:
         pose = blend(actor.before, pose, 0.5 - 0.5 * math.cos(math.pi * seconds / CHANGE))
-    actor.moments.append(Moment(actor.position.copy(), actor.heading, pose, actor.activity, actor.prop, actor.hand))
+    actor.states.append(
+        PerformerState(actor.position.copy(), actor.heading, pose, actor.activity, actor.prop, actor.hand)
+    )

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.drone.actors import Moment, Performer
+from tsuiseki.datamodules.scenes.drone.actors import Performer, PerformerState
 from tsuiseki.datamodules.scenes.drone.flight import MOTIONS, STEEPEST, Strength, Viewpoint, fly, ground_homography
 from tsuiseki.datamodules.scenes.drone.gathering import Gathering, gather
 from tsuiseki.datamodules.scenes.drone.ground_map import GroundMap, look_down, map_ground
@@ -187,37 +187,37 @@ def _exposed(light: Light, exposure: float) -> Light:
 def draw_flight(flight: Flight, frame: int) -> tuple[ImageArray, DroneTruth]:
     """Frame ``frame`` of a planned clip; ids count the performers of the plan from 1."""
     camera, settings = flight.cameras[frame], flight.settings
-    moments = [performer.moments[frame] for performer in flight.gathering.performers]
-    people = [_body(p, m) for p, m in zip(flight.gathering.performers, moments, strict=True)]
-    others = [held for p, m in zip(flight.gathering.performers, moments, strict=True) for held in _held(p, m)]
+    states = [performer.states[frame] for performer in flight.gathering.performers]
+    people = [_body(p, m) for p, m in zip(flight.gathering.performers, states, strict=True)]
+    others = [held for p, m in zip(flight.gathering.performers, states, strict=True) for held in _held(p, m)]
     others += [
         Thing(standing_prop(t.prop, t.position, t.yaw)) for t in flight.gathering.things if t.first <= frame < t.last
     ]
     light = look_down(flight.ground, camera)
     sightings = draw_things(light, people + others + flight.static, camera, flight.light, settings.samples)
     image = _photograph(light, flight, frame)
-    return image, _truth(sightings[: len(people)], moments, settings)
+    return image, _truth(sightings[: len(people)], states, settings)
 
 
-def _body(performer: Performer, moment: Moment) -> Thing:
+def _body(performer: Performer, state: PerformerState) -> Thing:
     look = performer.person.look
-    return Thing(person_solids(performer.person, moment.pose, moment.position, moment.heading), look)
+    return Thing(person_solids(performer.person, state.pose, state.position, state.heading), look)
 
 
-def _held(performer: Performer, moment: Moment) -> list[Thing]:
+def _held(performer: Performer, state: PerformerState) -> list[Thing]:
     """What somebody has in hand, pushes, pulls or carries."""
-    prop = moment.prop
+    prop = state.prop
     if prop is None:
         return []
     if prop.kind not in AHEAD:
-        skeleton = place(performer.person.build, moment.pose, moment.position, moment.heading)
-        return [Thing(in_hand(prop, skeleton, moment.hand))]
-    forward = np.array([math.cos(moment.heading), math.sin(moment.heading)])
+        skeleton = place(performer.person.build, state.pose, state.position, state.heading)
+        return [Thing(in_hand(prop, skeleton, state.hand))]
+    forward = np.array([math.cos(state.heading), math.sin(state.heading)])
     lift = CRATE_HEIGHT - 0.1 if prop.kind == "crate" else 0.0
-    return [Thing(standing_prop(prop, moment.position + AHEAD[prop.kind] * forward, moment.heading, lift))]
+    return [Thing(standing_prop(prop, state.position + AHEAD[prop.kind] * forward, state.heading, lift))]
 
 
-def _truth(sightings: list[Sighting | None], moments: list[Moment], settings: DroneSceneSettings) -> DroneTruth:
+def _truth(sightings: list[Sighting | None], states: list[PerformerState], settings: DroneSceneSettings) -> DroneTruth:
     found = [(i, s) for i, s in enumerate(sightings) if s is not None and s.visibility > 0]
     whole = np.array([s.box for _, s in found], dtype=np.float64).reshape(-1, 4)
     boxes = clip_boxes(whole, settings.width, settings.height)
@@ -228,7 +228,7 @@ def _truth(sightings: list[Sighting | None], moments: list[Moment], settings: Dr
         boxes[kept],
         np.array([s.visibility for _, s in found], dtype=np.float64),
     )
-    return DroneTruth(people, [moments[i].activity.actions for i, _ in found])
+    return DroneTruth(people, [states[i].activity.actions for i, _ in found])
 
 
 def _photograph(light: ImageArray, flight: Flight, frame: int) -> ImageArray:

@@ -116,7 +116,7 @@ class _Stage:
     def begin(self, index: int, activity: Activity, frame: int, errand: Errand | None = None) -> None:
         """Somebody starts an activity; what it does not need is put down."""
         rng, actor = self.rng, self.actors[index]
-        actor.before = actor.moments[-1].pose if actor.moments else Pose()
+        actor.before = actor.states[-1].pose if actor.states else Pose()
         same = actor.activity.act in FETCHED and actor.activity.act == activity.act
         if actor.prop and actor.activity.act in FETCHED and not same:
             place = actor.position + AHEAD[actor.prop.kind] * actor.facing()
@@ -272,4 +272,4 @@ def gather(
     stage = _Stage(rng, people, frame_rate, arena, obstacles, look_alikes)
     for frame in range(frames):
         stage.step(frame)
-    return Gathering([Performer(a.person, tuple(a.moments)) for a in stage.actors], stage.things)
+    return Gathering([Performer(a.person, tuple(a.states)) for a in stage.actors], stage.things)

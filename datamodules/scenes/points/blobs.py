@@ -32,7 +32,7 @@ NATURAL = (
 
 
 @dataclass(frozen=True)
-class BlobSettings:
+class BlobSceneSettings:
     """A clip.
 
     Attributes:
@@ -96,7 +96,7 @@ class BlobPaths:
     shapes: tuple[ImageArray, ...]
 
 
-def plan_blobs(settings: BlobSettings, rng: np.random.Generator) -> BlobPaths:
+def plan_blobs(settings: BlobSceneSettings, rng: np.random.Generator) -> BlobPaths:
     """Draws the objects and their ways; nearer objects (later ones) cover farther ones."""
     count = settings.objects
     purity = rng.permutation(np.linspace(*settings.purity, count)) if count > 1 else np.array([settings.purity[1]])
@@ -105,7 +105,7 @@ def plan_blobs(settings: BlobSettings, rng: np.random.Generator) -> BlobPaths:
     start = np.where(late, rng.integers(1, max(settings.frames // 2, 2), count), 0)
     boxes = np.full((settings.frames, count, 4), np.nan)
     for k in range(count):
-        centres = _way(settings, sizes[k], bool(late[k]), settings.frames - int(start[k]), rng)
+        centres = _path(settings, sizes[k], bool(late[k]), settings.frames - int(start[k]), rng)
         half = sizes[k] / 2
         boxes[start[k] :, k] = np.concatenate([centres - half, centres + half], axis=1)
     outside = (np.minimum(boxes[..., 2:], [settings.width, settings.height]) - np.maximum(boxes[..., :2], 0)).min(
@@ -116,7 +116,7 @@ def plan_blobs(settings: BlobSettings, rng: np.random.Generator) -> BlobPaths:
     return BlobPaths(boxes, purity, tuple(d[0] for d in drawn), tuple(d[1] for d in drawn))
 
 
-def blob_frames(settings: BlobSettings, seed: int) -> Iterator[tuple[ImageArray, FloatArray]]:
+def blob_frames(settings: BlobSceneSettings, seed: int) -> Iterator[tuple[ImageArray, FloatArray]]:
     """Images ``(H, W, 3)`` RGB and the boxes ``(K, 4)`` in each, NaN while an object is away; the same for one seed."""
     rng = np.random.default_rng(seed)
     paths = plan_blobs(settings, rng)
@@ -130,7 +130,7 @@ def blob_frames(settings: BlobSettings, seed: int) -> Iterator[tuple[ImageArray,
         yield np.clip(image + noise, 0, 255).astype(np.uint8), boxes
 
 
-def write_blobs(folder: Path, settings: BlobSettings, seed: int, overwrite: bool = False) -> Path:
+def write_blobs(folder: Path, settings: BlobSceneSettings, seed: int, overwrite: bool = False) -> Path:
     """Writes a MOTChallenge sequence: ``img1/000001.jpg`` …, ``gt/gt.txt``, ``seqinfo.ini``.
 
     Raises:
@@ -167,7 +167,9 @@ def _visible(boxes: FloatArray, k: int) -> float:
     return float(max(1.0 - side.prod(axis=1).sum() / np.prod(boxes[k, 2:] - boxes[k, :2]), 0.0))
 
 
-def _way(settings: BlobSettings, size: FloatArray, late: bool, frames: int, rng: np.random.Generator) -> FloatArray:
+def _path(
+    settings: BlobSceneSettings, size: FloatArray, late: bool, frames: int, rng: np.random.Generator
+) -> FloatArray:
     """Centres ``(frames, 2)``: a smooth way across the image, from its border where the object comes late."""
     extent = np.array([settings.width, settings.height], dtype=np.float64)
     goal = extent * rng.uniform(0.3, 0.7, 2)
@@ -208,7 +210,7 @@ def _sprite(size: FloatArray, purity: float, hue: float, rng: np.random.Generato
     return picture, round_off.astype(np.uint8)
 
 
-def _ground(settings: BlobSettings, rng: np.random.Generator) -> ImageArray:
+def _ground(settings: BlobSceneSettings, rng: np.random.Generator) -> ImageArray:
     """Leaves and stones in natural colours, and small patches of the objects' colour among them."""
     height, width = settings.height, settings.width
     base = np.zeros((height, width, 3), np.float32)

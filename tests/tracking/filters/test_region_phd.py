@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.points.blobs import HUES, as_ground_truth, blob_frames, write_blobs
-from tsuiseki.datamodules.scenes.points.blobs import BlobSettings as SceneSettings
+from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings as SceneSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.region_births import AnywhereBirths, PatchBirths
 from tsuiseki.tracking.filters.region_likelihoods import WithoutOthers

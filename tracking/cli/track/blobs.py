@@ -34,7 +34,7 @@ def blobs(
     size: tuple[float, float] = (32.0, 32.0),
     smallest: float = 12.0,
     detection: float = 0.85,
-    false: float = 1.0,
+    clutter: float = 1.0,
     score_range: tuple[float, float] = (0.0, 1.0),
 ) -> int:
     """Track every object of a colour, or every measured point or box, each with an id.
@@ -54,7 +54,7 @@ def blobs(
         size: width and height in pixels, of objects that appear with paper and single, and of points.
         smallest: least side in pixels of an object, and of a patch of colour that may be a new one.
         detection: for measurements: probability that a target is measured, from 0 to 1.
-        false: for measurements: expected false ones in a frame.
+        clutter: for measurements: expected false ones in a frame.
         score_range: smallest and largest score that the rows of --detections may have.
         seed: of the particles.
     """
@@ -73,7 +73,7 @@ def blobs(
             settings = BlobSettings(preset=preset, particles=particles, size=size, smallest=smallest)
             tracks, run.columns = _follow_colour(run, source, wanted, settings, output.seed, record=video.overlay)
         else:
-            points = PointSettings(method=method, particles=particles, detection=detection, false=false, box=size)
+            points = PointSettings(method=method, particles=particles, detection=detection, clutter=clutter, box=size)
             measured = _measurements(source, detections, size, score_range)
             tracks, run.columns = _follow_measurements(run, source, measured, points, output.seed)
         run.write("tracks.txt", lambda path: write_tracks(path, tracks))

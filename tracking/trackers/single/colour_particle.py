@@ -13,7 +13,7 @@ import numpy as np
 from tsuiseki.tracking.filters.base import bootstrap, each_frame
 from tsuiseki.tracking.filters.particle import ParticleFilter
 from tsuiseki.tracking.filters.weights import probabilities
-from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
+from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.trackers.single.matching import colour_bins
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
@@ -54,7 +54,7 @@ class ColourParticle:
         self._filter = ParticleFilter[ImageArray](bootstrap(each_frame(self._move)), self._log_likelihood)
         self._state = self._filter.init(np.repeat(first[None], self.settings.particles, axis=0))
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         self._state, _ = self._filter.step(self._state, image, self._rng)
         weights = probabilities(self._state.log_weights)
@@ -62,7 +62,7 @@ class ColourParticle:
         half = self._size * np.exp(mean[2]) / 2
         score = float(self._coefficients(image, self._state.particles[[int(np.argmax(weights))]])[0])
         status: Status = "tracking" if score >= self.settings.lost_below else "lost"
-        return Sighting(np.concatenate([mean[:2] - half, mean[:2] + half]), score, status)
+        return TargetState(np.concatenate([mean[:2] - half, mean[:2] + half]), score, status)
 
     def _move(self, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
         walk = np.concatenate([self.settings.position * self._size, [self.settings.scale]])

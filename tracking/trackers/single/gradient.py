@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.trackers.single.interface import Sighting
+from tsuiseki.tracking.trackers.single.interface import TargetState
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 HUES = 30
@@ -25,7 +27,8 @@ class MeanShift:
     box grows and shrinks with the mass under it: CamShift, Bradski, 1998.
     """
 
-    def __init__(self, adapts_size: bool = False, lost_below: float = 0.5) -> None:
+    def __init__(self, adapts_size: bool = False, lost_below: float = 0.5, seed: int = 0) -> None:
+        del seed
         self.adapts_size = adapts_size
         self.lost_below = lost_below
 
@@ -36,7 +39,7 @@ class MeanShift:
         self._histogram = self._hues(image, self._window)
         self._scaled = self._histogram * np.float32(255 / max(float(self._histogram.max()), 1e-9))
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         colours = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
         likely = cv2.calcBackProject([colours], [0], self._scaled, [0, 180], 1)
@@ -52,7 +55,7 @@ class MeanShift:
             self._window = _four(window)
         score = float(np.sqrt(self._hues(image, self._window) * self._histogram).sum())
         status: Status = "tracking" if score >= self.lost_below else "lost"
-        return Sighting(self._box, score, status)
+        return TargetState(self._box, score, status)
 
     def _hues(self, image: ImageArray, window: tuple[int, ...]) -> NDArray[np.float32]:
         """``(30, 1)`` histogram of the clearly coloured pixels, that sums to one; grey windows have their values."""
@@ -99,7 +102,8 @@ class MedianFlow:
     share of points that are left.
     """
 
-    def __init__(self, side: int = 10, lost_below: float = 0.1) -> None:
+    def __init__(self, side: int = 10, lost_below: float = 0.1, seed: int = 0) -> None:
+        del seed
         self.side = side
         self.lost_below = lost_below
 
@@ -108,7 +112,7 @@ class MedianFlow:
         self._box = np.asarray(box, dtype=np.float64)
         self._grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         before = self._points()
@@ -122,9 +126,9 @@ class MedianFlow:
         score = 2 * float(good.mean())
         reliable = good.any() and float(np.median(error[good])) <= MOST_FORWARD_BACKWARD
         if not reliable or score < self.lost_below:
-            return Sighting(self._box, 0.0 if not reliable else score, "lost")
+            return TargetState(self._box, 0.0 if not reliable else score, "lost")
         self._move(before[good, 0].astype(np.float64), after[good, 0].astype(np.float64))
-        return Sighting(self._box, min(score, 1.0), "tracking")
+        return TargetState(self._box, min(score, 1.0), "tracking")
 
     def _points(self) -> NDArray[np.float32]:
         share = (np.arange(self.side) + 0.5) / self.side
@@ -152,17 +156,33 @@ def _flow(old: NDArray[Any], new: NDArray[Any], points: NDArray[np.float32]) -> 
 
 
 class Mil:
-    """OpenCV's tracker by multiple instance learning, Babenko et al., CVPR 2009. It gives no score, so it is 1."""
+    """OpenCV's tracker by multiple instance learning, Babenko et al., CVPR 2009. It gives no score, so it is 1.
+
+    Args:
+        seed: of the features and of the windows that it draws.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self._rng = np.random.default_rng(seed)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
+        _seed_opencv(self._rng)
         self._tracker = cv2.TrackerMIL.create()
         self._box = np.asarray(box, dtype=np.float64)
         self._tracker.init(np.ascontiguousarray(image[..., ::-1]), _whole_window(self._box, image))
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
+        _seed_opencv(self._rng)
         found, (x, y, w, h) = self._tracker.update(np.ascontiguousarray(image[..., ::-1]))
         if found and w > 0 and h > 0:
             self._box = np.array([x, y, x + w, y + h], dtype=np.float64)
-        return Sighting(self._box, float(found), "tracking" if found else "lost")
+        return TargetState(self._box, float(found), "tracking" if found else "lost")
+
+
+def _seed_opencv(rng: np.random.Generator) -> None:
+    """OpenCV draws from a generator of its own and from the C library's, both of the whole process."""
+    cv2.setRNGSeed(int(rng.integers(2**31)))
+    library = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
+    library.srand(int(rng.integers(2**31)))

@@ -15,8 +15,8 @@ CERTAIN = 1.0
 
 
 @dataclass(frozen=True)
-class Sighting:
-    """One frame's answer.
+class TargetState:
+    """The target in one frame.
 
     Attributes:
         box: ``(4,)`` pixels.
@@ -30,13 +30,17 @@ class Sighting:
 
 
 class SingleTracker(Protocol):
-    """Follows one target."""
+    """Follows one target.
+
+    Every tracker is made with a ``seed`` of its random numbers, by keyword; one that draws none takes it all the same.
+    Two trackers with the same seed, images and box give the same answers, whatever else runs in the process.
+    """
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """Take ``box`` ``(4,)`` of the first image ``(H, W, 3)`` as the target."""
         ...
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """The target in the next image."""
         ...
 

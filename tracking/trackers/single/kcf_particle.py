@@ -35,7 +35,7 @@ from tsuiseki.tracking.likelihoods.response import ResponseMaps, log_likelihood,
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.archive import Archive
 from tsuiseki.tracking.trackers.single.confidence import Confidence
-from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
+from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, KcfParticleSettings
 from tsuiseki.tracking.trackers.single.particles import (
     best_by_filter,
@@ -112,7 +112,7 @@ class KcfParticle:
         if self._objectness is not None:
             self._near_sizes = self._objectness.near(float(size[0]), float(size[1]))
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """The target in the next frame."""
         self._frame += 1
         self._doubted += self._doubted > 0
@@ -124,12 +124,12 @@ class KcfParticle:
             self._doubted = 0 if not doubtful and (look or not self.settings.drift_switch) else self._doubted
             if self._plain_left > 0 or not doubtful:
                 self._go_on(image, found, colour)
-                return Sighting(self._box(), found.peak, self._status())
+                return TargetState(self._box(), found.peak, self._status())
             self._doubted = max(self._doubted, 1)
             self._begin_search(image)
         else:
             self._continue_search(image, self.search)
-        return Sighting(self._box(), self.target.peak, self._status())
+        return TargetState(self._box(), self.target.peak, self._status())
 
     def _go_on(self, image: ImageArray, found: kcf.KcfState, colour: float | None) -> None:
         """Learn from the frame, as KCF does, and keep the filter, 3.2.7."""

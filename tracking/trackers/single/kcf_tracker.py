@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsuiseki.tracking.trackers.single import kcf
-from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
+from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 
@@ -17,7 +17,8 @@ class KcfTracker:
         lost_below: response at which the target counts as lost; the filter goes on all the same.
     """
 
-    def __init__(self, settings: kcf.KcfSettings, lost_below: float = 0.2) -> None:
+    def __init__(self, settings: kcf.KcfSettings, lost_below: float = 0.2, seed: int = 0) -> None:
+        del seed
         self.settings = settings
         self.lost_below = lost_below
 
@@ -27,8 +28,8 @@ class KcfTracker:
         self._model = kcf.Kcf.of(self.settings, width, height)
         self.state = kcf.start(self._model, image, box_centre(np.asarray(box)))
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         self.state = kcf.step(self._model, self.state, image)
         status = "tracking" if self.state.peak > self.lost_below else "lost"
-        return Sighting(self._model.box(self.state.centre, self.state.size), self.state.peak, status)  # type: ignore[arg-type]
+        return TargetState(self._model.box(self.state.centre, self.state.size), self.state.peak, status)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.windows import cut
 from tsuiseki.tracking.filters.kalman import Gaussians, predict, update
-from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
+from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray, Status
 
 Measure = Literal["ssd", "sad", "ncc"]
@@ -43,7 +43,10 @@ class TemplateMatching:
             the best match as its measurement.
     """
 
-    def __init__(self, measure: Measure = "ncc", smoothed: bool = False, lost_below: float = 0.75) -> None:
+    def __init__(
+        self, measure: Measure = "ncc", smoothed: bool = False, lost_below: float = 0.75, seed: int = 0
+    ) -> None:
+        del seed
         self.measure = measure
         self.smoothed = smoothed
         self.lost_below = lost_below
@@ -60,7 +63,7 @@ class TemplateMatching:
             np.diag([1.0, 1.0, 4.0, 4.0])[None] * self._size.mean(),
         )
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         if self.smoothed:
             # Velocities wander by a tenth of a side a frame.
@@ -82,7 +85,7 @@ class TemplateMatching:
             self._motion = Gaussians(np.concatenate([found, np.zeros(2)])[None], self._motion.covariance)
         place = self._motion.mean[0, :2]
         status: Status = "tracking" if score >= self.lost_below else "lost"
-        return Sighting(np.concatenate([place - self._size / 2, place + self._size / 2]), score, status)
+        return TargetState(np.concatenate([place - self._size / 2, place + self._size / 2]), score, status)
 
     def _grey(self, image: ImageArray, centre: FloatArray, width: int, height: int) -> ImageArray:
         patch = cut(image, centre[None], np.array([self._scale]), width, height)[0]
@@ -151,7 +154,8 @@ class HistogramMatching:
     Position only, as in the thesis; the colours of the first frame are kept.
     """
 
-    def __init__(self, lost_below: float = 0.5) -> None:
+    def __init__(self, lost_below: float = 0.5, seed: int = 0) -> None:
+        del seed
         self.lost_below = lost_below
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
@@ -164,7 +168,7 @@ class HistogramMatching:
         bins = colour_bins(cut(image, self._centre[None], np.array([self._scale]), width, height)[0])
         self._reference = np.bincount(bins.ravel(), minlength=64) / bins.size
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         height, width = self._shape
         reach_x, reach_y = round(REACH * width), round(REACH * height)
@@ -174,4 +178,6 @@ class HistogramMatching:
         found = self._centre + self._scale * np.array([column - reach_x, row - reach_y])
         self._centre = np.clip(found, 0, [image.shape[1], image.shape[0]])
         status: Status = "tracking" if score >= self.lost_below else "lost"
-        return Sighting(np.concatenate([self._centre - self._size / 2, self._centre + self._size / 2]), score, status)
+        return TargetState(
+            np.concatenate([self._centre - self._size / 2, self._centre + self._size / 2]), score, status
+        )

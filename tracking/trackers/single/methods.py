@@ -16,7 +16,7 @@ from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.matching import HistogramMatching, TemplateMatching
 from tsuiseki.tracking.trackers.single.mosse import Mosse
 
-Method = Literal[
+SingleMethod = Literal[
     "kcf-particle",
     "kcf",
     "csk",
@@ -32,12 +32,12 @@ Method = Literal[
     "colour-particle",
     "mil",
 ]
-METHODS: tuple[Method, ...] = get_args(Method)
+METHODS: tuple[SingleMethod, ...] = get_args(SingleMethod)
 Preset = Literal["robust", "thesis", "paper"]
 
 
 def make_tracker(
-    method: Method, preset: Preset = "robust", scale_search: bool | None = None, seed: int = 0
+    method: SingleMethod, preset: Preset = "robust", scale_search: bool | None = None, seed: int = 0
 ) -> SingleTracker:
     """A new tracker.
 
@@ -47,21 +47,21 @@ def make_tracker(
         scale_search: whether those two try other sizes; by default as the preset says.
         seed: of its random numbers.
     """
-    makers: dict[Method, Callable[[], SingleTracker]] = {
+    makers: dict[SingleMethod, Callable[[], SingleTracker]] = {
         "kcf-particle": lambda: KcfParticle(_particle_settings(preset, scale_search), seed),
-        "kcf": lambda: KcfTracker(_sized(KCF_PRESETS[preset], scale_search)),
-        "csk": lambda: KcfTracker(kcf.CSK),
+        "kcf": lambda: KcfTracker(_sized(KCF_PRESETS[preset], scale_search), seed=seed),
+        "csk": lambda: KcfTracker(kcf.CSK, seed=seed),
         "mosse": lambda: Mosse(seed),
-        "template": TemplateMatching,
-        "template-ssd": lambda: TemplateMatching("ssd"),
-        "template-sad": lambda: TemplateMatching("sad"),
-        "histogram": HistogramMatching,
-        "kalman": lambda: TemplateMatching("ncc", smoothed=True),
-        "meanshift": MeanShift,
-        "camshift": lambda: MeanShift(adapts_size=True),
-        "medianflow": MedianFlow,
+        "template": lambda: TemplateMatching(seed=seed),
+        "template-ssd": lambda: TemplateMatching("ssd", seed=seed),
+        "template-sad": lambda: TemplateMatching("sad", seed=seed),
+        "histogram": lambda: HistogramMatching(seed=seed),
+        "kalman": lambda: TemplateMatching("ncc", smoothed=True, seed=seed),
+        "meanshift": lambda: MeanShift(seed=seed),
+        "camshift": lambda: MeanShift(adapts_size=True, seed=seed),
+        "medianflow": lambda: MedianFlow(seed=seed),
         "colour-particle": lambda: ColourParticle(seed=seed),
-        "mil": Mil,
+        "mil": lambda: Mil(seed),
     }
     return makers[method]()
 

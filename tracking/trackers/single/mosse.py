@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.features.windows import cut
 from tsuiseki.tracking.filters.correlation import cosine_window, gaussian_labels
 from tsuiseki.tracking.likelihoods.peaks import peak
-from tsuiseki.tracking.trackers.single.interface import Sighting, box_centre
+from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Float32Array = NDArray[np.float32]
@@ -49,7 +49,7 @@ class Mosse:
         self._numerator = sum(self._labels * s.conj() for s in spectra)
         self._denominator = sum((s * s.conj()).real for s in spectra)
 
-    def follow(self, image: ImageArray) -> Sighting:
+    def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         spectrum = self._spectrum(self._patch(image))
         response = scipy.fft.irfft2(spectrum * self._numerator / (self._denominator + REGULARISATION), s=self._shape)
@@ -62,7 +62,7 @@ class Mosse:
             self._denominator += LEARNING_RATE * ((found * found.conj()).real - self._denominator)
         half = self._size / 2
         box = np.concatenate([self._centre - half, self._centre + half])
-        return Sighting(box, ratio, "tracking" if ratio >= LOST_BELOW else "lost")
+        return TargetState(box, ratio, "tracking" if ratio >= LOST_BELOW else "lost")
 
     def _patch(self, image: ImageArray) -> Float32Array:
         rows, columns = self._shape

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.points.blobs import BlobSettings, blob_frames, plan_blobs
+from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, blob_frames, plan_blobs
 from tsuiseki.tracking.filters.region_births import AnywhereBirths
 from tsuiseki.tracking.filters.region_likelihoods import EachAlone, RegionLikelihood, WithoutOthers
 from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
@@ -49,7 +49,7 @@ class Arm:
     lost: FloatArray
 
 
-def run_arm(name: str, settings: BlobSettings, seed: int, density: int) -> Arm:
+def run_arm(name: str, settings: BlobSceneSettings, seed: int, density: int) -> Arm:
     """Follow the targets of a clip from their true places in its first frame."""
     update, likelihood = ARMS[name]
     rng = np.random.default_rng(seed)
@@ -85,7 +85,7 @@ def reproduce(bench: Bench, seeds: int = 20, frames: int = 150, particles: int =
         RequestError: a number below 1.
     """
     at_least_one(seeds=seeds, frames=frames, particles=particles)
-    settings = BlobSettings(
+    settings = BlobSceneSettings(
         frames=frames, objects=3, purity=(0.45, 0.95), size=(34.0, 34.0), clutter=0, enter=0.0, stay=True, speed=2.0
     )
     jobs = [(name, seed) for name in ARMS for seed in range(seeds)]

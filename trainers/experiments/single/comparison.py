@@ -16,7 +16,7 @@ import numpy as np
 from tsuiseki.tracking.evaluation.single import SequenceScores
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS, KcfParticleSettings
-from tsuiseki.tracking.trackers.single.methods import Method as SingleMethod
+from tsuiseki.tracking.trackers.single.methods import SingleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, follow, score, seeds_of
 from tsuiseki.trainers.experiments.store import Store

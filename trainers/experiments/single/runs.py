@@ -18,8 +18,7 @@ from tsuiseki.tracking.trackers.single.kcf import KcfSettings
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import KcfParticleSettings
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
-from tsuiseki.tracking.trackers.single.methods import Method as SingleMethod
-from tsuiseki.tracking.trackers.single.methods import make_tracker
+from tsuiseki.tracking.trackers.single.methods import SingleMethod, make_tracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video import read_image
 from tsuiseki.trainers.experiments.store import Store

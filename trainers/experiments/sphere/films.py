@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.ball.carried import (
     BallScene,
-    BallSettings,
+    CarriedBallSettings,
     backgrounds,
     covered_image,
     film,
@@ -97,7 +97,7 @@ def configurations() -> list[Configuration]:
 
 def run_film(
     seed: int,
-    settings: BallSettings,
+    settings: CarriedBallSettings,
     rows: Sequence[Configuration],
     watch: Watch,
 ) -> list[FilmErrors]:

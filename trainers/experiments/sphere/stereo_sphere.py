@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.scenes.ball.carried import BallSettings
+from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
@@ -41,7 +41,7 @@ def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: bool = Fals
     if frames < 2 or seed < 0:
         raise RequestError(f"expected at least 2 frames and a seed from 0, got {frames} frames and seed {seed}")
     rows = [row for row in configurations() if row.group == "section 3" or not only]
-    settings = BallSettings(cameras=max(row.cameras for row in rows), frames=frames)
+    settings = CarriedBallSettings(cameras=max(row.cameras for row in rows), frames=frames)
     films = {n: bench.store.recall(run_film, n, settings, rows, bench.watch) for n in range(seed, seed + seeds)}
     values = [
         {

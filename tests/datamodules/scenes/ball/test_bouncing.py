@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.bouncing import WALL, BallSettings, ball_frames, plan_balls
+from tsuiseki.datamodules.scenes.ball.bouncing import WALL, BouncingBallSettings, ball_frames, plan_balls
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.silhouettes import silhouette_of
 
-SETTINGS = BallSettings(frames=300, balls=2)
+SETTINGS = BouncingBallSettings(frames=300, balls=2)
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_balls_never_gain_energy(ways):
 
 
 def test_the_body_fits_the_drawing():
-    for frame in list(ball_frames(BallSettings(frames=60), seed=3))[::4]:
+    for frame in list(ball_frames(BouncingBallSettings(frames=60), seed=3))[::4]:
         own = silhouette_of(frame.silhouettes, 1).astype(np.uint8) * 255
         distance = cv2.distanceTransform(255 - cv2.Canny(own, 100, 200), cv2.DIST_L2, 5)
         at = np.clip(np.floor(Ball().contour(frame.states)[0]).astype(int), 0, [639, 479])
@@ -76,4 +76,4 @@ def test_the_body_fits_the_drawing():
 @pytest.mark.parametrize("wrong", [{"balls": 0}, {"balls": 6}, {"frames": 0}, {"frame_rate": 0.0}, {"height": 200}])
 def test_wrong_settings_are_refused(wrong):
     with pytest.raises(RequestError, match="expected"):
-        BallSettings(**wrong)
+        BouncingBallSettings(**wrong)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.ball.carried import (
-    BallSettings,
+    CarriedBallSettings,
     Cover,
     backgrounds,
     ball_cameras,
@@ -18,7 +18,7 @@ SEED = 1
 
 @pytest.fixture(scope="module")
 def scene():
-    return make_scene(BallSettings(frames=3, samples=2, noise=0.0), SEED)
+    return make_scene(CarriedBallSettings(frames=3, samples=2, noise=0.0), SEED)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def images(scene):
 
 def test_cameras_are_those_of_the_experiment():
     cameras = ball_cameras(6)
-    truth = make_scene(BallSettings(frames=100, samples=1), SEED).truth
+    truth = make_scene(CarriedBallSettings(frames=100, samples=1), SEED).truth
     for camera in cameras:
         assert (camera.width, camera.height) == (800, 600)
         assert 2 * np.degrees(np.arctan(400 / camera.focal[0])) == pytest.approx(60.0)
@@ -58,14 +58,14 @@ def test_the_person_is_in_view_besides_the_ball(scene, images):
 
 
 def test_the_same_seed_makes_the_same_film_and_another_one_another():
-    settings = BallSettings(frames=1, samples=1)
+    settings = CarriedBallSettings(frames=1, samples=1)
     first, again, other = (next(film(make_scene(settings, s), s))[0] for s in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert (first != other).mean() > 0.3
 
 
 def test_noise_has_the_stated_strength():
-    settings = BallSettings(frames=1, samples=1, noise=3.0)
+    settings = CarriedBallSettings(frames=1, samples=1, noise=3.0)
     scene = make_scene(settings, SEED)
     first, second = backgrounds(scene, 1), backgrounds(scene, 2)
     difference = first[0].astype(float) - second[0]
@@ -74,7 +74,7 @@ def test_noise_has_the_stated_strength():
 
 
 def test_a_board_hides_the_scene_from_one_camera_only(images):
-    settings = BallSettings(frames=3, samples=2, noise=0.0, covers=(Cover(1, 1, 1),))
+    settings = CarriedBallSettings(frames=3, samples=2, noise=0.0, covers=(Cover(1, 1, 1),))
     covered = list(film(make_scene(settings, SEED), SEED))
     np.testing.assert_array_equal(covered[0][1], images[0][1])
     np.testing.assert_array_equal(covered[1][0], images[1][0])
@@ -84,4 +84,4 @@ def test_a_board_hides_the_scene_from_one_camera_only(images):
 @pytest.mark.parametrize("wrong", [{"cameras": 1}, {"cameras": 7}, {"frames": 0}, {"radius": 0.0}, {"noise": -1.0}])
 def test_impossible_films_are_refused(wrong):
     with pytest.raises(ValueError, match="expected"):
-        BallSettings(**wrong)
+        CarriedBallSettings(**wrong)

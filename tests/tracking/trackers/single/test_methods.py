@@ -74,6 +74,20 @@ def test_every_method_follows_a_moving_texture(method):
     assert all(np.isfinite(s.box).all() and np.isfinite(s.score) for s in seen)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_same_seed_same_answers_whatever_else_runs(method):
+    images, boxes = clip(walk(8))
+    alone = run(make_tracker(method, seed=3), images, boxes[0])
+    tracker, other = (make_tracker(method, seed=seed) for seed in (3, 4))
+    for one in (tracker, other):
+        one.start(images[0], boxes[0])
+    for before, image in zip(alone, images[1:], strict=True):
+        seen = tracker.follow(image)
+        other.follow(image)
+        np.testing.assert_array_equal(seen.box, before.box)
+        assert seen.score == before.score
+
+
 @pytest.mark.parametrize("method", ["meanshift", "camshift"])
 def test_mean_shift_follows_a_colour(method):
     path = walk(20)
