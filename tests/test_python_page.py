@@ -13,7 +13,7 @@ import pytest
 
 from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
-from tsuiseki.datamodules.scenes.points.blobs import BlobSettings, write_blobs
+from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, write_blobs
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.report.webm import VideoWriter
@@ -70,7 +70,7 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     street = write_street(folder / "labelled", StreetSettings(frames=12), seed=100)
     as_video([frame.image for frame in open_source(street).frames()], folder / "street.mp4")
     as_video(cup(), folder / "cup.mp4")
-    balls = write_blobs(folder / "blobs", BlobSettings(frames=8, width=320, height=240, objects=3), seed=1)
+    balls = write_blobs(folder / "blobs", BlobSceneSettings(frames=8, width=320, height=240, objects=3), seed=1)
     as_video([frame.image for frame in open_source(balls).frames()], folder / "balls.mp4")
     write_goldfish(folder / "fish", GoldfishSettings(frames=4, fish=1), seed=4)
     film_ball(folder)
