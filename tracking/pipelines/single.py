@@ -14,7 +14,7 @@ from tsuiseki.tracking.formats.mot import list_images
 from tsuiseki.tracking.formats.single import LABEL_NAMES, find_single_sequences
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.trackers.single.interface import SingleTracker, follow_target
-from tsuiseki.tracking.trackers.single.methods import METHODS, Method, Preset, make_tracker
+from tsuiseki.tracking.trackers.single.methods import METHODS, Preset, SingleMethod, make_tracker
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame
 from tsuiseki.tracking.video import Source, open_source
 
@@ -22,7 +22,7 @@ from tsuiseki.tracking.video import Source, open_source
 def follow(
     source: str | Path | int,
     box: Sequence[float] | ArrayLike | None = None,
-    method: Method | SingleTracker = "kcf-particle",
+    method: SingleMethod | SingleTracker = "kcf-particle",
     *,
     preset: Preset = "robust",
     frames: str | None = None,
@@ -58,7 +58,7 @@ def follow(
     return follow_frames(opened.frames(), wanted, single_tracker(method, preset, seed))
 
 
-def single_tracker(method: Method | SingleTracker, preset: Preset = "robust", seed: int = 0) -> SingleTracker:
+def single_tracker(method: SingleMethod | SingleTracker, preset: Preset = "robust", seed: int = 0) -> SingleTracker:
     """A fresh tracker by its name; a tracker as it is.
 
     Raises:
