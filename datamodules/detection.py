@@ -17,8 +17,14 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
-from tsuiseki.datamodules.scene_images import write_drone_images, write_scene_images, write_varied_images
+from tsuiseki.datamodules.scene_images import (
+    write_drone_images,
+    write_room_images,
+    write_scene_images,
+    write_varied_images,
+)
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
+from tsuiseki.datamodules.scenes.rooms.pictures import RoomPictures
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
@@ -218,6 +224,9 @@ class DetectionData(lightning.LightningDataModule):
                 write_drone_images(folder, source.generate, settings, source.seed)
             elif source.scene == "varied":
                 write_varied_images(folder, source.generate, (width, height), source.seed)
+            elif source.scene == "ceiling":
+                # Twice as fine as the input, so that the scale augmentation shows people as large as later on.
+                write_room_images(folder, source.generate, RoomPictures(side=2 * min(height, width)), source.seed)
             else:
                 write_scene_images(folder, source.generate, TrainingSettings(width, height), source.seed)
 

@@ -31,7 +31,7 @@ class Source:
         least_visible: people of whom a smaller share is visible are ignored, in [0, 1].
         generate: fill a folder that does not exist with this many random generated pictures.
         scene: what those show: a street; streets, crowds, views from afar and empty places by day and night (varied);
-            or people under a drone.
+            people under a drone; or people under a fisheye camera on the ceiling of a room.
         seed: of those.
     """
 
@@ -41,7 +41,7 @@ class Source:
     fixed_camera: bool = False
     least_visible: float = 0.25
     generate: int = 0
-    scene: Literal["street", "varied", "drone"] = "street"
+    scene: Literal["street", "varied", "drone", "ceiling"] = "street"
     seed: int = 0
 
 

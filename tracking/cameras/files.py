@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,15 @@ def read_cameras(path: Path) -> list[PlacedCamera]:
     Raises:
         RequestError: the file is missing or no YAML, or an entry lacks a field or has a wrong one, which is named.
     """
+    return [camera_of(entry, f"{path}: camera {k + 1}", k) for k, entry in enumerate(read_entries(path))]
+
+
+def read_entries(path: Path) -> list[Any]:
+    """The list ``cameras`` of a `cameras.yaml`, its entries not yet checked.
+
+    Raises:
+        RequestError: the file is missing, no YAML, or has no such list.
+    """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -72,30 +82,33 @@ def read_cameras(path: Path) -> list[PlacedCamera]:
     entries = content.get("cameras") if isinstance(content, dict) else None
     if not isinstance(entries, list) or not entries:
         raise RequestError(f"{path}: expected a list named cameras with one entry per source, found none")
-    return [_camera_of(entry, f"{path}: camera {k + 1}", k) for k, entry in enumerate(entries)]
+    return entries
 
 
 def write_cameras(path: Path, cameras: list[PlacedCamera]) -> None:
     """Write `cameras.yaml`, overwriting ``path``."""
-    entries = []
-    for placed in cameras:
-        camera = placed.camera
-        entry: dict[str, Any] = {
-            "name": placed.name,
-            "model": "projective",
-            "image_size": [camera.width, camera.height],
-            "focal": _rounded(camera.focal),
-            "principal_point": _rounded(camera.principal_point),
-            "distortion": _rounded(camera.distortion),
-            "rotation": _rounded(camera.rotation),
-            "position": _rounded(camera.position),
-            "offset": float(placed.offset),
-        }
-        if placed.frame_rate is not None:
-            entry["frame_rate"] = float(placed.frame_rate)
-        entries.append(entry)
+    entries = [camera_entry(placed) for placed in cameras]
     text = yaml.safe_dump({"cameras": entries}, sort_keys=False, default_flow_style=None, width=120)
     path.write_text(text, encoding="utf-8")
+
+
+def camera_entry(placed: PlacedCamera) -> dict[str, Any]:
+    """The entry of a camera, as `write_cameras` writes it."""
+    camera = placed.camera
+    entry: dict[str, Any] = {
+        "name": placed.name,
+        "model": "projective",
+        "image_size": [camera.width, camera.height],
+        "focal": plain_numbers(camera.focal),
+        "principal_point": plain_numbers(camera.principal_point),
+        "distortion": plain_numbers(camera.distortion),
+        "rotation": plain_numbers(camera.rotation),
+        "position": plain_numbers(camera.position),
+        "offset": float(placed.offset),
+    }
+    if placed.frame_rate is not None:
+        entry["frame_rate"] = float(placed.frame_rate)
+    return entry
 
 
 def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> Intrinsics:
@@ -133,17 +146,22 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> In
     )
 
 
-def _camera_of(entry: Any, where: str, position: int) -> PlacedCamera:
+def camera_of(entry: Any, where: str, position: int, models: Sequence[str] = ("projective",)) -> PlacedCamera:
+    """The projective camera of an ``entry``; ``where`` and ``position`` name it in errors, as do ``models``.
+
+    Raises:
+        RequestError: a field is missing or wrong, or the model is another.
+    """
     if not isinstance(entry, dict):
         raise RequestError(f"{where}: expected a mapping of fields, got {type(entry).__name__}")
     model = entry.get("model", "projective")
     if model != "projective":
-        raise RequestError(f"{where}: expected model projective, got {model!r}")
+        raise RequestError(f"{where}: expected model {' or '.join(models)}, got {model!r}")
     missing = [name for name in FIELDS if name not in entry]
     if missing:
         raise RequestError(f"{where}: expected the field {missing[0]}, found none")
-    values = {name: _numbers(entry[name], shape, f"{where}: {name}") for name, shape in FIELDS.items()}
-    distortion = _numbers(entry.get("distortion", [0.0] * 5), (5,), f"{where}: distortion")
+    values = {name: numbers(entry[name], shape, f"{where}: {name}") for name, shape in FIELDS.items()}
+    distortion = numbers(entry.get("distortion", [0.0] * 5), (5,), f"{where}: distortion")
     width, height = (int(v) for v in values.pop("image_size"))
     try:
         camera = PinholeCamera(width=width, height=height, distortion=distortion, **values)
@@ -158,7 +176,8 @@ def _camera_of(entry: Any, where: str, position: int) -> PlacedCamera:
     return PlacedCamera(name, camera, None if rate is None else float(rate), float(offset))
 
 
-def _numbers(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
+def numbers(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
+    """``value`` as finite numbers of ``shape``; otherwise a `RequestError` that begins with ``where``."""
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -168,7 +187,8 @@ def _numbers(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
     return array
 
 
-def _rounded(array: FloatArray) -> list[Any]:
+def plain_numbers(array: FloatArray) -> list[Any]:
+    """``array`` as lists for a file, without the noise of its last digits."""
     rounded: list[Any] = np.round(array, 12).tolist()
     return rounded
 

@@ -66,6 +66,7 @@ COMMANDS: Tree = {
             "blobs": Command("coloured objects over natural clutter", "simulate", "blobs"),
             "goldfish": Command("fish that bend, or balls that squash", "goldfish", "simulate"),
             "drone": Command("people who act, before a drone's camera", "simulate", "drone"),
+            "fisheye": Command("people in a room, under ceiling fisheye cameras", "simulate", "fisheye"),
         },
     ),
     "train": Group(
@@ -93,7 +94,11 @@ COMMANDS: Tree = {
     ),
     "calibrate": Group(
         "find out where cameras are and how they see",
-        {"points": Command("from known points in space", "calibrate", "points", ("file",))},
+        {
+            "points": Command("from known points in space", "calibrate", "points", ("file",)),
+            "convert": Command("a fisheye calibration in another program's format", "calibrate", "convert", ("file",)),
+            "pose": Command("over a floor, from height and tilt or from points", "calibrate", "pose", ("file",)),
+        },
     ),
     "track": Group(
         "follow something through a video with exported models",

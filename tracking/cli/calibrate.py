@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from tsuiseki.tracking.errors import RequestError
 
@@ -69,3 +70,126 @@ def points(
         write_cameras(work, placed)
     # After the file, which must not depend on who reads the listing to its end.
     print("\n".join([*lines, f"{len(placed)} cameras: {out}"]))
+
+
+def convert(
+    file: Path,
+    to: Literal["ocam", "py-ocam", "kalibr-omni", "kalibr-equidistant", "opencv"],
+    out: Path,
+    image_size: tuple[int, int] | None = None,
+    resize: tuple[int, int] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """The calibration of a fisheye lens in the format of another program, and how far that puts pixels off.
+
+    Args:
+        file: calib_results.txt of OCamCalib, JSON of py-OCamCalib, camchain YAML of Kalibr (omni with radtan, or
+            pinhole with equidistant), or OpenCV's fisheye K and D; which one is seen from what is there.
+        to: the format to write. ocam and py-ocam hold the same model and lose nothing; of the others the nearest lens
+            is fitted.
+        out: the file to write.
+        image_size: WIDTH,HEIGHT of the calibration, where the file does not say: py-OCamCalib's.
+        resize: WIDTH,HEIGHT of other images of the camera, which the calibration is scaled to cover evenly, and cut.
+        overwrite: replace an existing file.
+    """
+    import numpy as np
+
+    from tsuiseki.tracking.cameras.lens_files import read_lens, write_lens
+    from tsuiseki.tracking.cameras.lens_fitting import image_rays
+    from tsuiseki.tracking.output import check_output_file, output_file
+
+    check_output_file(out, overwrite)
+    lens = read_lens(file, image_size)
+    if resize is not None:
+        if min(resize) < 1:
+            raise RequestError(f"--resize: expected two numbers above 0, got {resize[0]},{resize[1]}")
+        lens = lens.resized(*resize)
+    with output_file(out, overwrite) as work:
+        residuals = write_lens(work, lens, to)
+    lines = [f"{to}: {np.sqrt(np.mean(residuals**2)):.4f} px rms, {residuals.max():.4f} px at most over the image"]
+    if len(lens.inverse):
+        pixels, rays = image_rays(lens)
+        away = np.hypot(*(lens.project_by_inverse(rays) - pixels).T)
+        lines.append(f"inverse polynomial of {file.name}: {away.max():.4f} px at most from the exact root")
+    print("\n".join([*lines, f"{lens.width}x{lens.height}: {out}"]))
+
+
+def pose(
+    file: Path,
+    out: Path = Path("cameras.yaml"),
+    height: float | None = None,
+    tilt: float = 0.0,
+    turn: float = 0.0,
+    points: Path | None = None,
+    floor: tuple[float, float, float, float] | None = None,
+    image_size: tuple[int, int] | None = None,
+    resize: tuple[int, int] | None = None,
+    projective: bool = False,
+    name: str = "camera1",
+    frame_rate: float | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Where a camera of known lens hangs over the floor, written as cameras.yaml.
+
+    Either --height, or --points on the floor. Several cameras go into one file by joining their lists.
+
+    Args:
+        file: the lens, in any format that tsuiseki calibrate convert reads, or with --projective OpenCV's intrinsics.
+        out: the camera file to write.
+        height: of the camera over the floor, metres; the floor's origin is then right below it.
+        tilt: of the axis from straight down, towards +y of the floor, degrees.
+        turn: of the camera about its axis, degrees; at 0 the image's right is +x.
+        points: CSV with the columns u, v (pixels, the first pixel's centre at 0.5), x and y (metres on the floor), four
+            rows or more, instead of --height.
+        floor: X1,Y1,X2,Y2 of the floor that people stand on, metres; by default 10 m about the camera.
+        image_size: WIDTH,HEIGHT of the calibration, where the file does not say.
+        resize: WIDTH,HEIGHT of the images, where it is not the calibration's: it is scaled to cover them, and cut.
+        projective: the lens is projective.
+        name: of the camera.
+        frame_rate: frames per second, for videos that do not tell: folders of images.
+        overwrite: replace an existing camera file.
+    """
+    import numpy as np
+
+    from tsuiseki.tracking.cameras.files import read_intrinsics
+    from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, write_floor_cameras
+    from tsuiseki.tracking.cameras.lens_files import read_lens
+    from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
+    from tsuiseki.tracking.cameras.pose import locate_over_floor, pose_at
+    from tsuiseki.tracking.cameras.projective import PinholeCamera
+    from tsuiseki.tracking.formats.correspondences import read_floor_points
+    from tsuiseki.tracking.output import check_output_file, output_file
+
+    check_output_file(out, overwrite)
+    if (height is None) == (points is None):
+        raise RequestError("expected one of --height and --points, got both or neither")
+    if projective and resize is not None:
+        raise RequestError("--resize: only fisheye calibrations are scaled; leave it out with --projective")
+    camera: PinholeCamera | OmnidirectionalCamera
+    if projective:
+        camera = read_intrinsics(file, image_size).camera()
+    else:
+        lens = read_lens(file, image_size)
+        camera = OmnidirectionalCamera(lens if resize is None else lens.resized(*resize), np.eye(3), np.zeros(3))
+    lines = []
+    if height is not None:
+        camera = pose_at(camera, height, np.radians(tilt), np.radians(turn))
+    else:
+        assert points is not None
+        given = read_floor_points(points)
+        try:
+            camera, fit = locate_over_floor(camera, given.pixels, given.points[:, :2])
+        except RequestError as error:
+            raise RequestError(f"{points}: {error}") from error
+        lines = [
+            f"  line {line}: {pixels:.3f} px, {metres:.3f} m"
+            for line, pixels, metres in zip(given.lines, fit.residuals, fit.metres, strict=True)
+        ]
+        lines.insert(0, f"{np.sqrt(np.mean(fit.residuals**2)):.3f} px rms over {len(lines)} points")
+    x, y, z = camera.position
+    area = np.array([x - 10, y - 10, x + 10, y + 10] if floor is None else floor, dtype=np.float64)
+    if area[0] >= area[2] or area[1] >= area[3]:
+        raise RequestError(f"--floor: expected X1 < X2 and Y1 < Y2, got {','.join(f'{v:g}' for v in area)}")
+    with output_file(out, overwrite) as work:
+        write_floor_cameras(work, [CameraOverFloor(name, camera, area, frame_rate)])
+    print("\n".join([*lines, f"{name}: at {x:.3f}, {y:.3f}, {z:.3f} m: {out}"]))

@@ -124,3 +124,46 @@ def drone(
     )
     write_drone(out, settings, seed, overwrite, watch=lambda drawn: progress(drawn, "drawing", frames), layout=layout)
     print(f"{frames} frames of {width}x{height}: {out}")
+
+
+def fisheye(
+    out: Path,
+    room: Literal["large", "small"] = "large",
+    people: int = 6,
+    seconds: float = 60.0,
+    frame_rate: float = 15.0,
+    repeated: float = 0.5,
+    calibration: Path | None = None,
+    width: int = 1280,
+    height: int = 960,
+    seed: int = 0,
+    overwrite: bool = False,
+) -> None:
+    """Make a clip of people in a room under two fisheye cameras on its ceiling, with their boxes and places.
+
+    DIR gets camera1 and camera2, MOTChallenge sequences with img1, gt/gt.txt and gt/world.csv (frame, id, x, y in
+    metres), the ids the same in both, and cameras.yaml for tsuiseki track fisheye.
+
+    Args:
+        out: folder for the clip.
+        room: large is 8 by 16 m, small 4 by 9 m.
+        people: who wander about.
+        seconds: length of the clip.
+        frame_rate: frames per second.
+        repeated: share of people who wear the clothes of another, or nearly.
+        calibration: lens of the cameras, enlarged to fill the images; by default an equidistant one.
+        width: of the images, pixels.
+        height: of the images, pixels.
+        seed: of all random numbers; the same seed makes the same clip.
+        overwrite: replace what is in the folder.
+    """
+    from tsuiseki.datamodules.scenes.rooms.ceiling import SIZES, RoomSettings
+    from tsuiseki.datamodules.scenes.rooms.files import write_room
+    from tsuiseki.tracking.cameras.lens_files import read_lens
+    from tsuiseki.tracking.cli.progress import progress
+
+    frames = max(round(seconds * frame_rate), 1)
+    settings = RoomSettings(SIZES[room], frames, frame_rate, people, repeated, width, height)
+    lens = None if calibration is None else read_lens(calibration)
+    write_room(out, settings, seed, lens, overwrite, watch=lambda drawn: progress(drawn, "drawing", frames))
+    print(f"2 cameras, {frames} frames of {width}x{height} each: {out}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,19 +43,35 @@ def read_correspondences(path: Path) -> list[Correspondences]:
     Raises:
         RequestError: the file is missing or lacks a column, or a value is no finite number; the message says where.
     """
+    return _read(path, COLUMNS)
+
+
+def read_floor_points(path: Path) -> Correspondences:
+    """The points of one camera on the floor: as `read_correspondences`, without the column ``z``, which is 0.
+
+    Raises:
+        RequestError: as `read_correspondences`, or there are several cameras.
+    """
+    groups = _read(path, [name for name in COLUMNS if name != "z"])
+    if len(groups) > 1:
+        raise RequestError(f"{path}: expected the points of one camera, got {len(groups)}; give a file for each")
+    return groups[0]
+
+
+def _read(path: Path, columns: Sequence[str]) -> list[Correspondences]:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise RequestError(f"{path}: expected a CSV file with columns {', '.join(COLUMNS)}, cannot read it") from error
+        raise RequestError(f"{path}: expected a CSV file with columns {', '.join(columns)}, cannot read it") from error
     rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
     names = [name.strip() for name in rows.fieldnames or []]
     rows.fieldnames = names
-    missing = [name for name in COLUMNS if name not in names]
+    missing = [name for name in columns if name not in names]
     if missing:
-        raise RequestError(f"{path}: expected a header with columns {', '.join(COLUMNS)}, found no {missing[0]}")
+        raise RequestError(f"{path}: expected a header with columns {', '.join(columns)}, found no {missing[0]}")
     found: dict[str, list[tuple[int, list[float]]]] = {}
     for row in rows:
-        values = [_number(row[name], name, path, rows.line_num) for name in COLUMNS]
+        values = [_number(row[n], n, path, rows.line_num) if n in columns else 0.0 for n in COLUMNS]
         found.setdefault((row.get("camera") or "camera1").strip(), []).append((rows.line_num, values))
     if not found:
         raise RequestError(f"{path}: expected rows of points, found none")

@@ -111,11 +111,11 @@ def crowd(
             starts += [start] * size
             ways += _abreast(rng, way, size, frame_rate)
             start, here = start + len(way) + int(rng.uniform(0, 2) * frame_rate), False
-    ways = _keep_apart(starts, ways, frames, frame_rate, obstacles)
+    ways = keep_apart(starts, ways, frames, frame_rate, obstacles)
     people: list[Person] = []
     for _ in ways:
         people.append(_somebody(rng, people, settings.look_alikes))
-    return [_walker(rng, *row, frame_rate) for row in zip(people, starts, ways, strict=True)]
+    return [walker_along(rng, *row, frame_rate) for row in zip(people, starts, ways, strict=True)]
 
 
 def _somebody(rng: np.random.Generator, people: list[Person], look_alikes: float) -> Person:
@@ -179,7 +179,7 @@ def _directions(velocities: FloatArray, smoothing: float) -> FloatArray:
     return np.asarray(unit / np.maximum(np.linalg.norm(unit, axis=1), 1e-9)[:, None])
 
 
-def _keep_apart(
+def keep_apart(
     starts: list[int], ways: list[FloatArray], frames: int, frame_rate: float, obstacles: FloatArray
 ) -> list[FloatArray]:
     """The ways with evasions: people who come too close step aside, and return to their way afterwards."""
@@ -217,7 +217,7 @@ def _repulsion(a: FloatArray, b: FloatArray, distance: float | FloatArray, other
     return np.asarray((lack[:, :, None] * turned).sum(axis=1) * 2)
 
 
-def _walker(rng: np.random.Generator, person: Person, first: int, way: FloatArray, frame_rate: float) -> Walker:
+def walker_along(rng: np.random.Generator, person: Person, first: int, way: FloatArray, frame_rate: float) -> Walker:
     velocities = (np.gradient(way, axis=0) if len(way) > 1 else np.ones((1, 2))) * frame_rate
     speeds = np.linalg.norm(velocities, axis=1)
     directions = _directions(velocities, 0.2 * frame_rate)

@@ -1,0 +1,194 @@
+"""From one model of a wide lens to another, by the least distance in pixels over the image.
+
+Besides Scaramuzza's polynomial there are the equidistant model of Kannala and Brandt (OpenCV's fisheye, Kalibr's
+pinhole with equidistant distortion), ``r = theta + k1 theta^3 + ... + k4 theta^9``, and Mei's unified model (Kalibr's
+omni), ``(x, y) / (z + xi)`` of a point on the unit sphere, with two radial and two tangential coefficients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
+from tsuiseki.tracking.types import FloatArray
+
+# Degree of F that others are fitted by; OCamCalib's usual 4 leaves whole pixels near the rim of some lenses.
+DEGREE = 8
+INVERSE_DEGREE = 14
+# Pixels along the longer side of the grid on which two lenses are compared, and directions about the axis.
+GRID, RING = 60, 24
+# Angle to the axis beyond which no point of another model is compared, radians.
+WIDEST = 2.6
+
+
+class Lens(Protocol):
+    """Directions in the camera's axes to pixels of an image of a size."""
+
+    @property
+    def width(self) -> int: ...
+
+    @property
+    def height(self) -> int: ...
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Pixels ``(N, 2)`` of ``(N, 3)``, NaN where not seen."""
+        ...
+
+
+@dataclass(frozen=True)
+class EquidistantLens:
+    """Kannala and Brandt's lens; focal lengths ``(2,)``, principal point ``(2,)`` pixels, distortion ``(4,)``."""
+
+    width: int
+    height: int
+    focal: FloatArray
+    principal_point: FloatArray
+    distortion: FloatArray
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Pixels ``(N, 2)`` of ``(N, 3)`` points in the camera's axes; NaN past the polynomial's turning back."""
+        across = np.hypot(points[:, 0], points[:, 1])
+        theta = np.arctan2(across, points[:, 2])
+        square = theta**2
+        k1, k2, k3, k4 = self.distortion
+        radius = theta * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
+        grid = np.linspace(0, np.pi, 2048)
+        slope = 1 + grid**2 * (3 * k1 + grid**2 * (5 * k2 + grid**2 * (7 * k3 + grid**2 * 9 * k4)))
+        limit = grid[int(np.argmax(slope <= 0))] if (slope <= 0).any() else np.pi
+        unit = points[:, :2] / np.maximum(across, 1e-300)[:, None]
+        pixels = unit * radius[:, None] * self.focal + self.principal_point
+        pixels[theta > limit] = np.nan
+        return np.asarray(pixels)
+
+    @classmethod
+    def fitted(cls, lens: OmnidirectionalLens) -> tuple[EquidistantLens, FloatArray]:
+        """The nearest to ``lens``, and the ``(N,)`` distances over the image, pixels."""
+
+        def of(x: FloatArray) -> EquidistantLens:
+            return cls(lens.width, lens.height, x[:2] * lens.direct[0], x[2:4] * lens.direct[0], x[4:])
+
+        start = np.array([1, 1, *lens.centre / lens.direct[0], 0, 0, 0, 0], dtype=np.float64)
+        x, residuals = _nearest(lens, of, start)
+        return of(x), residuals
+
+
+@dataclass(frozen=True)
+class UnifiedLens:
+    """Mei's lens: focal ``(2,)`` and principal point ``(2,)`` pixels, mirror ``xi``, distortion k1, k2, p1, p2."""
+
+    width: int
+    height: int
+    focal: FloatArray
+    principal_point: FloatArray
+    xi: float
+    distortion: FloatArray
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Pixels ``(N, 2)`` of ``(N, 3)`` points in the camera's axes; NaN where the model has no image."""
+        unit = points / np.linalg.norm(points, axis=1, keepdims=True)
+        depth = unit[:, 2] + self.xi
+        # Beyond this two rays meet in one pixel.
+        hidden = depth <= (0 if self.xi < 1 else self.xi - 1 / self.xi)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x, y = (unit[:, :2] / depth[:, None]).T
+        k1, k2, p1, p2 = self.distortion
+        square = x * x + y * y
+        radial = 1 + square * (k1 + square * k2)
+        u = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+        v = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
+        pixels = np.stack([u, v], axis=1) * self.focal + self.principal_point
+        pixels[hidden] = np.nan
+        return np.asarray(pixels)
+
+    @classmethod
+    def fitted(cls, lens: OmnidirectionalLens) -> tuple[UnifiedLens, FloatArray]:
+        """The nearest to ``lens``, and the ``(N,)`` distances over the image, pixels."""
+        scale = lens.direct[0]
+
+        def of(x: FloatArray) -> UnifiedLens:
+            return cls(lens.width, lens.height, x[:2] * scale, x[2:4] * scale, float(x[4]), x[5:])
+
+        start = np.array([2, 2, *lens.centre / scale, 1.0, 0, 0, 0, 0], dtype=np.float64)
+        x, residuals = _nearest(lens, of, start)
+        return of(x), residuals
+
+
+def fit_omnidirectional(lens: Lens, degree: int = DEGREE) -> OmnidirectionalLens:
+    """Scaramuzza's lens nearest to another, with its inverse polynomial.
+
+    F is fitted to the cotangents of the angles, which it is linear in, and then to the pixels.
+    """
+    points = _directions()
+    pixels = lens.project(points)
+    inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
+    inside &= (pixels <= [lens.width, lens.height]).all(axis=1)
+    points, pixels = points[inside], pixels[inside]
+    centre = lens.project(np.array([[0.0, 0.0, 1.0]]))[0]
+    rho = np.linalg.norm(pixels - centre, axis=1)
+    across = np.hypot(points[:, 0], points[:, 1])
+    powers = np.array([0, *range(2, degree + 1)])
+    unit = rho.max()
+    # F(rho) sin = rho cos, written so that rows near the axis do not blow up.
+    matrix = (rho[:, None] / unit) ** powers * across[:, None]
+    solved = np.linalg.lstsq(matrix, rho / unit * points[:, 2], rcond=None)[0]
+
+    def of(x: FloatArray) -> OmnidirectionalLens:
+        direct = np.zeros(degree + 1)
+        direct[powers] = x[: len(powers)] * unit ** (1.0 - powers)
+        stretch = np.array([[1.0, x[-3]], [x[-2], x[-1]]])
+        return OmnidirectionalLens(lens.width, lens.height, direct, x[-5:-3] * unit, stretch)
+
+    def errors(x: FloatArray) -> FloatArray:
+        # Rays instead of pixels: F may turn back on the way to the minimum, where no pixel would belong to a ray.
+        found = of(x)
+        sensor = (pixels - found.centre) @ np.linalg.inv(found.stretch).T
+        radius = np.hypot(*sensor.T)
+        rays = np.column_stack([sensor, found.forward(radius)])
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        return np.asarray((unit * np.cross(rays, points)).ravel())
+
+    start = np.array([*solved, *centre / unit, 0.0, 0.0, 1.0])
+    return fit_inverse(of(least_squares(errors, start, method="lm", x_scale="jac", max_nfev=2000).x))
+
+
+def fit_inverse(lens: OmnidirectionalLens, degree: int = INVERSE_DEGREE) -> OmnidirectionalLens:
+    """``lens`` with the inverse polynomial nearest to its exact inverse."""
+    rho = np.linspace(0, lens.rim, 2000)
+    angle = -np.arctan2(lens.forward(rho), rho)
+    fitted = np.polynomial.Polynomial.fit(angle, rho, degree).convert()
+    return replace(lens, inverse=np.asarray(fitted.coef, dtype=np.float64))
+
+
+def _directions() -> FloatArray:
+    """``(N, 3)`` unit directions evenly over the field."""
+    grid = np.meshgrid(np.linspace(0.01, WIDEST, GRID), np.linspace(0, 2 * np.pi, RING, endpoint=False))
+    theta, turn = grid[0].ravel(), grid[1].ravel()
+    return np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn), np.cos(theta)], axis=1)
+
+
+def image_rays(lens: OmnidirectionalLens) -> tuple[FloatArray, FloatArray]:
+    """A grid of pixels ``(N, 2)`` over the image within the rim, and their unit rays ``(N, 3)``."""
+    step = max(lens.width, lens.height) / GRID
+    x, y = np.meshgrid(np.arange(step / 2, lens.width, step), np.arange(step / 2, lens.height, step))
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    rays = lens.rays(pixels)
+    seen = np.isfinite(rays[:, 0])
+    return pixels[seen], rays[seen]
+
+
+def _nearest(
+    lens: OmnidirectionalLens, of: Callable[[FloatArray], Lens], start: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Parameters of the lens ``of(x)`` nearest to ``lens`` and the ``(N,)`` distances, pixels."""
+    pixels, rays = image_rays(lens)
+
+    def errors(x: FloatArray) -> FloatArray:
+        return np.asarray(np.nan_to_num(of(x).project(rays) - pixels, nan=1e3).ravel())
+
+    fit = least_squares(errors, start, x_scale="jac", max_nfev=500)
+    return fit.x, np.hypot(*fit.fun.reshape(-1, 2).T)

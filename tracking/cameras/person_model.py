@@ -1,0 +1,263 @@
+"""A person as two cylinders on the floor: from the upright box of a detection to its rotated box and its place.
+
+The person model is put on the floor at every foot position (thesis 4.2.2.1). Its outline in the image gives the
+upright box b = (x, y, w, h) that a detector would find there, the rotated box r = (x_r, y_r, w_r, h_r, phi) of least
+area, and the place q = (q1, q2, 0) it stands at. A KD-tree over all b then finds, for a detected box, the nearest b
+and with it r and q.
+
+Rotated boxes here are ``(N, 5)``: centre x, y, width across the body, height along it, and the angle by which the
+body is turned clockwise from upright, head up; pixels and radians in [-pi, pi). The feet end is known: it is the lower
+one of the box before it is turned.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.geometry import xywh_from_corners
+from tsuiseki.tracking.types import FloatArray
+
+VERSION = 1
+# Points about each of a cylinder's two rims.
+AROUND = 16
+
+
+class FloorCamera(Protocol):
+    """What is asked of a camera over the floor."""
+
+    @property
+    def width(self) -> int: ...
+
+    @property
+    def height(self) -> int: ...
+
+    @property
+    def position(self) -> FloatArray: ...
+
+    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Pixels ``(N, 2)`` and depths ``(N,)`` of world points ``(N, 3)``; a depth of 0 or less is not seen."""
+        ...
+
+    def ground(self, pixels: FloatArray, height: float = 0.0) -> FloatArray:
+        """Where ``(N, 2)`` pixels meet the plane z = ``height``: ``(N, 3)``, NaN where they do not."""
+        ...
+
+
+@dataclass(frozen=True)
+class PersonModel:
+    """A cylinder for the body and one on it for the head; metres.
+
+    Attributes:
+        height: of the whole person.
+        body_radius: of trunk and legs.
+        head_height: the upper part of the height that is the head.
+        head_radius: of the head.
+    """
+
+    height: float = 1.7
+    body_radius: float = 0.25
+    head_height: float = 0.3
+    head_radius: float = 0.12
+
+    def __post_init__(self) -> None:
+        if not (0 < self.head_height < self.height and self.body_radius > 0 and self.head_radius > 0):
+            raise RequestError(
+                "person model: expected positive radii and a head within the height, got "
+                f"height {self.height:g}, head {self.head_height:g}, radii {self.body_radius:g}, {self.head_radius:g}"
+            )
+
+    def outline(self) -> FloatArray:
+        """``(4 * AROUND, 3)`` points of the four rims about a person who stands at the origin."""
+        turn = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
+        ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        neck = self.height - self.head_height
+        levels = ((0.0, self.body_radius), (neck, self.body_radius), (neck, self.head_radius),
+                  (self.height, self.head_radius))  # fmt: skip
+        return np.concatenate([np.column_stack([radius * ring, np.full(AROUND, z)]) for z, radius in levels])
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """Where the model is put.
+
+    Attributes:
+        pixels: step between foot positions in the image.
+        metres: step between foot positions on the floor; the two grids are joined, for the first is coarse on the
+            floor near the rim, the second in the image near the middle.
+        inside: share of the model's outline that must lie in the image.
+    """
+
+    pixels: float = 4.0
+    metres: float = 0.06
+    inside: float = 0.5
+
+
+@dataclass(frozen=True)
+class PersonTable:
+    """The boxes and places of a person at every foot position, and the nearest for a detected box.
+
+    Attributes:
+        upright: ``(K, 4)`` x1, y1, x2, y2 cut off at the image, pixels.
+        rotated: ``(K, 5)`` rotated boxes, see the module.
+        places: ``(K, 2)`` x, y on the floor, metres.
+    """
+
+    upright: FloatArray
+    rotated: FloatArray
+    places: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_tree", cKDTree(xywh_from_corners(self.upright)))
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def look_up(self, boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rotated boxes ``(N, 5)`` and places ``(N, 2)`` of detected boxes ``(N, 4)`` x1, y1, x2, y2."""
+        if not len(boxes):
+            return np.empty((0, 5)), np.empty((0, 2))
+        nearest = self._tree.query(xywh_from_corners(boxes))[1]  # type: ignore[attr-defined]
+        return self.rotated[nearest], self.places[nearest]
+
+
+def build_table(
+    camera: FloorCamera,
+    floor: FloatArray,
+    person: PersonModel | None = None,
+    grid: GridSettings | None = None,
+) -> PersonTable:
+    """The table of a camera over a floor.
+
+    Args:
+        camera: with its pose.
+        floor: ``(4,)`` x1, y1, x2, y2 of the floor that people stand on, metres.
+        person: their size.
+        grid: where they are put.
+
+    Raises:
+        RequestError: the camera hangs no higher than the person, or sees nobody on this floor.
+    """
+    person, grid = person or PersonModel(), grid or GridSettings()
+    if camera.position[2] <= person.height:
+        raise RequestError(
+            f"expected a camera above the person of {person.height:g} m, got one at a height of "
+            f"{camera.position[2]:g} m; check the pose, or the person's height"
+        )
+    feet = _foot_positions(camera, floor, grid)
+    upright, rotated, feet = outlines(camera, feet, person, grid.inside)
+    if not len(feet):
+        raise RequestError("expected a floor in view of the camera, got none of it; check the pose and the floor")
+    return PersonTable(upright, rotated, feet)
+
+
+def outlines(
+    camera: FloorCamera, feet: FloatArray, person: PersonModel, inside: float = 0.0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Upright ``(K, 4)`` and rotated ``(K, 5)`` boxes of the model at ``feet`` ``(N, 2)``, and those feet ``(K, 2)``.
+
+    A person of whom some point is beyond the rim, or less than ``inside`` of the outline in the image, is left out.
+    """
+    shape = person.outline()
+    ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, person.height]])
+    points = np.concatenate([shape, ends])
+    world = np.column_stack([feet, np.zeros(len(feet))])[:, None] + points
+    pixels, depth = camera.project(world.reshape(-1, 3))
+    pixels = pixels.reshape(len(feet), -1, 2)
+    with np.errstate(invalid="ignore"):
+        within = np.asarray(((pixels >= 0) & (pixels <= [camera.width, camera.height])).all(axis=2))
+    seen = np.asarray((depth > 0).reshape(len(feet), -1).all(axis=1))
+    seen &= within[:, : len(shape)].mean(axis=1) >= max(inside, 1e-9)
+    outline, foot, head = pixels[seen, : len(shape)], pixels[seen, -2], pixels[seen, -1]
+    low, high = outline.min(axis=1), outline.max(axis=1)
+    limit = np.array([camera.width, camera.height])
+    upright = np.concatenate([np.clip(low, 0, limit), np.clip(high, 0, limit)], axis=1)
+    rotated = _smallest_boxes(outline.astype(np.float32), head - foot, foot - _below(camera))
+    return upright, rotated, feet[seen]
+
+
+def _below(camera: FloorCamera) -> FloatArray:
+    """``(2,)`` the pixel of the floor right under the camera, or the image's middle where that is not seen."""
+    pixel, depth = camera.project(np.array([[camera.position[0], camera.position[1], 0.0]]))
+    return pixel[0] if depth[0] > 0 else np.array([camera.width, camera.height]) / 2
+
+
+def _smallest_boxes(outline: NDArray[np.float32], upward: FloatArray, outward: FloatArray) -> FloatArray:
+    """``(K, 5)`` boxes of least area about ``(K, P, 2)`` points, their heights along ``upward`` ``(K, 2)``.
+
+    Right under the camera head and feet fall together; there the body points away from that place.
+    """
+    found = np.array([(*c, *s, a) for c, s, a in map(cv2.minAreaRect, outline)], dtype=np.float64).reshape(-1, 5)
+    weak = np.linalg.norm(upward, axis=1) < 1.0
+    upward = np.where(weak[:, None], outward - np.array([0.0, 1e-6]), upward)
+    return headed(found[:, :2], found[:, 2:4], np.radians(found[:, 4]), upward)
+
+
+def headed(centre: FloatArray, size: FloatArray, angle: FloatArray, upward: FloatArray) -> FloatArray:
+    """``(K, 5)`` rotated boxes whose height is the side that lies nearest to ``upward``.
+
+    Args:
+        centre: ``(K, 2)`` pixels.
+        size: ``(K, 2)`` of the sides along and across ``angle``.
+        angle: ``(K,)`` of the first side, clockwise from +x, radians.
+        upward: ``(K, 2)`` from feet to head, pixels.
+    """
+    heading = np.arctan2(upward[:, 1], upward[:, 0])
+    quarter = np.round((heading - angle) / (np.pi / 2))
+    along_first = quarter % 2 == 0
+    height = np.where(along_first, size[:, 0], size[:, 1])
+    width = np.where(along_first, size[:, 1], size[:, 0])
+    # An upright body points to -y, which is a quarter turn before +x.
+    turned = angle + quarter * (np.pi / 2) + np.pi / 2
+    turned = (turned + np.pi) % (2 * np.pi) - np.pi
+    return np.column_stack([centre, width, height, turned])
+
+
+def _foot_positions(camera: FloorCamera, floor: FloatArray, grid: GridSettings) -> FloatArray:
+    """``(N, 2)`` metres: a grid of the image and one of the floor."""
+    x1, y1, x2, y2 = floor
+    u, v = np.meshgrid(
+        np.arange(grid.pixels / 2, camera.width, grid.pixels), np.arange(grid.pixels / 2, camera.height, grid.pixels)
+    )
+    from_image = camera.ground(np.column_stack([u.ravel(), v.ravel()]))[:, :2]
+    x, y = np.meshgrid(np.arange(x1, x2 + 1e-9, grid.metres), np.arange(y1, y2 + 1e-9, grid.metres))
+    feet = np.concatenate([from_image, np.column_stack([x.ravel(), y.ravel()])])
+    with np.errstate(invalid="ignore"):
+        on_floor = ((feet >= [x1, y1]) & (feet <= [x2, y2])).all(axis=1)
+    return feet[on_floor]
+
+
+def cached_table(
+    folder: Path, camera: FloorCamera, floor: FloatArray, person: PersonModel, grid: GridSettings | None = None
+) -> PersonTable:
+    """`build_table`, kept in ``folder`` under a hash of camera, floor, person and grid; a broken file is made anew."""
+    grid = grid or GridSettings()
+    with np.printoptions(precision=17, threshold=100_000):
+        described = repr((VERSION, camera, floor.tolist(), person, grid))
+    path = folder / f"person-{hashlib.sha256(described.encode()).hexdigest()[:24]}.npz"
+    if path.is_file():
+        try:
+            with np.load(path, allow_pickle=False) as kept:
+                return PersonTable(kept["upright"], kept["rotated"], kept["places"])
+        except (OSError, ValueError, KeyError, EOFError):
+            pass  # made anew below
+    table = build_table(camera, floor, person, grid)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, work = tempfile.mkstemp(dir=folder, suffix=".unfinished")
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, upright=table.upright, rotated=table.rotated, places=table.places)
+        Path(work).replace(path)
+    except OSError as error:
+        raise RequestError(f"cannot write to {folder}: {error.strerror}; choose another place") from error
+    return table
