@@ -9,6 +9,7 @@ from tsuiseki.tracking.errors import RequestError
 
 SHIPPED = {
     "detector": "detector_street.onnx",
+    "detector_ceiling": "detector_ceiling.onnx",
     "appearance": "appearance_people.onnx",
     "affinity": "affinity_people.onnx",
 }
@@ -27,6 +28,7 @@ DRONE = {
 # Where a model is given with an option of another name than its kind.
 OPTIONS = {
     "detector_drone": "detector",
+    "detector_ceiling": "detector",
     "affinity_drone": "affinity",
     "affinity_drone_saf": "affinity",
     "affinity_drone_maf": "affinity-multi",

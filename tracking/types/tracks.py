@@ -80,3 +80,18 @@ class Path3D:
 
     times: FloatArray
     points: FloatArray
+
+
+@dataclass(frozen=True)
+class FloorTrack:
+    """One person through time, in the image and on the floor.
+
+    Attributes:
+        track: id, frames, boxes in the image and scores.
+        rotated: ``(T, 5)`` rotated boxes, see `tsuiseki.tracking.cameras.person_model`.
+        places: ``(T, 2)`` metres.
+    """
+
+    track: Track
+    rotated: FloatArray
+    places: FloatArray

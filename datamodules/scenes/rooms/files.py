@@ -21,7 +21,8 @@ from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, write_floor_c
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
 from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
 from tsuiseki.tracking.output import output_folder
-from tsuiseki.tracking.types import GroundTruth, ImageArray
+from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.types.labels import GroundTruth
 
 Drawn: TypeAlias = tuple[ImageArray, RoomTruth]
 CAMERAS_FILE, PLACES_FILE = "cameras.yaml", "gt/world.csv"

@@ -1,0 +1,82 @@
+"""What a ceiling camera's frame says of the people in it: boxes, rotated boxes, places and looks, before any tracking."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable
+from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
+from tsuiseki.tracking.features.networks import Describe
+from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.trackers.fisheye import FloorDetections
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
+
+Crops = Literal["image", "upright", "standing"]
+# Height and width of a crop, pixels: what the shipped appearance network takes.
+CROP = (128, 64)
+
+
+@dataclass(frozen=True)
+class CeilingView:
+    """A camera with its table, and what describes looks.
+
+    Attributes:
+        camera: with its pose.
+        table: from boxes to rotated boxes and places.
+        person: the model that the table was made with.
+        appearance: describes looks; None does without.
+        crops: what it is shown: the upright box as it is in the ``image``, the rotated box turned ``upright``, or the
+            person as on a ``standing`` screen, which evens out perspective.
+    """
+
+    camera: FloorCamera
+    table: PersonTable
+    person: PersonModel
+    appearance: Describe | None = None
+    crops: Crops = "upright"
+
+    def locate(self, found: Detections, times: StageTimes | None = None) -> FloorDetections:
+        """Rotated boxes and places of detected boxes; ``times`` gets the stage ``look up``."""
+        times = times or StageTimes()
+        with times.measure("look up"):
+            rotated, places = self.table.look_up(found.boxes)
+        return FloorDetections(found, rotated, places)
+
+    def describe(self, image: ImageArray, found: FloorDetections, times: StageTimes | None = None) -> FloorDetections:
+        """``found`` with looks; ``times`` gets the stages ``rectify`` and ``describe``."""
+        if self.appearance is None or not len(found):
+            return found
+        times = times or StageTimes()
+        with times.measure("rectify"):
+            crops = self._cut_out(image, found)
+        with times.measure("describe"):
+            # One below the other they are an image with boxes, which is what all that describes looks takes.
+            rows = np.arange(len(crops))[:, None] * CROP[0]
+            cells = np.concatenate([0 * rows, rows, 0 * rows + CROP[1], rows + CROP[0]], axis=1).astype(np.float64)
+            features = self.appearance.describe(crops.reshape(-1, CROP[1], 3), cells)
+        return FloorDetections(found.detections.with_features(features), found.rotated, found.places)
+
+    def _cut_out(self, image: ImageArray, found: FloorDetections) -> ImageArray:
+        height, width = CROP
+        if self.crops == "standing":
+            return standing_crops(image, self.camera, found.places, self.person, height, width)
+        boxes = found.rotated if self.crops == "upright" else as_unturned(found.detections.boxes)
+        return upright_crops(image, boxes, height, width)
+
+
+def as_unturned(boxes: FloatArray) -> FloatArray:
+    """``(N, 5)`` rotated boxes of angle 0 from ``(N, 4)`` x1, y1, x2, y2."""
+    centre, size = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
+    return np.concatenate([centre, size, np.zeros((len(boxes), 1))], axis=1)
+
+
+def floor_stream(
+    frames: Iterable[tuple[Frame, Detections]], view: CeilingView, times: StageTimes
+) -> Iterator[tuple[Frame, FloorDetections]]:
+    """Frames with the people found in them, located and described."""
+    for frame, found in frames:
+        yield frame, view.describe(frame.image, view.locate(found, times), times)

@@ -1,0 +1,171 @@
+"""What came of people under a ceiling camera, to look at: floor plan, dwell map, overlay with rotated boxes, page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from tsuiseki.tracking.report.overlay import draw_label, track_colour, without_flicker
+from tsuiseki.tracking.report.page import PAGE, STYLE
+from tsuiseki.tracking.report.plots import inline_svg
+from tsuiseki.tracking.report.webm import VideoWriter
+from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
+from tsuiseki.tracking.types.tracks import FloorTrack
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Side of a cell of the dwell map and standard deviation of its blur, metres.
+CELL, BLUR = 0.1, 0.2
+TRAIL_SECONDS = 3.0
+SIDE = 5.0
+
+
+def floor_figure(tracks: Sequence[FloorTrack], floor: FloatArray, cameras: FloatArray, ink: str = "black") -> Figure:
+    """The floor from above with everybody's path, an id at its end.
+
+    Args:
+        tracks: drawn in the colours of the overlay.
+        floor: ``(4,)`` x1, y1, x2, y2, metres.
+        cameras: ``(C, 2)`` where they hang, metres.
+        ink: colour of text and axes.
+    """
+    figure, axes = _plan(floor, "Paths on the floor", ink)
+    for each in tracks:
+        colour = tuple(c / 255 for c in track_colour(each.track.id))
+        axes.plot(*each.places.T, color=colour, linewidth=1.4, alpha=0.9)
+        axes.plot(*each.places[-1], "o", color=colour, markersize=5)
+        axes.annotate(
+            str(each.track.id), each.places[-1], xytext=(4, 3), textcoords="offset points", color=ink, fontsize=8
+        )
+    axes.plot(cameras[:, 0], cameras[:, 1], "^", color=ink, markersize=8, fillstyle="none")
+    return figure
+
+
+def dwell_seconds(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: float) -> FloatArray:
+    """``(rows, columns)`` seconds that people spent in each cell of the floor, row 0 at the least y, blurred."""
+    columns, rows = np.maximum(np.ceil((floor[2:] - floor[:2]) / CELL).astype(int), 1)
+    places = np.concatenate([np.empty((0, 2)), *(t.places for t in tracks)])
+    edges = [floor[1] + CELL * np.arange(rows + 1), floor[0] + CELL * np.arange(columns + 1)]
+    counts = np.histogram2d(places[:, 1], places[:, 0], bins=edges)[0]
+    return np.asarray(gaussian_filter(counts / frame_rate, BLUR / CELL, mode="constant"))
+
+
+def dwell_figure(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: float, ink: str = "black") -> Figure:
+    """Where people spent how long, seconds a square metre."""
+    figure, axes = _plan(floor, "Time spent", ink)
+    seconds = dwell_seconds(tracks, floor, frame_rate) / CELL**2
+    shown = axes.imshow(
+        seconds, origin="lower", extent=(floor[0], floor[2], floor[1], floor[3]), cmap="magma", aspect="equal"
+    )
+    bar = figure.colorbar(shown, ax=axes, shrink=0.7)
+    bar.set_label("seconds a square metre", color=ink)
+    bar.ax.tick_params(colors=ink)
+    return figure
+
+
+def _plan(floor: FloatArray, title: str, ink: str) -> tuple[Figure, Axes]:
+    from matplotlib.figure import Figure
+
+    width, height = floor[2:] - floor[:2]
+    scale = SIDE / max(width, height)
+    figure = Figure(figsize=(max(scale * width, 2.4) + 1.6, max(scale * height, 2.4) + 0.9), layout="constrained")
+    axes = figure.subplots()
+    axes.set_xlim(floor[0], floor[2])
+    axes.set_ylim(floor[1], floor[3])
+    axes.set_aspect("equal")
+    axes.set_title(title, loc="left", color=ink)
+    axes.set_xlabel("x, m", color=ink)
+    axes.set_ylabel("y, m", color=ink)
+    axes.set_facecolor("none")
+    axes.tick_params(colors=ink)
+    for spine in axes.spines.values():
+        spine.set_color(ink)
+    return figure, axes
+
+
+def draw_floor_tracks(image: ImageArray, tracks: Sequence[FloorTrack], frame: int, trail: int) -> ImageArray:
+    """``image`` with the rotated boxes of ``frame``, their feet ends thick, ids, and the way of the last frames."""
+    drawn = image.copy()
+    for each in tracks:
+        row = int(np.searchsorted(each.track.frames, frame))
+        if row >= len(each.track) or each.track.frames[row] != frame:
+            continue
+        colour = track_colour(each.track.id)
+        recent = slice(int(np.searchsorted(each.track.frames, frame - trail)), row + 1)
+        feet = corners(each.rotated[recent])[:, 2:].mean(axis=1)
+        cv2.polylines(drawn, [np.round(feet).astype(np.int32)], isClosed=False, color=colour, lineType=cv2.LINE_AA)
+        box = np.round(corners(each.rotated[row : row + 1])[0]).astype(np.int32)
+        cv2.polylines(drawn, [box], isClosed=True, color=colour, thickness=2, lineType=cv2.LINE_AA)
+        cv2.line(drawn, tuple(box[2].tolist()), tuple(box[3].tolist()), colour, 4, cv2.LINE_AA)
+        top = box[int(box[:, 1].argmin())]
+        draw_label(drawn, str(each.track.id), (int(top[0]), int(top[1]) - 3), colour)
+    draw_label(drawn, f"{frame + 1}", (4, image.shape[0] - 4), (60, 60, 60))
+    return drawn
+
+
+def corners(rotated: FloatArray) -> FloatArray:
+    """``(N, 4, 2)`` corners of ``(N, 5)`` rotated boxes: head left, head right, feet right, feet left."""
+    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
+    local = signs[None] * rotated[:, None, 2:4]
+    cos, sin = np.cos(rotated[:, 4])[:, None], np.sin(rotated[:, 4])[:, None]
+    x = cos * local[..., 0] - sin * local[..., 1]
+    y = sin * local[..., 0] + cos * local[..., 1]
+    return np.stack([x, y], axis=-1) + rotated[:, None, :2]
+
+
+def write_floor_overlay(path: Path, frames: Iterable[Frame], tracks: Sequence[FloorTrack], frame_rate: float) -> None:
+    """Write the video with its tracks as WebM.
+
+    Raises:
+        RunError: the video breaks off, or WebM cannot be written.
+    """
+    shown: ImageArray | None = None
+    with VideoWriter(path, frame_rate) as writer:
+        for frame in frames:
+            shown = without_flicker(frame.image, shown)
+            writer.write(draw_floor_tracks(shown, tracks, frame.index, max(1, round(TRAIL_SECONDS * frame_rate))))
+
+
+def floor_page(
+    names: Sequence[str],
+    tracks: Sequence[Sequence[FloorTrack]],
+    floor: FloatArray,
+    cameras: FloatArray,
+    frame_rates: Sequence[float],
+    videos: Sequence[Path],
+    seconds: Mapping[str, float],
+    facts: Mapping[str, str],
+) -> str:
+    """`report.html` as text: floor plan, dwell map and overlay of each camera, and how it was made."""
+    sections = []
+    for k, (name, each, rate) in enumerate(zip(names, tracks, frame_rates, strict=True)):
+
+        def paths(ink: str, each: Sequence[FloorTrack] = each, k: int = k) -> Figure:
+            return floor_figure(each, floor, cameras[k : k + 1], ink)
+
+        def dwell(ink: str, each: Sequence[FloorTrack] = each, rate: float = rate) -> Figure:
+            return dwell_figure(each, floor, rate, ink)
+
+        walked = sum(float(np.linalg.norm(np.diff(t.places, axis=0), axis=1).sum()) for t in each)
+        text = f"<p>{len(each)} people, {walked:.0f} m walked in all.</p>"
+        text += inline_svg(paths, f"paths{k}") + inline_svg(dwell, f"dwell{k}")
+        if k < len(videos):
+            data = base64.b64encode(videos[k].read_bytes()).decode("ascii")
+            text += f'<video controls loop muted playsinline src="data:video/webm;base64,{data}"></video>'
+        sections.append((name, text))
+    rows = "".join(f"<dt>{escape(k)}</dt><dd>{1000 * v:.0f} ms</dd>" for k, v in seconds.items())
+    sections.append(("Time in all", f"<dl>{rows}</dl>"))
+    listing = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in facts.items())
+    sections.append(("How it was made", f"<dl>{listing}</dl>"))
+    body = "\n".join(f"<section><h2>{escape(title)}</h2>{text}</section>" for title, text in sections)
+    introduction = "Each colour and number is one person; the thick side of a box is the feet's. Triangles are cameras."
+    return PAGE.format(title="People on the floor", introduction=introduction, style=STYLE, sections=body)

@@ -1,0 +1,311 @@
+"""People under a ceiling fisheye camera, by looks turned upright and places on the floor (thesis chapter 4).
+
+Algorithm 2 frame by frame: for every detected box its rotated box r and its place q are looked up (`person_model`),
+its looks x come from the crop turned upright (`rectification`), and tracks and detections are matched in two stages
+(2.3.2): first by C^feat, the distance of their looks, then what is left by C^pos, the distance of their places. Algorithm
+2 prints r where it computes c^pos; the text (4.2.2, 4.3.3) has the place in the world, and so has this.
+
+What the thesis leaves open is decided so:
+
+* C^pos is the distance in metres from where a track is expected, ε_pos the distance that somebody can be off:
+  ``reach`` and ``speed`` for every second since the track was seen, so that one setting serves 1 frame a second and 15.
+* Looks may match only within the same distance, for two people in like clothes are told apart by where they are.
+* Where a track is expected comes from an alpha-beta filter whose velocity is forgotten within ``memory`` seconds.
+
+`flow_on_floor` links the same detections by the minimum-cost flow instead, on the floor's plan in place of the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.assignment import assign
+from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
+from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.tracks import FloorTrack
+
+# Side of the square that stands for a person on the floor's plan, metres: distances in heights are then in metres.
+SQUARE = 1.0
+
+
+@dataclass(frozen=True)
+class FloorDetections:
+    """People found in one frame, and where they stand.
+
+    Attributes:
+        detections: boxes in the image, with features where something described them.
+        rotated: ``(N, 5)`` rotated boxes, see `person_model`.
+        places: ``(N, 2)`` metres.
+    """
+
+    detections: Detections
+    rotated: FloatArray
+    places: FloatArray
+
+    def __post_init__(self) -> None:
+        if self.rotated.shape != (len(self.detections), 5) or self.places.shape != (len(self.detections), 2):
+            raise ValueError(
+                f"expected {len(self.detections)} rotated boxes and places, got shapes {self.rotated.shape} and "
+                f"{self.places.shape}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.detections)
+
+
+@dataclass(frozen=True)
+class FisheyeSettings:
+    """How detections are matched to tracks.
+
+    Attributes:
+        by_looks: match by looks in the first stage.
+        by_place: match by places in the second stage, and gate the first by them.
+        feature_gate: ε_feat, the largest cosine distance of a match by looks, in [0, 2].
+        reach: ε_pos for no time, metres: how far off two places of one person may be found.
+        speed: what is added to it for every second since a track was seen, m/s.
+        memory: time constant in which a track's velocity is forgotten, seconds.
+        noise: time constant over which found places are averaged, seconds.
+        update: weight of the newest looks in a track's running mean, in (0, 1].
+        confirm: seconds of detections in a row that make a new track believed, at least one detection.
+        max_age: seconds that a track is kept without a detection.
+        start_score: lowest score of a detection that may start a track.
+    """
+
+    by_looks: bool = True
+    by_place: bool = True
+    feature_gate: float = 0.35
+    reach: float = 0.6
+    speed: float = 1.0
+    memory: float = 1.0
+    noise: float = 0.15
+    update: float = 0.3
+    confirm: float = 0.2
+    max_age: float = 3.0
+    start_score: float = 0.4
+
+    def __post_init__(self) -> None:
+        if not (self.by_looks or self.by_place):
+            raise ValueError("expected matching by looks or by place, got neither")
+        if not (0 <= self.feature_gate <= 2 and self.reach >= 0 and self.speed >= 0 and 0 < self.update <= 1):
+            raise ValueError("expected feature_gate in [0, 2], reach and speed from 0, and update in (0, 1]")
+        if not (self.memory > 0 and self.noise > 0 and self.confirm >= 0 and self.max_age >= 0):
+            raise ValueError("expected memory and noise above 0, confirm and max_age from 0 seconds")
+
+
+@dataclass(frozen=True)
+class _Live:
+    """The live tracks, a row each: number, place, velocity, looks, detections in a row, and seconds since seen."""
+
+    numbers: IntArray
+    places: FloatArray
+    velocities: FloatArray
+    looks: FloatArray
+    hits: IntArray
+    unseen: FloatArray
+
+    def select(self, rows: IntArray) -> _Live:
+        return _Live(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+class FisheyeTracker:
+    """Looks first, then places, each with its own gate.
+
+    Args:
+        frame_rate: frames per second.
+        settings: how detections are matched to tracks.
+    """
+
+    def __init__(self, frame_rate: float, settings: FisheyeSettings | None = None) -> None:
+        self.settings = settings or FisheyeSettings()
+        self._step = 1.0 / frame_rate
+        self._needed = max(1, round(self.settings.confirm * frame_rate))
+        self._live: _Live | None = None
+        self._frame = -1
+        self._started = 0
+        self._believed: dict[int, int] = {}
+        self._rows: dict[int, list[tuple[int, FloorDetections, int]]] = {}
+
+    def update(self, found: FloorDetections) -> None:
+        """Take the detections of the next frame."""
+        self._frame += 1
+        width = 0 if self._live is None else self._live.looks.shape[1]
+        features = found.detections.features
+        if features is None:
+            features = np.full((len(found), width), np.nan)
+        live = self._expected(features.shape[1])
+        seen, detected = self._match(live, found, features)
+        self._live = self._advanced(live, found, features, seen, detected)
+
+    def tracks(self) -> list[FloorTrack]:
+        """The believed tracks of all frames so far, by id."""
+        return [_joined(number, self._rows[key]) for key, number in self._believed.items()]
+
+    def _expected(self, width: int) -> _Live:
+        """The live tracks where they are expected in this frame."""
+        live = self._live
+        if live is None or (len(live.numbers) == 0 and live.looks.shape[1] != width):
+            none = np.empty((0, 2))
+            return _Live(np.empty(0, np.int64), none, none, np.empty((0, width)), np.empty(0, np.int64), np.empty(0))
+        kept = float(np.exp(-self._step / self.settings.memory))
+        moved = live.places + live.velocities * self.settings.memory * (1 - kept)
+        return replace(live, places=moved, velocities=live.velocities * kept, unseen=live.unseen + self._step)
+
+    def _match(self, live: _Live, found: FloorDetections, features: FloatArray) -> tuple[IntArray, IntArray]:
+        """Rows of the matched tracks and their detections."""
+        settings = self.settings
+        away = np.linalg.norm(live.places[:, None] - found.places[None], axis=2)
+        gate = settings.reach + settings.speed * live.unseen[:, None]
+        seen = detected = np.empty(0, dtype=np.int64)
+        if settings.by_looks and features.shape[1] and live.looks.shape[1]:
+            costs = 1 - live.looks @ features.T
+            if settings.by_place:
+                costs = np.where(away > gate, np.inf, costs)
+            seen, detected = assign(costs, settings.feature_gate)
+        if not settings.by_place:
+            return seen, detected
+        rest, free = np.setdiff1d(np.arange(len(away)), seen), np.setdiff1d(np.arange(len(found)), detected)
+        # In gates instead of metres, so that one limit serves tracks that were seen at different times.
+        rows, columns = assign((away / gate)[np.ix_(rest, free)], 1.0)
+        return np.concatenate([seen, rest[rows]]), np.concatenate([detected, free[columns]])
+
+    def _advanced(
+        self, live: _Live, found: FloorDetections, features: FloatArray, seen: IntArray, detected: IntArray
+    ) -> _Live:
+        settings = self.settings
+        scores = found.detections.scores
+        free = np.isnan(scores) | (scores >= settings.start_score)
+        free[detected] = False
+        born = np.flatnonzero(free)
+        waiting = (live.hits >= self._needed) & (live.unseen < settings.max_age + 1e-9)
+        waiting[seen] = False
+        old, kept = live.select(seen), live.select(np.flatnonzero(waiting))
+        new = np.arange(self._started, self._started + len(born))
+        self._started += len(born)
+        away = found.places[detected] - old.places
+        step = old.unseen[:, None]
+        alpha = 1 - np.exp(-step / settings.noise)
+        beta = alpha**2 / (2 - alpha)
+        zero = np.zeros(len(born))
+        parts = (
+            (old.numbers, kept.numbers, new),
+            (old.places + alpha * away, kept.places, found.places[born]),
+            (old.velocities + beta * away / step, kept.velocities, np.zeros((len(born), 2))),
+            (self._mean(old.looks, features[detected]), kept.looks, features[born]),
+            (old.hits + 1, kept.hits, np.ones(len(born), np.int64)),
+            (np.zeros(len(seen)), kept.unseen, zero),
+        )
+        result = _Live(*(np.concatenate(part) for part in parts))
+        present = zip(np.concatenate([old.numbers, new]), np.concatenate([detected, born]), strict=True)
+        for number, which in present:
+            self._rows.setdefault(int(number), []).append((self._frame, found, int(which)))
+        for number in result.numbers[(result.hits >= self._needed) & (result.unseen == 0)].tolist():
+            self._believed.setdefault(number, len(self._believed) + 1)
+        return result
+
+    def _mean(self, before: FloatArray, now: FloatArray) -> FloatArray:
+        """``(N, D)`` unit-length running mean of the looks."""
+        mean = (1 - self.settings.update) * before + self.settings.update * now
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
+        return np.asarray(np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean)))
+
+
+def _joined(number: int, rows: Sequence[tuple[int, FloorDetections, int]]) -> FloorTrack:
+    frames = np.array([frame for frame, _, _ in rows], dtype=np.int64)
+    boxes = np.array([found.detections.boxes[k] for _, found, k in rows])
+    scores = np.nan_to_num([found.detections.scores[k] for _, found, k in rows])
+    return FloorTrack(
+        Track(number, frames, boxes, scores),
+        np.array([found.rotated[k] for _, found, k in rows]),
+        np.array([found.places[k] for _, found, k in rows]),
+    )
+
+
+@dataclass(frozen=True)
+class FloorFlowSettings:
+    """The minimum-cost flow on the floor.
+
+    Attributes:
+        window: longest time between two linked detections, seconds.
+        reach: distance allowed for no time, metres.
+        speed: distance allowed for every second, m/s.
+        noise: scale of the difference of two places found for one person, metres.
+        pace: scale of a person's velocity, m/s.
+        appearance: weight of the cosine distance of looks.
+        neutral: cosine distance that speaks neither for nor against.
+        bias: exponent of two detections that do not differ, of neutral looks.
+        entry: cost of a track's start and of its end.
+        min_seconds: shorter tracks are dropped; at least one detection.
+        observation: cost of a detection; at 1 frame a second few of them must outweigh a track's start and end.
+    """
+
+    window: float = 3.0
+    reach: float = 0.8
+    speed: float = 1.5
+    noise: float = 0.25
+    pace: float = 0.8
+    appearance: float = 10.0
+    neutral: float = 0.3
+    bias: float = -4.0
+    entry: float = 2.0
+    min_seconds: float = 0.2
+    observation: ObservationCost = field(default_factory=lambda: ObservationCost(alpha=2.0, beta=-6.0))
+
+
+DEFAULT_FLOW = FloorFlowSettings()
+
+
+def flow_on_floor(
+    found: Sequence[FloorDetections], frame_rate: float, settings: FloorFlowSettings = DEFAULT_FLOW
+) -> list[FloorTrack]:
+    """The tracks of a whole video by minimum-cost flow, people being squares of 1 m on the floor's plan.
+
+    Args:
+        found: of each frame in order.
+        frame_rate: frames per second.
+        settings: costs and gates.
+    """
+    step = 1.0 / frame_rate
+    flow = FlowSettings(
+        gate=GateSettings(
+            window=max(1, round(settings.window * frame_rate)),
+            reach=(settings.reach + settings.speed * step) / SQUARE,
+            speed=settings.speed * step / SQUARE,
+        ),
+        entry=settings.entry,
+        exit=settings.entry,
+        miss=0.1 * min(1.0, 10 * step),
+        transition=HandSetCost(
+            bias=settings.bias,
+            noise=settings.noise / SQUARE,
+            speed_x=settings.pace * step / SQUARE,
+            speed_y=settings.pace * step / SQUARE,
+            appearance=settings.appearance,
+            neutral=settings.neutral,
+        ),
+        split=None,
+        join=None,
+        min_detections=max(1, round(settings.min_seconds * frame_rate)),
+        gaps=None,
+        smoothing=None,
+    )
+    tracker = FlowTracker(flow, observation=settings.observation)
+    rows: list[tuple[int, FloorDetections, int]] = []
+    index: dict[tuple[int, bytes], int] = {}
+    for frame, each in enumerate(found):
+        squares = np.concatenate([each.places - SQUARE / 2, each.places + SQUARE / 2], axis=1)
+        # Two people on one spot must stay two: their squares tell them apart in the result.
+        squares += 1e-9 * np.arange(len(squares))[:, None]
+        tracker.update(Detections(squares, each.detections.scores, each.detections.features))
+        for k, square in enumerate(squares):
+            index[frame, square.tobytes()] = len(rows)
+            rows.append((frame, each, k))
+    return [
+        _joined(t.id, [rows[index[int(f), b.tobytes()]] for f, b in zip(t.frames, t.boxes, strict=True)])
+        for t in tracker.tracks()
+    ]
