@@ -22,7 +22,7 @@ def write_world(path: Path, tracks: Sequence[FloorTrack], frame_rate: float) -> 
     """Write ``tracks`` by time, then by id."""
     rows = []
     for each in tracks:
-        boxes = xywh_from_corners(each.track.boxes) + [1, 1, 0, 0]
+        boxes = xywh_from_corners(each.track.boxes) + np.array([1, 1, 0, 0])
         degrees = (np.degrees(each.rotated[:, 4:]) + 180) % 360 - 180
         values = np.concatenate([each.places, boxes, each.rotated[:, :4], degrees], axis=1)
         for frame, line in zip(each.track.frames.tolist(), values.tolist(), strict=True):

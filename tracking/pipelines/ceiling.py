@@ -1,4 +1,4 @@
-"""What a ceiling camera's frame says of the people in it: boxes, rotated boxes, places and looks, before any tracking."""
+"""What a ceiling camera's frame says of the people in it before any tracking: boxes, rotated boxes, places, looks."""
 
 from __future__ import annotations
 

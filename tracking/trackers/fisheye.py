@@ -2,8 +2,8 @@
 
 Algorithm 2 frame by frame: for every detected box its rotated box r and its place q are looked up (`person_model`),
 its looks x come from the crop turned upright (`rectification`), and tracks and detections are matched in two stages
-(2.3.2): first by C^feat, the distance of their looks, then what is left by C^pos, the distance of their places. Algorithm
-2 prints r where it computes c^pos; the text (4.2.2, 4.3.3) has the place in the world, and so has this.
+(2.3.2): first by C^feat, the distance of their looks, then what is left by C^pos, the distance of their places. Where
+it computes c^pos Algorithm 2 prints r; the text (4.2.2, 4.3.3) has the place in the world, and so has this.
 
 What the thesis leaves open is decided so:
 

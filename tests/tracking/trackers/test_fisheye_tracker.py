@@ -18,9 +18,9 @@ from tsuiseki.tracking.types import Detections
 def floor_detections(places, features=None, scores=None):
     places = np.asarray(places, dtype=np.float64).reshape(-1, 2)
     corner = 100 + 20 * places
-    boxes = np.concatenate([corner, corner + [20, 40]], axis=1)
+    boxes = np.concatenate([corner, corner + np.array([20, 40])], axis=1)
     scores = np.full(len(places), 0.9) if scores is None else np.asarray(scores)
-    rotated = np.column_stack([corner + [10, 20], np.full((len(places), 2), [20, 40]), np.zeros(len(places))])
+    rotated = np.column_stack([corner + np.array([10, 20]), np.full((len(places), 2), [20, 40]), np.zeros(len(places))])
     return FloorDetections(Detections(boxes, scores, features), rotated, places)
 
 
