@@ -109,7 +109,9 @@ COMMANDS: Tree = {
             "drone": Command("people seen from a drone, and what they do", "track.drone", "drone", ("source",)),
             "blobs": Command("objects of a colour, or measured points", "track.blobs", "blobs", ("source",)),
             "deformable": Command("bodies that bend, such as fish from above", "deformable", "track", ("source",)),
-            "fisheye": Command("people under ceiling cameras, and where on the floor", "fisheye", "track", ("source",)),
+            "fisheye": Command(
+                "people under ceiling cameras, and where on the floor", "track.fisheye", "fisheye", ("source",)
+            ),
         },
     ),
     "evaluate": Group(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -38,6 +38,10 @@ class CeilingView:
     person: PersonModel
     appearance: Describe | None = None
     crops: Crops = "upright"
+
+    def looking(self, appearance: Describe | None, crops: Crops) -> CeilingView:
+        """The same view with another description of looks."""
+        return replace(self, appearance=appearance, crops=crops)
 
     def locate(self, found: Detections, times: StageTimes | None = None) -> FloorDetections:
         """Rotated boxes and places of detected boxes; ``times`` gets the stage ``look up``."""

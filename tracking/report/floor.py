@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -135,33 +136,41 @@ def write_floor_overlay(path: Path, frames: Iterable[Frame], tracks: Sequence[Fl
             writer.write(draw_floor_tracks(shown, tracks, frame.index, max(1, round(TRAIL_SECONDS * frame_rate))))
 
 
-def floor_page(
-    names: Sequence[str],
-    tracks: Sequence[Sequence[FloorTrack]],
-    floor: FloatArray,
-    cameras: FloatArray,
-    frame_rates: Sequence[float],
-    videos: Sequence[Path],
-    seconds: Mapping[str, float],
-    facts: Mapping[str, str],
-) -> str:
-    """`report.html` as text: floor plan, dwell map and overlay of each camera, and how it was made."""
-    sections = []
-    for k, (name, each, rate) in enumerate(zip(names, tracks, frame_rates, strict=True)):
+@dataclass(frozen=True)
+class FloorSection:
+    """What the page shows of one camera.
 
-        def paths(ink: str, each: Sequence[FloorTrack] = each, k: int = k) -> Figure:
-            return floor_figure(each, floor, cameras[k : k + 1], ink)
+    Attributes:
+        name: of the camera.
+        tracks: the people under it.
+        floor: ``(4,)`` x1, y1, x2, y2, metres.
+        camera: ``(2,)`` where it hangs, metres.
+        frame_rate: frames per second.
+        video: overlay, where there is one.
+    """
 
-        def dwell(ink: str, each: Sequence[FloorTrack] = each, rate: float = rate) -> Figure:
-            return dwell_figure(each, floor, rate, ink)
+    name: str
+    tracks: Sequence[FloorTrack]
+    floor: FloatArray
+    camera: FloatArray
+    frame_rate: float
+    video: Path | None = None
 
-        walked = sum(float(np.linalg.norm(np.diff(t.places, axis=0), axis=1).sum()) for t in each)
-        text = f"<p>{len(each)} people, {walked:.0f} m walked in all.</p>"
-        text += inline_svg(paths, f"paths{k}") + inline_svg(dwell, f"dwell{k}")
-        if k < len(videos):
-            data = base64.b64encode(videos[k].read_bytes()).decode("ascii")
+    def html(self, number: int) -> str:
+        """Plan, dwell map and video."""
+        walked = sum(float(np.linalg.norm(np.diff(t.places, axis=0), axis=1).sum()) for t in self.tracks)
+        text = f"<p>{len(self.tracks)} people, {walked:.0f} m walked in all.</p>"
+        text += inline_svg(lambda ink: floor_figure(self.tracks, self.floor, self.camera[None], ink), f"paths{number}")
+        text += inline_svg(lambda ink: dwell_figure(self.tracks, self.floor, self.frame_rate, ink), f"dwell{number}")
+        if self.video is not None:
+            data = base64.b64encode(self.video.read_bytes()).decode("ascii")
             text += f'<video controls loop muted playsinline src="data:video/webm;base64,{data}"></video>'
-        sections.append((name, text))
+        return text
+
+
+def floor_page(cameras: Sequence[FloorSection], seconds: Mapping[str, float], facts: Mapping[str, str]) -> str:
+    """`report.html` as text: floor plan, dwell map and overlay of each camera, and how it was made."""
+    sections = [(each.name, each.html(k)) for k, each in enumerate(cameras)]
     rows = "".join(f"<dt>{escape(k)}</dt><dd>{1000 * v:.0f} ms</dd>" for k, v in seconds.items())
     sections.append(("Time in all", f"<dl>{rows}</dl>"))
     listing = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in facts.items())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsuiseki.tracking.formats.world import HEADER, write_world
-from tsuiseki.tracking.report.floor import corners, draw_floor_tracks, dwell_seconds, floor_page
+from tsuiseki.tracking.report.floor import FloorSection, corners, draw_floor_tracks, dwell_seconds, floor_page
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -54,6 +54,7 @@ def test_the_world_file(tmp_path):
 
 
 def test_names_on_the_page_are_escaped():
-    page = floor_page(["<b>"], [[somebody()]], FLOOR, np.array([[2.0, 1.5]]), [10.0], [], {"detect": 0.1}, {"a": "<i>"})
+    section = FloorSection("<b>", [somebody()], FLOOR, np.array([2.0, 1.5]), 10.0)
+    page = floor_page([section], {"detect": 0.1}, {"a": "<i>"})
     assert "<b>" not in page
     assert "&lt;i&gt;" in page
