@@ -239,11 +239,9 @@ def _written(
     spot = view.placed.camera.position[None, :2]
     run.write(f"{prefix}tracks.txt", lambda path: write_tracks(path, [t.track for t in tracks]))
     run.write(f"{prefix}world.csv", lambda path: write_world(path, tracks, view.rate))
-    for name, figure in (
-        ("floor.png", floor_figure(tracks, view.floor, spot)),
-        ("dwell.png", dwell_figure(tracks, view.floor, view.rate)),
-    ):
-        run.write(f"{prefix}{name}", lambda path, figure=figure: figure.savefig(path, dpi=120, facecolor="white"))
+    plan, dwell = floor_figure(tracks, view.floor, spot), dwell_figure(tracks, view.floor, view.rate)
+    run.write(f"{prefix}floor.png", lambda path: plan.savefig(path, dpi=120, facecolor="white"))
+    run.write(f"{prefix}dwell.png", lambda path: dwell.savefig(path, dpi=120, facecolor="white"))
     video = None
     if overlay and not view.source.live:
         frames = run.watched(view.source.frames(), f"drawing {view.placed.name}", frames_expected(view.source))
