@@ -17,7 +17,8 @@ from tsuiseki.tracking.association.costs import pair_features
 from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
 from tsuiseki.tracking.association.repricing import action_distances
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks import Appearance, Detector, stream
+from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.geometry import iou_matrix

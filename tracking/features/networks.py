@@ -1,12 +1,8 @@
-"""Detection and appearance by exported networks, over a stream of frames.
-
-`Detector` and `Appearance` wrap ONNX files; `stream` runs them over frames in batches, holding no more than one batch.
-"""
+"""Detection and appearance by exported networks: `Detector` and `Appearance` wrap ONNX files."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -20,8 +16,7 @@ from tsuiseki.tracking.features.foreign_options import AppearanceOptions, Detect
 from tsuiseki.tracking.geometry import clip_boxes, suppress
 from tsuiseki.tracking.onnx import OnnxModel, has_card, open_session
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
-from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 
 MOST_CANDIDATES = 400
 
@@ -168,42 +163,6 @@ def open_appearance(
     if options not in (None, AppearanceOptions()):
         raise RequestError(f"{path} tells all by itself; leave the appearance options out")
     return Appearance(path, threads, batch_size)
-
-
-def stream(
-    frames: Iterable[Frame],
-    detect: Detect | Sequence[Detections],
-    describe: Describe | None = None,
-    batch_size: int = 4,
-    times: StageTimes | None = None,
-) -> Iterator[tuple[Frame, Detections]]:
-    """Frames with the people found in them, in order; at most ``batch_size`` frames are held.
-
-    Args:
-        frames: the video.
-        detect: finds people, or their given detections, one entry a frame number.
-        describe: adds appearance features, where given.
-        batch_size: frames of one inference call.
-        times: gets the seconds of the stages ``decode``, ``detect`` and ``describe``.
-    """
-    times = times or StageTimes()
-    iterator = iter(frames)
-    while True:
-        with times.measure("decode"):
-            batch = list(itertools.islice(iterator, batch_size))
-        if not batch:
-            return
-        with times.measure("detect"):
-            if isinstance(detect, Sequence):
-                found = [detect[f.index] if f.index < len(detect) else Detections.empty() for f in batch]
-            else:
-                found = detect.detect([frame.image for frame in batch])
-        if describe is not None:
-            with times.measure("describe"):
-                found = [
-                    d.with_features(describe.describe(f.image, d.boxes)) for f, d in zip(batch, found, strict=True)
-                ]
-        yield from zip(batch, found, strict=True)
 
 
 def decode_boxes(offsets: NDArray[np.float32], anchors: NDArray[np.float32], variances: Sequence[float]) -> FloatArray:

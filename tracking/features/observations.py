@@ -14,7 +14,8 @@ import numpy as np
 
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings, CameraPath
-from tsuiseki.tracking.features.networks import Describe, Detect, stream
+from tsuiseki.tracking.features.networks import Describe, Detect
+from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.bridging import Bridge, BridgingSettings
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray

@@ -10,9 +10,11 @@ from typing import TypeAlias
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_motion import CameraPath
+from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
-from tsuiseki.tracking.features.networks import Describe, Detect, Detector, stream
+from tsuiseki.tracking.features.networks import Appearance, Describe, Detect, Detector
 from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike, as_describer, as_detector
+from tsuiseki.tracking.features.streaming import stream, workers_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -35,6 +37,8 @@ class PeopleInputs:
         describe: an appearance model, if the method compares appearance.
         batch_size: frames of one call of the detector.
         camera: gets the frames, where the movement of the camera matters.
+        threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
+            sources are never read ahead.
     """
 
     source: Source
@@ -42,6 +46,14 @@ class PeopleInputs:
     describe: Describe | None = None
     batch_size: int = 4
     camera: CameraPath | None = None
+    threads: int = 1
+
+    @property
+    def workers(self) -> int:
+        """Batches that are worked on at a time."""
+        networks = isinstance(self.detect, ViewedDetector | Detector | ForeignDetector | Sequence)
+        described = self.describe is None or isinstance(self.describe, Appearance | ForeignAppearance)
+        return workers_of(self.threads) if networks and described and not self.source.live else 1
 
     @property
     def needs_images(self) -> bool:
@@ -77,7 +89,7 @@ class PeopleInputs:
         """The frames themselves with who was found there; see `found`."""
         times, last = times or StageTimes(), -1
         images = self.source.frames() if frames is None else frames
-        for frame, found in stream(images, self.detect, self.describe, self.batch_size, times):
+        for frame, found in stream(images, self.detect, self.describe, self.batch_size, times, self.workers):
             last = frame.index
             if self.camera is not None:
                 with times.measure("camera"):
@@ -96,6 +108,11 @@ class PeopleInputs:
                 InputWarning,
                 stacklevel=2,
             )
+
+
+def threads_of_a_call(source: Source, threads: int) -> int:
+    """Threads of one call of a network: all for a live source, whose frames come one by one, else one a worker."""
+    return threads if source.live else 1
 
 
 def given_detections(

@@ -19,7 +19,13 @@ from tsuiseki.tracking.features.camera_motion import CameraPath
 from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import knows_scores
 from tsuiseki.tracking.frame_range import parse_frames
-from tsuiseki.tracking.pipelines.finding import GivenDetections, PeopleInputs, people_describer, people_detect
+from tsuiseki.tracking.pipelines.finding import (
+    GivenDetections,
+    PeopleInputs,
+    people_describer,
+    people_detect,
+    threads_of_a_call,
+)
 from tsuiseki.tracking.pipelines.methods import (
     METHODS,
     PeopleMethod,
@@ -144,15 +150,17 @@ def _prepared(
 ) -> tuple[PeopleInputs, PeopleTracker]:
     """Everything opened and checked before the first frame is read."""
     opened = open_source(str(source), parse_frames(frames))
-    detect = people_detect(opened, detections, detector, shipped("detector_street"), threads=threads)
+    call = threads_of_a_call(opened, threads)
+    detect = people_detect(opened, detections, detector, shipped("detector_street"), threads=call)
     # The shipped costs know the scores of this toolkit's networks, not those of other people's detectors.
     known_scores = knows_scores(detect)
     tracker = _tracker(method, affinity, known_scores, threads, seed)
     inputs = PeopleInputs(
         opened,
         detect,
-        people_describer(opened, compares_appearance(method), appearance, threads),
+        people_describer(opened, compares_appearance(method), appearance, call),
         camera=CameraPath() if moving_camera else None,
+        threads=threads,
     )
     if inputs.camera is not None:
         if not opened.has_images:

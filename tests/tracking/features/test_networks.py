@@ -9,10 +9,12 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks import Appearance, Detector, decode_boxes, stream
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.features.networks import Appearance, Detector, decode_boxes
+from tsuiseki.tracking.features.streaming import stream, workers_of
 from tsuiseki.tracking.onnx import FORMAT_VERSION, METADATA_KEY, ModelCard, OnnxModel
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
+from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 
 HEIGHT, WIDTH = 24, 32
@@ -167,3 +169,48 @@ def test_wrong_files_are_refused_in_one_line(tmp_path):
         with pytest.raises(RequestError, match=message) as caught:
             OnnxModel(path, "detector")
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("workers", [2, 3])
+@pytest.mark.parametrize("frames", [0, 1, 4, 5, 23])
+def test_several_workers_give_the_same_in_the_same_order_and_hold_few_frames(tmp_path, workers, frames):
+    rng = np.random.default_rng(frames)
+    images = rng.integers(0, 255, (frames, HEIGHT, WIDTH, 3), dtype=np.uint8)
+    detector, describe = Detector(fake_detector(tmp_path / "d.onnx")), Appearance(fake_appearance(tmp_path / "a.onnx"))
+    read = []
+
+    def video():
+        for n, image in enumerate(images):
+            read.append(n)
+            yield Frame(n, n / 10, image)
+
+    alone = list(stream(video(), detector, describe, 2))
+    read.clear()
+    times = StageTimes()
+    for n, (frame, found) in enumerate(stream(video(), detector, describe, 2, times, workers)):
+        assert frame.index == n
+        np.testing.assert_array_equal(found.boxes, alone[n][1].boxes)
+        np.testing.assert_array_equal(found.features, alone[n][1].features)
+        assert len(read) <= n + 2 * (2 * workers + 1)
+    assert len(read) == frames
+    assert frames == 0 or set(times.seconds) == {"decode", "detect", "describe"}
+
+
+def test_what_goes_wrong_in_a_worker_reaches_the_caller():
+    class Broken:
+        calls = 0
+
+        def detect(self, images):
+            self.calls += 1
+            if self.calls == 3:
+                raise RunError("the network gives NaN")
+            return [Detections.empty()] * len(images)
+
+    frames = (Frame(n, 0.0, np.zeros((HEIGHT, WIDTH, 3), np.uint8)) for n in range(40))
+    with pytest.raises(RunError, match="gives NaN"):
+        list(stream(frames, Broken(), batch_size=2, workers=2))
+
+
+def test_threads_are_as_many_as_asked_for_or_all_there_are():
+    assert workers_of(3) == 3
+    assert workers_of(0) >= 1

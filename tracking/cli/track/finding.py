@@ -27,7 +27,7 @@ class Finding(Shared):
         score_threshold: the detector keeps what scores at least this, from 0 to 1.
         score_range: smallest and largest score that the rows of --detections may have.
         batch_size: frames of one call of the detector.
-        threads: CPU threads of the networks; 0 takes all.
+        threads: CPU cores of the networks, which work on several frames at a time; 0 takes all.
     """
 
     detections: Path | None = None
@@ -50,7 +50,12 @@ class Finding(Shared):
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
 
     def detect(
-        self, source: Source, default: str, options: DetectorOptions | None = None, view: str = "1"
+        self,
+        source: Source,
+        default: str,
+        options: DetectorOptions | None = None,
+        view: str = "1",
+        threads: int | None = None,
     ) -> Detect | list[Detections]:
         """The given detections, or what finds people.
 
@@ -59,6 +64,7 @@ class Finding(Shared):
             default: kind of the shipped detector to take where none is given.
             options: what the file of another project's detector does not tell.
             view: tiles of a frame; see `parse_view`.
+            threads: of one call of the detector; by default all that the user gives.
         """
         from tsuiseki.tracking.features.networks import open_detector
         from tsuiseki.tracking.features.view_choice import ViewedDetector
@@ -69,7 +75,8 @@ class Finding(Shared):
         if self.detections is not None or not source.has_images:
             return people_detect(source, self.detections, None, Path(), score_range=self.score_range)
         path = self.detector or shipped(default)
-        found = open_detector(path, self.score_threshold, threads=self.threads, options=options or DetectorOptions())
+        threads = self.threads if threads is None else threads
+        found = open_detector(path, self.score_threshold, threads=threads, options=options or DetectorOptions())
         return found if wanted == (1, None) else ViewedDetector(found, wanted)
 
 

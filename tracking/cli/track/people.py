@@ -73,7 +73,7 @@ def people(
     from tsuiseki.tracking.features.camera_motion import CameraPath
     from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
     from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.pipelines.finding import PeopleInputs
+    from tsuiseki.tracking.pipelines.finding import PeopleInputs, threads_of_a_call
     from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.trackers.compensated import MotionCompensated
@@ -82,12 +82,14 @@ def people(
     source = video.open()
     if moving_camera and not source.has_images:
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
+    call = threads_of_a_call(source, finding.threads)
     inputs = PeopleInputs(
         source,
-        finding.detect(source, "detector", detector_options, view),
-        _describer(source, method, appearance, finding.threads, appearance_options),
+        finding.detect(source, "detector", detector_options, view, call),
+        _describer(source, method, appearance, call, appearance_options),
         finding.batch_size,
         CameraPath() if moving_camera else None,
+        finding.threads,
     )
     learnt = people_affinity(method, affinity, finding.threads, known_scores=knows_scores(inputs.detect))
     settings = MethodSettings(sort, deepsort, bytetrack, ocsort, flow)
