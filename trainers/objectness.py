@@ -43,7 +43,7 @@ class ObjectnessSettings:
         steepest: greatest ratio of the sides of a window.
         negatives: windows without an object, drawn at random, per image.
         regularisation: C of the SVM of stage one.
-        least_examples: sizes with fewer objects among their windows are left out.
+        min_examples: sizes with fewer objects among their windows are left out.
         seed: of all draws.
     """
 
@@ -51,7 +51,7 @@ class ObjectnessSettings:
     steepest: float = 4.0
     negatives: int = 50
     regularisation: float = 1.0
-    least_examples: int = 20
+    min_examples: int = 20
     seed: int = 0
 
 
@@ -80,9 +80,9 @@ def fit_objectness(images: Sequence[LabelledImage], settings: ObjectnessSettings
 
     rng = np.random.default_rng(settings.seed)
     positives = [g for item in images for g in _gradients(item.image, item.boxes)]
-    if len(positives) < settings.least_examples:
+    if len(positives) < settings.min_examples:
         raise RequestError(
-            f"expected at least {settings.least_examples} labelled boxes to learn from, got {len(positives)}"
+            f"expected at least {settings.min_examples} labelled boxes to learn from, got {len(positives)}"
         )
     negatives = [g for item in images for g in _gradients(item.image, _windows_without_object(item, settings, rng))]
     features = np.array(positives + negatives, dtype=np.float64) / 255
@@ -146,7 +146,7 @@ def _calibrate(
                 scores.append(values)
                 labels.append(covers)
         truth = np.concatenate(labels) if labels else np.empty(0, dtype=bool)
-        if truth.sum() < settings.least_examples or truth.all():
+        if truth.sum() < settings.min_examples or truth.all():
             continue
         score = np.concatenate(scores)
         scale = float(score.std()) or 1.0
@@ -156,5 +156,5 @@ def _calibrate(
         gains.append(max(float(fit.coef_[0, 0]), 1e-3) / scale)
         offsets.append(float(fit.intercept_[0]))
     if not kept:
-        raise RequestError(f"expected {settings.least_examples} labelled boxes of at least one window size, got fewer")
+        raise RequestError(f"expected {settings.min_examples} labelled boxes of at least one window size, got fewer")
     return ObjectnessModel(weights, np.array(kept), np.array(gains), np.array(offsets), trained_on)

@@ -10,7 +10,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.objectness import propose, recall
 from tsuiseki.trainers.objectness import LabelledImage, ObjectnessSettings, fit_objectness
 
-SETTINGS = ObjectnessSettings(sides=(17, 24, 34, 48), steepest=1.5, least_examples=5)
+SETTINGS = ObjectnessSettings(sides=(17, 24, 34, 48), steepest=1.5, min_examples=5)
 
 
 def squares(count, seed):

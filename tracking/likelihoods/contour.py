@@ -88,12 +88,12 @@ class EdgeImage:
 
 def look_up(image: NDArray[Value], points: Points) -> NDArray[Value]:
     """Values ``(N, K)`` at the pixels nearest to points ``(N, K, 2)`` x, y; off the image those of its border."""
-    pieces = [
+    parts = [
         # None is right for a second map, but OpenCV's types do not know it.
         cv2.remap(image, part, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
         for part in (points[row : row + ROWS_AT_ONCE] for row in range(0, len(points), ROWS_AT_ONCE))
     ]
-    return np.asarray(pieces[0] if len(pieces) == 1 else np.concatenate(pieces), dtype=image.dtype)
+    return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts), dtype=image.dtype)
 
 
 def point_distances(image: EdgeImage, points: Points) -> NDArray[np.float32]:

@@ -43,7 +43,7 @@ class BlobSettings:
         smallest: least side of a target, and of a patch of colour that may be a new one.
         lost_below: with ``single``, the target is not seen when the best likelihood is below this.
         patience: with ``single``, frames unseen before the search begins anew.
-        shortest: a track of fewer frames is not reported.
+        min_length: a track of fewer frames is not reported.
     """
 
     preset: Preset = "calibrated"
@@ -59,7 +59,7 @@ class BlobSettings:
     smallest: float = 12.0
     lost_below: float = 0.2
     patience: int = 10
-    shortest: int = 3
+    min_length: int = 3
 
     def __post_init__(self) -> None:
         if self.preset not in ("calibrated", "paper", "single"):
@@ -105,7 +105,7 @@ class BlobTracker:
     def __init__(self, colour: ColourRange, settings: BlobSettings | None = None, seed: int = 0) -> None:
         self.colour = colour
         self.settings = settings or BlobSettings()
-        self.record = EstimatedTracks(self.settings.shortest)
+        self.record = EstimatedTracks(self.settings.min_length)
         self.expected: list[float] = []
         chosen = region_filter(self.settings)
         self._running: Running[LabelledParticles, ColourImage, RegionInfo] = Running(

@@ -11,11 +11,11 @@ class EstimatedTracks:
     """Boxes by label, frame after frame; a label gets an id, counted from 1, once it was seen in enough frames.
 
     Args:
-        shortest: labels seen in fewer frames become no track.
+        min_length: labels seen in fewer frames become no track.
     """
 
-    def __init__(self, shortest: int = 1) -> None:
-        self.shortest = shortest
+    def __init__(self, min_length: int = 1) -> None:
+        self.min_length = min_length
         self.frames = 0
         self._seen: dict[int, int] = {}
         self._ids: dict[int, int] = {}
@@ -43,7 +43,7 @@ class EstimatedTracks:
         """The id of a label that was seen once more; 0 as long as it has none."""
         if label not in self._ids:
             self._seen[label] = self._seen.get(label, 0) + 1
-            if self._seen[label] < self.shortest:
+            if self._seen[label] < self.min_length:
                 return 0
             del self._seen[label]
             self._ids[label] = len(self._ids) + 1

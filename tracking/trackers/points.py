@@ -46,7 +46,7 @@ class PointSettings:
         speed: standard deviation of a new target's velocity, along each axis.
         growth: standard deviation of the change of size.
         particles: of each target.
-        shortest: a track of fewer frames is not reported.
+        min_length: a track of fewer frames is not reported.
         min_score: detections below it are not used.
         box: width and height in pixels of points without a size.
     """
@@ -62,7 +62,7 @@ class PointSettings:
     speed: float = 0.1
     growth: float = 0.01
     particles: int = 500
-    shortest: int = 3
+    min_length: int = 3
     min_score: float = 0.0
     box: tuple[float, float] = (20.0, 20.0)
 
@@ -137,7 +137,7 @@ class PointTracker:
         self.settings = settings
         self.extent = extent
         self.rng = np.random.default_rng(seed)
-        self.record = EstimatedTracks(settings.shortest)
+        self.record = EstimatedTracks(settings.min_length)
         self._running: Running[Any, FloatArray, SetInfo] | None = None
 
     def update(self, detections: DetectionsLike) -> Targets:

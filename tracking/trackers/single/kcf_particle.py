@@ -118,10 +118,10 @@ class KcfParticle:
         self._doubted += self._doubted > 0
         if self.search is None:
             found = kcf.locate(self.model, self.target, image)
-            box, look = self.model.box(found.centre, found.size), self._frame % self.settings.drift_interval == 0
-            colour = self._confidence.colour_score(image, box) if look else None
+            box, checked = self.model.box(found.centre, found.size), self._frame % self.settings.drift_interval == 0
+            colour = self._confidence.colour_score(image, box) if checked else None
             doubtful = self._confidence.doubts(self.settings, found.peak, colour)
-            self._doubted = 0 if not doubtful and (look or not self.settings.drift_switch) else self._doubted
+            self._doubted = 0 if not doubtful and (checked or not self.settings.drift_switch) else self._doubted
             if self._plain_left > 0 or not doubtful:
                 self._go_on(image, found, colour)
                 return TargetState(self._box(), found.peak, self._status())

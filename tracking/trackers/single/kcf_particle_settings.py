@@ -33,7 +33,7 @@ class KcfParticleSettings:
         colour: weight of `ForegroundColour` in the exponent of the likelihood; 0 leaves it out.
         relative_switch: the search also starts when the response falls below this share of its running mean.
         drift_switch: likewise for the colour score: a filter that has settled on the background stays confident.
-        drift_interval: frames between looks at the colours.
+        drift_interval: frames between checks of the colours.
         ends_when_sure: the search goes on while there is still a reason to start one.
         longest_search: frames after which such a search ends all the same, since the target may look different for
             good; what follows counts as tracked only once there is no doubt.
