@@ -18,7 +18,7 @@ demo: $(VENV)/.base
 	$(BIN)/tsuiseki demo --out out/demo --overwrite
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -m "not gpu and not thesis_size"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "not gpu and not thesis_size"
 
 test-thesis: $(VENV)/.dev
 	$(BIN)/python -m pytest -m "thesis_size and not gpu" tests
