@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 
     from tsuiseki.tracking.cli.options import SeededOutput
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.cli.track.drone_models import DroneModels
-    from tsuiseki.tracking.cli.track.drone_run import DroneResult
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
+    from tsuiseki.tracking.pipelines.drone import DroneResult
+    from tsuiseki.tracking.pipelines.drone_models import DroneModels
     from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.video import Source
 
@@ -40,11 +40,11 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
     from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
     from tsuiseki.datamodules.scenes.drone.files import write_drone
-    from tsuiseki.tracking.cli.track.drone_models import DroneModels, prices_of
     from tsuiseki.tracking.cli.track.drone_run import follow
     from tsuiseki.tracking.cli.track.finding import Finding
     from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
     from tsuiseki.tracking.formats.mot import read_ground_truth
+    from tsuiseki.tracking.pipelines.drone_models import DroneModels, prices_of
     from tsuiseki.tracking.trackers.bridging import BridgingSettings
     from tsuiseki.tracking.trackers.drone import DroneSettings
     from tsuiseki.tracking.video import open_source

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.interchange import as_detections
     from tsuiseki.tracking.pipelines.blobs import follow_blobs, follow_points, track_blobs, track_points
     from tsuiseki.tracking.pipelines.deformable import follow_deformable, track_deformable
+    from tsuiseki.tracking.pipelines.drone import track_drone
     from tsuiseki.tracking.pipelines.evaluation import evaluate_people, evaluate_points, evaluate_target
     from tsuiseki.tracking.pipelines.people import follow_people, track_people
     from tsuiseki.tracking.pipelines.single import follow
@@ -28,13 +29,14 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
     from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
     from tsuiseki.tracking.trackers.deformable import DeformableSettings
+    from tsuiseki.tracking.trackers.drone import DroneSettings
     from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
     from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
     from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
     from tsuiseki.tracking.trackers.sort import Sort, SortSettings
     from tsuiseki.tracking.types import Detections, Estimate, Frame, Position, Target, Targets, Track
     from tsuiseki.tracking.types.labels import GroundTruth
-    from tsuiseki.tracking.types.tracks import BodyTrack
+    from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack
     from tsuiseki.tracking.weights import shipped
 
     __version__: str
@@ -47,6 +49,7 @@ _MODULES = {
     "interchange": "as_detections",
     "pipelines.blobs": "follow_blobs follow_points track_blobs track_points",
     "pipelines.deformable": "follow_deformable track_deformable",
+    "pipelines.drone": "track_drone",
     "pipelines.evaluation": "evaluate_people evaluate_points evaluate_target",
     "pipelines.people": "follow_people track_people",
     "pipelines.single": "follow",
@@ -55,18 +58,20 @@ _MODULES = {
     "trackers.bytetrack": "ByteTrack ByteTrackSettings",
     "trackers.deepsort": "DeepSort DeepSortSettings",
     "trackers.deformable": "DeformableSettings",
+    "trackers.drone": "DroneSettings",
     "trackers.flow": "FlowSettings FlowTracker",
     "trackers.ocsort": "OcSort OcSortSettings",
     "trackers.points": "PointSettings PointTracker",
     "trackers.sort": "Sort SortSettings",
     "types": "Detections Estimate Frame Position Target Targets Track",
     "types.labels": "GroundTruth",
-    "types.tracks": "BodyTrack",
+    "types.tracks": "ActingTrack BodyTrack",
     "weights": "shipped",
 }
 _HOMES = {name: f"tsuiseki.tracking.{module}" for module, names in _MODULES.items() for name in names.split()}
 
 __all__ = [
+    "ActingTrack",
     "Appearance",
     "BlobSettings",
     "BodyTrack",
@@ -77,6 +82,7 @@ __all__ = [
     "DeformableSettings",
     "Detections",
     "Detector",
+    "DroneSettings",
     "Estimate",
     "FlowSettings",
     "FlowTracker",
@@ -109,6 +115,7 @@ __all__ = [
     "shipped",
     "track_blobs",
     "track_deformable",
+    "track_drone",
     "track_people",
     "track_points",
     "track_sphere",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.cli.track.drone_models import Method
 from tsuiseki.tracking.cli.track.finding import Finding
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.pipelines.drone_models import DroneMethod
 from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import DroneSettings
 
@@ -18,7 +18,7 @@ def drone(
     video: Video,
     output: SeededOutput,
     finding: Finding,
-    method: Method = "flow-maf",
+    method: DroneMethod = "flow-maf",
     appearance: Path | None = None,
     actions: list[Path] | None = None,
     affinity: Path | None = None,
@@ -57,8 +57,8 @@ def drone(
         bridging: how correlation filters follow people whom the detector misses for a few frames; null switches them
             off.
     """
-    from tsuiseki.tracking.cli.track.drone_models import DroneModels, prices_of
     from tsuiseki.tracking.cli.track.drone_run import follow, write_result
+    from tsuiseki.tracking.pipelines.drone_models import DroneModels, prices_of
 
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")

@@ -1,32 +1,86 @@
-"""The models and costs of `tsuiseki track drone`: those that the user names, or those that ship with the toolkit."""
+"""The models and costs for people seen from a drone: those that are given, or those that ship with the toolkit."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.costs import HandSetCost
-from tsuiseki.tracking.cli.models import chosen, shipped
-from tsuiseki.tracking.cli.track.finding import Finding
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
-from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.features.networks import Detect
 from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observers
+from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike, as_describer
+from tsuiseki.tracking.pipelines.finding import NONE, GivenDetections, people_detect
 from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
 from tsuiseki.tracking.trackers.given import as_detections, read_given_tracks
-from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.video import Source
+from tsuiseki.tracking.weights import shipped
 
-Method = Literal["flow", "flow-saf", "flow-maf"]
+DroneMethod = Literal["flow", "flow-saf", "flow-maf"]
 Windows = Literal["centred", "one-sided"]
+
+
+class Finds(Protocol):
+    """How people are found; files among it become part of the key of what is kept."""
+
+    @property
+    def detections(self) -> GivenDetections | None: ...
+    @property
+    def detector(self) -> DetectorLike | None: ...
+    @property
+    def score_threshold(self) -> float: ...
+    @property
+    def score_range(self) -> tuple[float, float]: ...
+    @property
+    def batch_size(self) -> int: ...
+    @property
+    def threads(self) -> int: ...
+
+    def detect(self, source: Source, default: str, /) -> Detect | list[Detections]:
+        """The given detections, or what finds people; ``default`` names the shipped detector to take otherwise."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """How people are found, from Python.
+
+    Attributes:
+        detections: see `given_detections`.
+        detector: see `as_detector`.
+        score_threshold: of a detector that is read from a file, in [0, 1].
+        score_range: smallest and largest score that the rows of a file of detections may have.
+        batch_size: frames of one call of the detector.
+        threads: CPU threads of the networks; 0 takes all.
+    """
+
+    detections: GivenDetections | None = None
+    detector: DetectorLike | None = None
+    score_threshold: float = 0.3
+    score_range: tuple[float, float] = (0.0, 1.0)
+    batch_size: int = 4
+    threads: int = 0
+
+    def detect(self, source: Source, default: str) -> Detect | list[Detections]:
+        """See `Finds`."""
+        return people_detect(
+            source,
+            self.detections,
+            self.detector,
+            shipped(default),
+            self.score_threshold,
+            self.score_range,
+            self.threads,
+        )
 
 
 @dataclass(frozen=True)
@@ -51,25 +105,34 @@ class DroneModels:
     def choose(
         cls,
         source: Source,
-        method: Method,
-        finding: Finding,
-        appearance: Path | None = None,
-        actions: list[Path] | None = None,
+        method: DroneMethod,
+        finding: Finds,
+        appearance: AppearanceLike | None = None,
+        actions: Sequence[Path] | None = None,
         tracks: Path | None = None,
         *,
         camera_motion: bool = True,
         bridging: BridgingSettings | None,
     ) -> DroneModels:
-        """The models for a video; see `tsuiseki track drone --help`."""
+        """The models for a video; see `track_drone`.
+
+        Args:
+            tracks: file of tracks that are right already; only actions are named.
+
+        Raises:
+            RequestError: something of this cannot be used; the message says what and why.
+        """
         if tracks is not None and (finding.detections is not None or finding.detector is not None):
             raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
-        paths: dict[str, Path | None] = {"detections": finding.detections, "tracks": tracks}
+        paths: dict[str, Path | None] = {"detections": _file(finding.detections), "tracks": tracks}
         given = None if tracks is None else read_given_tracks(tracks, source)
         detect = finding.detect(source, "detector_drone") if given is None else as_detections(given)[0]
-        if isinstance(detect, Detector):
-            paths["detector"] = finding.detector or shipped("detector_drone")
-        paths["appearance"] = None if given is not None else chosen("appearance", appearance)
-        describe = None if paths["appearance"] is None else Appearance(paths["appearance"], finding.threads)
+        if not isinstance(detect, list):
+            paths["detector"] = shipped("detector_drone") if finding.detector is None else _file(finding.detector)
+        looked = shipped("appearance_people") if appearance is None else appearance
+        used = given is None and not (isinstance(looked, str | Path) and str(looked) == NONE)
+        paths["appearance"] = _file(looked) if used else None
+        describe = as_describer(looked, finding.threads) if used else None
         streams = _streams(method, actions, needed=given is not None)
         recognise = ActionRecogniser(streams, finding.threads) if streams else None
         camera = CameraMotionSettings() if camera_motion and given is None else None
@@ -84,9 +147,9 @@ class DroneModels:
 
 
 def prices_of(
-    method: Method,
-    affinity: Path | None,
-    multi: Path | None,
+    method: DroneMethod,
+    affinity: str | Path | None,
+    multi: str | Path | None,
     threads: int,
     *,
     scores_known: bool,
@@ -94,7 +157,7 @@ def prices_of(
 ) -> Prices:
     """The costs of a method; hand-set ones where the shipped ones know nothing of the scores."""
     if multi is not None and method != "flow-maf":
-        raise RequestError(f"`affinity_multi`: expected --method flow-maf, which alone uses it, got {method}")
+        raise RequestError(f"`affinity_multi`: expected with the method flow-maf, which alone uses it, got {method}")
     if str(affinity) == "none" or (affinity is None and not scores_known):
         return Prices(HAND_SET_OBSERVATION, HandSetCost())
     kind = "affinity_drone" if method == "flow" else "affinity_drone_saf"
@@ -105,19 +168,24 @@ def prices_of(
     for learnt in (single, again):
         if learnt is not None and method != "flow" and "action" not in learnt.card.class_names:
             raise RequestError(
-                f"{learnt.model.path}: expected costs with the feature action for --method {method}, got "
+                f"{learnt.model.path}: expected costs with the feature action for the method {method}, got "
                 f"{', '.join(learnt.card.class_names)}; fit it with --features thesis_action"
             )
     if method == "flow" and "action" in single.card.class_names:
-        raise RequestError(f"{single.model.path}: these costs ask for actions; choose --method flow-saf or flow-maf")
+        raise RequestError(f"{single.model.path}: these costs ask for actions; choose the method flow-saf or flow-maf")
     return Prices(single.observation, single, again)
 
 
-def _streams(method: Method, actions: list[Path] | None, *, needed: bool) -> list[Path]:
+def _streams(method: DroneMethod, actions: Sequence[Path] | None, *, needed: bool) -> list[Path]:
     """The files of the action streams that a method needs."""
     if method == "flow" and not needed:
         return []
-    return actions if actions is not None else [shipped(f"action_{name}") for name in STREAMS]
+    return list(actions) if actions is not None else [shipped(f"action_drone_{name}") for name in STREAMS]
+
+
+def _file(given: object) -> Path | None:
+    """The file that is given, where it is one."""
+    return Path(given) if isinstance(given, str | Path) else None
 
 
 def _streams_key(streams: Sequence[Path]) -> dict[str, str | None]:
