@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
+from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
 from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, write_blobs
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
@@ -65,7 +67,7 @@ def film_ball(folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the page names: street.mp4, cup.mp4, balls.mp4, fish, camera1, camera2, cameras.yaml."""
+    """What the page names: street.mp4, cup.mp4, balls.mp4, fish, flight, camera1, camera2, cameras.yaml."""
     folder = tmp_path_factory.mktemp("clips")
     street = write_street(folder / "labelled", StreetSettings(frames=12), seed=100)
     as_video([frame.image for frame in open_source(street).frames()], folder / "street.mp4")
@@ -73,6 +75,7 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     balls = write_blobs(folder / "blobs", BlobSceneSettings(frames=8, width=320, height=240, objects=3), seed=1)
     as_video([frame.image for frame in open_source(balls).frames()], folder / "balls.mp4")
     write_goldfish(folder / "fish", GoldfishSettings(frames=4, fish=1), seed=4)
+    write_drone(folder / "flight", DroneSceneSettings(frames=6, width=320, height=240, people=3), 3)
     film_ball(folder)
     return folder
 

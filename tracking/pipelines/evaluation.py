@@ -39,6 +39,8 @@ def evaluate_people(truth: TruthLike, tracks: str | Path | Sequence[Track], fram
     if isinstance(tracks, str | Path):
         (pair,) = match_results([label], Path(tracks))
         return evaluate_sequence(pair.truth, pair.tracks, pair.length)
+    if not _are_tracks(tracks):
+        raise RequestError("expected the result as tracks, a file or a folder, got nothing of that")
     return evaluate_sequence(label.labels, restrict(tracks, label.frames), label.length)
 
 
@@ -101,7 +103,7 @@ def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:
     Raises:
         RequestError: there is none, or one is no track.
     """
-    if not len(tracks) or not all(isinstance(track, Track) for track in tracks):
+    if not _are_tracks(tracks) or not tracks:
         raise RequestError("expected the truth as a folder, a file or tracks, got nothing of that")
     frames = np.concatenate([track.frames for track in tracks])
     ids = np.concatenate([np.full(len(track), track.id, dtype=np.int64) for track in tracks])
@@ -109,6 +111,10 @@ def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:
     count = np.ones(len(frames), dtype=np.bool_)
     boxes = np.concatenate([track.boxes for track in tracks])
     return GroundTruth(frames[order], ids[order], boxes[order], count, ~count, np.ones(len(frames)))
+
+
+def _are_tracks(given: object) -> bool:
+    return isinstance(given, Sequence) and all(isinstance(track, Track) for track in given)
 
 
 def _points(tracks: Sequence[Track]) -> PointTracks:

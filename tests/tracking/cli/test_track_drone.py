@@ -194,7 +194,7 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "expected costs with the feature action": ["--affinity", str(weights / "affinity_people.onnx")],
         "--threshold: expected a number from 0 to 1": ["--threshold", "1.5"],
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
-        "--affinity-multi: expected --method flow-maf": ["--method", "flow", "--affinity-multi", str(other)],
+        "--affinity-multi: expected with the method flow-maf": ["--method", "flow", "--affinity-multi", str(other)],
         "these costs ask for actions; choose": ["--method", "flow", "--affinity", acting],
         "odd window": ["--drone.refinement.window", "4"],
         "expected an overlap above": ["--drone.overlap", "3"],
