@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.points.blobs import BlobSettings as ClipSettings
-from tsuiseki.datamodules.scenes.points.blobs import write_blobs
+from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, write_blobs
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_tracks
@@ -21,7 +20,7 @@ from tsuiseki.tracking.types import Detections
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    settings = ClipSettings(frames=8, width=240, height=180, objects=2, clutter=0, enter=0.0)
+    settings = BlobSceneSettings(frames=8, width=240, height=180, objects=2, clutter=0, enter=0.0)
     return write_blobs(tmp_path_factory.mktemp("blobs") / "clip", settings, seed=1)
 
 
