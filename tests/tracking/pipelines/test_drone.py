@@ -38,7 +38,8 @@ def test_people_and_what_they_do(flight: Path, method: Any) -> None:
         else:
             assert person.multi is not None
             assert person.multi.shape == (len(person.track), len(found.names))
-            np.testing.assert_allclose(person.multi.sum(axis=1), 1, atol=1e-3)
+            assert (person.multi >= 0).all()
+            assert (person.multi <= 1).all()
 
 
 def test_a_detector_and_an_appearance_are_functions(flight: Path) -> None:
