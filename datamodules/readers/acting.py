@@ -6,10 +6,13 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
+from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
+from tsuiseki.tracking.formats.okutama_folders import check_frames
 from tsuiseki.tracking.types.labels import ActionLabels
 
 
@@ -51,8 +54,21 @@ def action_sequences(folder: str | Path, multiple_actions: bool = False) -> list
     found = [video for video in open_labelled(Path(folder), multiple_actions) if video.read_actions is not None]
     if not found:
         raise RequestError(f"{folder}: expected video labelled with actions, found none")
-    for video in found:
-        if not video.files:
-            place = f"Drone*/*/Extracted-Frames-1280x720/{video.name}/, or img1/ of a generated clip"
-            raise RequestError(f"{video.name}: expected its frames in {place}; found none")
-    return [ActionSequence(video.name, video.files, video.actions()) for video in found]
+    return [_sequence(video) for video in found]
+
+
+def _sequence(video: LabelledVideo) -> ActionSequence:
+    if not video.files:
+        place = f"Drone*/*/Extracted-Frames-1280x720/{video.name}/, or img1/ of a generated clip"
+        raise RequestError(f"{video.name}: expected its frames in {place}; found none")
+    if video.length is None:
+        return ActionSequence(video.name, video.files, video.actions())
+    first = cv2.imread(str(video.files[0]))
+    if first is None:
+        raise RequestError(f"{video.files[0]}: expected an image, got something unreadable")
+    size = (first.shape[1], first.shape[0])
+    labels = video.actions(size)
+    # Drone-Action's labels are in pixels of their frames, whatever those are.
+    if labels.class_names != DRONE_ACTION_CLASSES:
+        check_frames(labels, video.length, size, video.name)
+    return ActionSequence(video.name, video.files, labels)

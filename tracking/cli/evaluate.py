@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +46,7 @@ def people(
     from tsuiseki.tracking.evaluation.pairs import match_results
     from tsuiseki.tracking.evaluation.table import people_table, people_values, show
     from tsuiseki.tracking.evaluation.truths import read_truths
-    from tsuiseki.tracking.output import check_output_file, is_partial, output_file
+    from tsuiseki.tracking.output import check_output_file, output_file
     from tsuiseki.tracking.report.plots import save_comparison
 
     shown = _result_names(results, names)
@@ -59,9 +58,6 @@ def people(
     truths = read_truths(truth, parse_frames(frames), protocol, size)
     scores = {name: evaluate_people(match_results(truths, result)) for name, result in zip(shown, results, strict=True)}
     show(people_table(scores))
-    for result in results:
-        if is_partial(result if result.is_dir() else result.parent):
-            print(f"note: {result} is a partial result; score the frames it has with --frames", file=sys.stderr)
     if json is not None:
         _write_json(json, people_values(scores), overwrite)
     if plot is not None:

@@ -58,7 +58,7 @@ def evaluate_actions(
 
     Args:
         names: of the A actions.
-        probabilities: ``(N, A)`` of what is said.
+        probabilities: ``(N, A)`` of what is said; NaN where nothing is said of a person, which is a miss.
         truth: ``(N, A)`` what is so.
         threshold: on the probability, above which an action is called.
 
@@ -82,13 +82,16 @@ def evaluate_actions(
 def average_precisions(scores: FloatArray, truth: BoolArray) -> FloatArray:
     """``(A,)`` sum over the rises of recall of the precision there, for ``(N, A)`` scores; NaN without a positive.
 
-    Rows of equal score enter together, so their order does not matter.
+    Rows of equal score enter together, so their order does not matter. A row without a score, NaN, never enters: what
+    is so there is never recalled.
 
     >>> average_precisions(np.array([[0.9], [0.8], [0.7]]), np.array([[True], [False], [True]])).round(4).tolist()
     [0.8333]
     """
+    scored = np.isfinite(scores)
+    scores = np.where(scored, scores, -np.inf)
     order = np.argsort(-scores, axis=0, kind="stable")
-    ranked, hits = np.take_along_axis(scores, order, axis=0), np.take_along_axis(truth, order, axis=0)
+    ranked, hits = np.take_along_axis(scores, order, axis=0), np.take_along_axis(truth & scored, order, axis=0)
     found = np.cumsum(hits, axis=0)
     precision = found / np.arange(1, len(scores) + 1)[:, None]
     # Precision at the last row of each group of equal scores, carried back to the others of the group.

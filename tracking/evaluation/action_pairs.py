@@ -12,6 +12,7 @@ from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
 from tsuiseki.tracking.evaluation.pairs import result_file
+from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.labelled import open_labelled
@@ -50,7 +51,7 @@ class ActionRows:
 
     Attributes:
         truth: ``(M, A)`` what is so; nothing on a box on nobody.
-        single: ``(M, A)`` what single frames say; 0 of a person whom no track has.
+        single: ``(M, A)`` what single frames say; NaN of a person whom no track has.
         multi: ``(M, A)`` what the window says.
     """
 
@@ -112,6 +113,7 @@ def match_actions(truths: Sequence[LabelledActions], result: Path) -> ActionRows
     for labels in truths:
         path = result_file(labels.name, result, len(truths) == 1, PLACES, SINGLE_PLACES)
         people, names = read_acting_tracks(path)
+        warn_of_other_frames(path, int(labels.truth.frames.min()), int(labels.truth.frames.max()))
         if names != labels.names:
             raise RequestError(
                 f"{path}: expected the actions of the labels, {', '.join(labels.names)}; got {', '.join(names)}"
@@ -140,9 +142,9 @@ def action_rows(labels: LabelledActions, people: Sequence[ActingTrack]) -> Actio
     single = np.concatenate([np.empty((0, width)), *(p.single for p in acting if p.single is not None)])[order]
     multi = np.concatenate([np.empty((0, width)), *(p.multi for p in acting if p.multi is not None)])[order]
     match = _matched(labels.truth, frames, boxes)
-    nothing = np.zeros((1, width))
+    nothing = np.full((1, width), np.nan)
     counted = labels.truth.evaluated
-    # Index -1, no match, picks the appended row of zeros.
+    # Index -1, no match, picks the appended row.
     of_labels = [np.concatenate([said, nothing])[match[counted]] for said in (single, multi)]
     on_nobody = np.ones(len(frames), dtype=np.bool_)
     on_nobody[match[match >= 0]] = False

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -183,7 +183,12 @@ def _prepare(pair: SequencePair) -> LabelledSequence:
     if not truth.evaluated.any():
         raise RequestError(f"{pair.name}: expected a labelled box that counts, got none; is this the right file?")
     labels = _Rows(truth.frames, truth.ids, truth.boxes)
-    length = _length(pair, labels, result)
+    _check_length(pair, labels, result)
+    # Frames in which there is nothing change no score, and a file may have many of them.
+    filled = np.unique(np.concatenate([labels.frames, result.frames]))
+    labels = replace(labels, frames=np.searchsorted(filled, labels.frames))
+    result = replace(result, frames=np.searchsorted(filled, result.frames))
+    length = len(filled)
     label_starts = np.searchsorted(labels.frames, np.arange(length + 1))
     result_starts = np.searchsorted(result.frames, np.arange(length + 1))
     counted = np.ones(len(result.frames), dtype=np.bool_)
@@ -214,17 +219,13 @@ def _rows(tracks: list[Track]) -> _Rows:
     return _Rows(frames[order], ids[order], np.concatenate([track.boxes for track in tracks])[order])
 
 
-def _length(pair: SequencePair, labels: _Rows, result: _Rows) -> int:
-    last = int(result.frames[-1]) if len(result.frames) else -1
-    if pair.length is None:
-        return max(int(labels.frames[-1]), last) + 1
-    if last >= pair.length or labels.frames[-1] >= pair.length:
-        beyond = max(last, int(labels.frames[-1]))
+def _check_length(pair: SequencePair, labels: _Rows, result: _Rows) -> None:
+    last = max(int(labels.frames[-1]), int(result.frames[-1]) if len(result.frames) else -1)
+    if pair.length is not None and last >= pair.length:
         raise RequestError(
-            f"{pair.name}: expected frames up to {pair.length}, got a box in frame {beyond + 1}; "
+            f"{pair.name}: expected frames up to {pair.length}, got a box in frame {last + 1}; "
             "is this the result of another sequence?"
         )
-    return pair.length
 
 
 def _on_ignored(overlaps: FloatArray, ignored: BoolArray) -> BoolArray:

@@ -18,6 +18,7 @@ from tsuiseki.tracking.evaluation.detection import (
     labelled_boxes,
 )
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
+from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
 from tsuiseki.tracking.evaluation.truths import Truth
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
 from tsuiseki.tracking.types import Detections
@@ -50,7 +51,9 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
     """
     pairs = []
     for truth in truths:
-        tracks = read_tracks(result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES))
+        file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES)
+        tracks = read_tracks(file)
+        warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
         pairs.append(SequencePair(truth.name, truth.labels, restrict(tracks, truth.frames), truth.length))
     return pairs
 
@@ -76,10 +79,13 @@ def evaluate_detection_files(
     for truth in truths:
         file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
         found = read_detections(file, truth.length, score_range)
+        warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
         last = max(int(truth.labels.frames[-1]), len(found) - 1)
         wanted = truth.frames.within(truth.length or last + 1)
         assert wanted.last is not None
-        numbers = range(wanted.first, wanted.last + 1)
+        # Frames in which there is nothing change no score, and a file may have many of them.
+        filled = {*truth.labels.frames.tolist(), *(n for n, one in enumerate(found) if len(one))}
+        numbers = sorted(number for number in filled if wanted.first <= number <= wanted.last)
         none = Detections.empty()
         images[truth.name] = (
             labelled_boxes(truth.labels, numbers),

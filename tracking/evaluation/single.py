@@ -99,25 +99,27 @@ def evaluate_boxes(truth: FloatArray, result: FloatArray, first_labelled_as_hit:
         first_labelled_as_hit: count a box that starts left of or above the image as precise, as the published
             precision curves of tracker_benchmark do by a slip; for comparing with them only.
 
-    Where lengths differ, the frames that both have are scored, as the published scores do. Frames without a true box
-    are not scored.
+    A frame without a result is a miss. Frames without a true box are not scored.
 
     Raises:
         RequestError: no frame can be scored.
     """
-    count = min(len(truth), len(result))
-    notes = []
-    if len(truth) != len(result):
-        notes.append(f"{len(result)} results for {len(truth)} boxes: the {count} frames that both have are scored")
-    truth, result = truth[:count], _filled(result[:count], truth[0] if count else None)
-    labelled = np.isfinite(truth).all(axis=1) & ((truth[:, 2:] - truth[:, :2]) > 0).all(axis=1)
-    if not labelled.any():
+    count, notes = min(len(truth), len(result)), []
+    if count < len(truth):
+        notes.append(f"{count} results for {len(truth)} boxes: the frames without one are misses")
+    elif count < len(result):
+        notes.append(f"{len(result)} results for {count} boxes: those without one are left out")
+    missing = np.full((len(truth) - count, 4), np.nan)
+    result = np.concatenate([_filled(result[:count], truth[0]), missing]) if count else missing
+    labelled: BoolArray = np.asarray(np.isfinite(truth).all(axis=1) & ((truth[:, 2:] - truth[:, :2]) > 0).all(axis=1))
+    if not labelled[:count].any():
         raise RequestError("expected at least one frame with both a true box and a result, got none")
     if not labelled.all():
         notes.append(f"{int((~labelled).sum())} frames without a true box are not scored")
     truth, result = truth[labelled], result[labelled]
-    overlaps = iou_pairs(truth, result)
-    distances = np.linalg.norm(_centres(truth) - _centres(result), axis=1)
+    # Of a frame without a result both are NaN: nothing overlaps, and it is infinitely far off.
+    overlaps = np.nan_to_num(iou_pairs(truth, result), nan=0.0)
+    distances = np.nan_to_num(np.linalg.norm(_centres(truth) - _centres(result), axis=1), nan=np.inf)
     if first_labelled_as_hit:
         slipped = (truth[:, :2] + 1 <= 0).any(axis=1)
         distances, overlaps = np.where(slipped, -1, distances), np.where(slipped, -1, overlaps)
@@ -126,11 +128,10 @@ def evaluate_boxes(truth: FloatArray, result: FloatArray, first_labelled_as_hit:
     return SequenceScores(success, precision, overlaps, len(truth), "; ".join(notes))
 
 
-def _filled(result: FloatArray, first: FloatArray | None) -> FloatArray:
+def _filled(result: FloatArray, first: FloatArray) -> FloatArray:
     """The result with the given first box, and each unusable box replaced by the one before."""
     result = result.copy()
-    if first is not None:
-        result[0] = first
+    result[0] = first
     positive = np.tile(result[:, 2:] > result[:, :2], 2)
     usable: BoolArray = np.asarray((np.isfinite(result) & positive).all(axis=1))
     source = np.maximum.accumulate(np.where(usable, np.arange(len(result)), 0))

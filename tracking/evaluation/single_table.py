@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,11 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.single import PRECISION_AT, Curves, SequenceScores, SingleEvaluation, evaluate_single
+from tsuiseki.tracking.evaluation.stretch import tracked_frames
 from tsuiseki.tracking.formats.boxes import read_result
 from tsuiseki.tracking.formats.single import PublishedScores, SingleSequence, read_published, same_name
-from tsuiseki.tracking.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -48,36 +49,54 @@ def compare(sequences: list[SingleSequence], result: Path, published_precision: 
     if (result / "ALL.json").is_file():
         published = read_published(result)
         return Compared({name: _published_curves(scores) for name, scores in published.items()}, {}, ())
-    evaluation = evaluate_single(sequences, find_results(sequences, result), published_precision)
+    files = find_results(sequences, result)
+    boxes = {name: read_result(path) for name, path in files.items()}
+    wanted = [_scored(s, files[s.name], len(boxes[s.name])) if s.name in files else s for s in sequences]
+    evaluation = evaluate_single(wanted, boxes, published_precision)
     groups = {"ALL": _curves(evaluation, None)} | {
         attribute: _curves(evaluation, names) for attribute, names in evaluation.attributes.items()
     }
     return Compared(groups, evaluation.sequences, evaluation.missing)
 
 
-def find_results(sequences: list[SingleSequence], result: Path) -> dict[str, FloatArray]:
-    """Boxes by name of the sequence: ``NAME.txt``, ``NAME.json`` or ``NAME/boxes.txt`` in a folder, or one file.
+def _scored(sequence: SingleSequence, result: Path, count: int) -> SingleSequence:
+    """The frames of a sequence that a result of ``count`` boxes is scored in.
+
+    Those are all; but a stretch that was tracked alone begins with its first frame, and tracker_benchmark scores the
+    frames that both have.
+    """
+    tracked = tracked_frames(result)
+    first = 0 if tracked is None or tracked.first >= len(sequence.boxes) else tracked.first
+    last = first + count if result.suffix.lower() == ".json" else len(sequence.boxes)
+    if first or last < len(sequence.boxes):
+        scored = f"{first + 1}-{min(last, len(sequence.boxes))}"
+        warnings.warn(f"{sequence.name}: frames {scored} are scored, which {result} is of", InputWarning, stacklevel=2)
+    return replace(sequence, boxes=sequence.boxes[first:last], images=sequence.images[first:last])
+
+
+def find_results(sequences: list[SingleSequence], result: Path) -> dict[str, Path]:
+    """The file of each sequence by name: ``NAME.txt``, ``NAME.json`` or ``NAME/boxes.txt`` in a folder, or one file.
 
     Raises:
-        RequestError: nothing there, one file for several sequences, or a broken file.
+        RequestError: nothing there, or one file for several sequences.
     """
     if result.is_file():
         if len(sequences) != 1:
             raise RequestError(
                 f"{result}: expected a folder with a result for each of {len(sequences)} sequences, got a file"
             )
-        return {sequences[0].name: read_result(result)}
+        return {sequences[0].name: result}
     if not result.is_dir():
         raise RequestError(f"expected a result file or a folder of results at {result}, found none")
     if len(sequences) == 1 and (result / "boxes.txt").is_file():
-        return {sequences[0].name: read_result(result / "boxes.txt")}
+        return {sequences[0].name: result / "boxes.txt"}
     found: dict[str, Path] = {}
     for path in sorted(result.iterdir()):
         if path.is_dir() and (path / "boxes.txt").is_file():
             found[same_name(path.name)] = path / "boxes.txt"
         elif path.suffix.lower() in (".txt", ".json"):
             found.setdefault(same_name(path.stem), path)
-    return {s.name: read_result(found[same_name(s.name)]) for s in sequences if same_name(s.name) in found}
+    return {s.name: found[same_name(s.name)] for s in sequences if same_name(s.name) in found}
 
 
 def _curves(evaluation: SingleEvaluation, names: tuple[str, ...] | None) -> MeanCurves:

@@ -133,13 +133,13 @@ def _sequence(sequence: Sequence) -> LabelledVideo:
         sequence.images,
         sequence.length or None,
         lambda: read_ground_truth(sequence.ground_truth_path),
-        (lambda _: read_clip_labels(sequence)) if (sequence.folder / ACTIONS_FILE).is_file() else None,
+        (lambda size: read_clip_labels(sequence, size)) if (sequence.folder / ACTIONS_FILE).is_file() else None,
     )
 
 
 def _clip_by_actions(clip: Sequence) -> LabelledVideo:
     """A generated clip, of which the rows with actions say who is where."""
-    return LabelledVideo(clip.name, clip.images, clip.length or None, None, lambda _: read_clip_labels(clip))
+    return LabelledVideo(clip.name, clip.images, clip.length or None, None, lambda size: read_clip_labels(clip, size))
 
 
 def _ground_truth(path: Path) -> LabelledVideo:

@@ -25,6 +25,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -101,7 +102,7 @@ def read_sequence(folder: str | Path) -> Sequence:
     return Sequence(
         name=info.get("name", folder.resolve().name),
         folder=folder,
-        frame_rate=_number(info, "frameRate", 25.0, folder),
+        frame_rate=_frame_rate(info, folder),
         length=length,
         width=int(_number(info, "imWidth", 0, folder)),
         height=int(_number(info, "imHeight", 0, folder)),
@@ -164,9 +165,9 @@ def read_ground_truth(path: str | Path) -> GroundTruth:
         RequestError: the file is missing, malformed, names an id twice in a frame, or has no box to evaluate.
     """
     path = Path(path)
-    rows = _read_rows(path, {9, 10}, "ground truth")
+    rows, lines = _read_rows(path, {9, 10}, "ground truth")
     frames, ids = rows[:, 0].astype(np.int64) - 1, rows[:, 1].astype(np.int64)
-    _refuse_repeated(path, frames, ids, "id")
+    _refuse_repeated(path, lines, frames, ids)
     active = rows[:, 6] != 0
     if rows.shape[1] == 10:
         evaluated, ignored, visibility = active, np.zeros(len(rows), dtype=np.bool_), np.ones(len(rows))
@@ -201,40 +202,39 @@ def read_detections(
     """The detections in a ``det.txt``, one `Detections` a frame; frames without any are empty.
 
     Args:
-        path: rows ``frame, -1, x, y, width, height, score, …`` in the order of the frames.
+        path: rows ``frame, -1, x, y, width, height, score, …``; those out of the order of the frames are sorted, a
+            heading and detections after the video's end are left out, each with an `InputWarning`.
         length: number of frames of the video; by default up to the last frame that has a detection.
         score_range: smallest and largest score to expect. Some detectors score outside [0, 1]: say so.
 
     Raises:
-        RequestError: the file is missing or malformed, rows are out of order, repeated, all beyond the video, or have
-            a score outside the range.
+        RequestError: the file is missing or malformed, rows are repeated, all beyond the video, or have a score outside
+            the range.
     """
     path = Path(path)
-    rows = _read_rows(path, {7, 8, 9, 10}, "detections")
+    rows, lines = _read_rows(path, {7, 8, 9, 10}, "detections")
     frames = rows[:, 0].astype(np.int64) - 1
     scores = rows[:, 6]
-    disorder = np.flatnonzero(np.diff(frames) < 0)
-    if disorder.size:
-        line = int(disorder[0]) + 2
-        raise RequestError(
-            f"{path}:{line}: expected rows in the order of the frames; sort them with `sort -t, -n -k1,1`"
-        )
+    if np.any(np.diff(frames) < 0):
+        warnings.warn(f"{path}: its rows are not in the order of the frames; sorted", InputWarning, stacklevel=2)
+        order = np.argsort(frames, kind="stable")
+        rows, lines, frames, scores = rows[order], lines[order], frames[order], scores[order]
     outside = np.flatnonzero((scores < score_range[0]) | (scores > score_range[1]))
     if outside.size:
         raise RequestError(
-            f"{path}:{outside[0] + 1}: expected a score in [{score_range[0]:g}, {score_range[1]:g}], got "
+            f"{path}:{lines[outside[0]]}: expected a score in [{score_range[0]:g}, {score_range[1]:g}], got "
             f"{scores[outside[0]]:g}; give the detector's own range with --score-range"
         )
     _, first = np.unique(np.column_stack([frames, rows[:, 2:7]]), axis=0, return_index=True)
     if len(first) < len(rows):
-        line = int(np.setdiff1d(np.arange(len(rows)), first)[0]) + 1
+        line = lines[np.setdiff1d(np.arange(len(rows)), first)[0]]
         raise RequestError(f"{path}:{line}: this detection stands in the file twice; remove the repeated row")
     boxes = _boxes(rows)
     if length is not None and frames[-1] >= length:
         inside = frames < length
         if not inside.any():
             raise RequestError(
-                f"{path}:1: detection for frame {frames[0] + 1}, but the video has {length} frames; "
+                f"{path}:{lines[0]}: detection for frame {frames[0] + 1}, but the video has {length} frames; "
                 "are these the detections of another video?"
             )
         warnings.warn(
@@ -244,7 +244,8 @@ def read_detections(
         )
         frames, boxes, scores = frames[inside], boxes[inside], scores[inside]
     starts = np.searchsorted(frames, np.arange((int(frames[-1]) + 1 if length is None else length) + 1))
-    return [Detections(boxes[a:b], scores[a:b]) for a, b in itertools.pairwise(starts)]
+    nothing = Detections.empty()
+    return [Detections(boxes[a:b], scores[a:b]) if b > a else nothing for a, b in itertools.pairwise(starts)]
 
 
 def write_detections(path: Path, detections: Iterable[Detections]) -> None:
@@ -267,13 +268,13 @@ def read_tracks(path: str | Path) -> list[Track]:
     path = Path(path)
     if path.is_file() and not path.read_text(encoding="utf-8", errors="replace").strip():
         return []
-    rows = _read_rows(path, {6, 7, 8, 9, 10}, "tracks")
+    rows, lines = _read_rows(path, {6, 7, 8, 9, 10}, "tracks")
     frames, ids = rows[:, 0].astype(np.int64) - 1, rows[:, 1].astype(np.int64)
     if ids.min() < 0:
         raise RequestError(
-            f"{path}:{int(np.argmin(ids)) + 1}: expected ids of tracks, got {ids.min()}; are these detections?"
+            f"{path}:{lines[np.argmin(ids)]}: expected ids of tracks, got {ids.min()}; are these detections?"
         )
-    _refuse_repeated(path, frames, ids, "id")
+    _refuse_repeated(path, lines, frames, ids)
     ids = ids + (1 if ids.min() == 0 else 0)
     boxes = _boxes(rows)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
@@ -321,50 +322,69 @@ def _number(info: dict[str, str], key: str, default: float, folder: Path) -> flo
     return value
 
 
-def _read_rows(path: Path, columns: set[int], what: str) -> FloatArray:
-    """The numbers of a text file, ``(N, columns)``, checked row by row."""
+def _frame_rate(info: dict[str, str], folder: Path) -> float:
+    rate = _number(info, "frameRate", 25.0, folder)
+    if rate == 0:
+        raise RequestError(f"{folder}/seqinfo.ini: expected frameRate above 0, got {info['frameRate']!r}")
+    return rate
+
+
+def _read_rows(path: Path, columns: set[int], what: str) -> tuple[FloatArray, IntArray]:
+    """The numbers of a text file, ``(N, columns)``, checked row by row, and the line ``(N,)`` that each stands in."""
     if not path.is_file():
         raise RequestError(f"expected {what} at {path}, found no such file")
     try:
-        lines = path.read_text(encoding="utf-8").rstrip().splitlines()
+        # Some editors put a mark before the first character.
+        text = path.read_text(encoding="utf-8-sig").rstrip().splitlines()
     except UnicodeDecodeError as error:
         raise RequestError(f"{path}: expected a text file of {what}, got something binary") from error
-    if not lines:
+    first = 1
+    if len(text) > 1 and _is_heading(text[0]):
+        shown = text[0][:60]
+        warnings.warn(f"{path}: the first line, {shown!r}, is a heading and left out", InputWarning, stacklevel=3)
+        text, first = text[1:], 2
+    if not text:
         raise RequestError(f"{path} is empty: expected rows of {what}")
-    cells = [line.rstrip(", ").split(",") for line in lines]
+    lines = np.arange(first, first + len(text))
+    cells = [line.rstrip(", ").split(",") for line in text]
     width = len(cells[0])
     allowed = " or ".join(str(n) for n in sorted(columns))
-    for number, row in enumerate(cells, start=1):
+    for number, row in zip(lines.tolist(), cells, strict=True):
         if len(row) != width or len(row) not in columns:
             raise RequestError(f"{path}:{number}: expected {allowed} numbers separated by commas, got {len(row)}")
     try:
         rows = np.array(cells, dtype=np.float64)
     except ValueError as error:
         raise RequestError(f"{path}: expected rows of numbers: {error}") from error
-    _refuse_impossible(path, rows)
-    return rows
+    _refuse_impossible(path, rows, lines)
+    return rows, lines
 
 
-def _refuse_impossible(path: Path, rows: FloatArray) -> None:
+def _is_heading(line: str) -> bool:
+    """Whether a line begins with a name, and not with a number, of which NaN is one."""
+    return bool(re.match(r"[\s\"]*(?!nan\b|inf\b)[A-Za-z_]", line, re.IGNORECASE))
+
+
+def _refuse_impossible(path: Path, rows: FloatArray, lines: IntArray) -> None:
     not_finite = ~np.isfinite(rows).all(axis=1)
     no_area = (rows[:, 4] <= 0) | (rows[:, 5] <= 0)
-    no_frame = (rows[:, 0] < 1) | (rows[:, 0] != np.floor(rows[:, 0]))
+    no_frame = (rows[:, 0] < 1) | (rows[:, 0] != np.floor(rows[:, 0])) | (rows[:, 0] > LAST_FRAME)
     for bad, expected in (
         (not_finite, "finite numbers"),
-        (no_frame, "a whole frame number from 1"),
+        (no_frame, f"a whole frame number from 1 to {LAST_FRAME}"),
         (no_area, "a box with a positive width and height"),
     ):
         if bad.any():
             number = int(np.argmax(bad))
             values = ",".join(f"{value:g}" for value in rows[number, :6])
-            raise RequestError(f"{path}:{number + 1}: expected {expected}, got {values}")
+            raise RequestError(f"{path}:{lines[number]}: expected {expected}, got {values}")
 
 
-def _refuse_repeated(path: Path, frames: IntArray, ids: IntArray, what: str) -> None:
+def _refuse_repeated(path: Path, lines: IntArray, frames: IntArray, ids: IntArray) -> None:
     _, first = np.unique(np.column_stack([frames, ids]), axis=0, return_index=True)
     if len(first) < len(frames):
         row = int(np.setdiff1d(np.arange(len(frames)), first)[0])
-        raise RequestError(f"{path}:{row + 1}: {what} {ids[row]} stands twice in frame {frames[row] + 1}")
+        raise RequestError(f"{path}:{lines[row]}: id {ids[row]} stands twice in frame {frames[row] + 1}")
 
 
 def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray) -> str:

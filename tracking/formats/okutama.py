@@ -18,7 +18,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
-from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.frame_range import LAST_FRAME, FrameRange
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
@@ -60,6 +60,8 @@ def read_okutama(
         if match is None:
             raise RequestError(f"{path}:{k + 1}: {_complaint(line)}")
         numbers[k] = [float(word) for word in match[1].split()]
+        if numbers[k, 5] >= LAST_FRAME:
+            raise RequestError(f"{path}:{k + 1}: expected a frame below {LAST_FRAME}, got {numbers[k, 5]:g}")
         for name in re.findall(r'"([^"]*)"', match[2])[1:]:
             actions[k, _index(name, class_names, f"{path}:{k + 1}")] = True
     labels = ActionLabels(

@@ -62,17 +62,20 @@ def clip_labelled_by(path: Path) -> Sequence | None:
     return read_sequence(clip) if path.match(f"*/{ACTIONS_FILE}") and is_sequence(clip) else None
 
 
-def read_clip_labels(clip: Sequence) -> ActionLabels:
+def read_clip_labels(clip: Sequence, size: tuple[int, int] | None = None) -> ActionLabels:
     """The labels in ``gt/actions.txt`` of a generated clip, in pixels of its frames.
+
+    Args:
+        clip: the clip.
+        size: width and height of the frames, where the clip does not say.
 
     Raises:
         RequestError: labels are missing or broken (see `read_okutama`), or nothing says how large the frames are.
     """
-    if not (clip.width and clip.height) and clip.images:
-        return read_okutama_video(OkutamaVideo(clip.name, clip.images, clip.folder / ACTIONS_FILE))
-    if not (clip.width and clip.height):
+    size = (clip.width, clip.height) if clip.width and clip.height else size
+    if size is None:
         raise RequestError(f"{clip.folder}/seqinfo.ini: expected imWidth and imHeight, to scale {ACTIONS_FILE} to them")
-    return read_okutama(clip.folder / ACTIONS_FILE, (clip.width, clip.height))
+    return read_okutama(clip.folder / ACTIONS_FILE, size)
 
 
 def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[OkutamaVideo]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.types import FloatArray, Track
 
 
@@ -90,7 +91,7 @@ def _number(path: Path, line: int, name: str, text: str | None) -> float:
     except ValueError:
         value = np.nan
     whole = name in ("frame", "id")
-    if not np.isfinite(value) or (whole and (value != int(value) or value < 1)):
-        kind = "a whole number from 1" if whole else "a finite number"
+    if not np.isfinite(value) or (whole and (value != int(value) or not 1 <= value <= LAST_FRAME)):
+        kind = f"a whole number from 1 to {LAST_FRAME}" if whole else "a finite number"
         raise RequestError(f"{path}:{line}: expected {kind} in column {name}, got {text!r}")
     return value

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.types import STATUSES, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 
@@ -73,8 +74,9 @@ def _track(path: Path, identity: int, rows: list[Row]) -> BodyTrack:
 def _row(path: Path, line: int, row: dict[str, str], fields: Sequence[str]) -> Row:
     frame, identity = (_number(path, line, name, row[name]) for name in ("frame", "id"))
     for name, value in (("frame", frame), ("id", identity)):
-        if value < 1 or value != int(value):
-            raise RequestError(f"{path}:{line}: expected a whole number from 1 in column {name}, got {value:g}")
+        if not 1 <= value <= LAST_FRAME or value != int(value):
+            expected = f"a whole number from 1 to {LAST_FRAME} in column {name}"
+            raise RequestError(f"{path}:{line}: expected {expected}, got {value:g}")
     status = row.get("status") or "tracking"
     if status not in STATUSES:
         raise RequestError(f"{path}:{line}: expected a status of {', '.join(STATUSES)}, got {status!r}")

@@ -17,6 +17,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import list_images
+from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -106,7 +107,7 @@ def read_visdrone(path: str | Path, length: int | None = None) -> GroundTruth:
 def _check(path: Path, rows: FloatArray, wide: BoolArray, length: int | None) -> None:
     counts = np.isin(rows[:, 7], (PEDESTRIAN, PEOPLE)) & (rows[:, 6] != 0)
     for bad, expected in (
-        (rows[:, 0] < 1, "a frame number from 1"),
+        ((rows[:, 0] < 1) | (rows[:, 0] > LAST_FRAME), f"a frame number from 1 to {LAST_FRAME}"),
         (~np.isin(rows[:, 7], np.arange(MOST + 1)), f"a category of 0-{MOST}"),
         (counts & ~wide, "a positive width and height"),
     ):

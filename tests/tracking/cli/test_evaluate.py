@@ -79,6 +79,21 @@ def test_a_partial_result_is_said_to_be_one(
     assert ("is a partial result" in capsys.readouterr().err) == partial
 
 
+def test_a_result_of_other_frames_is_said_to_be_one(
+    tmp_path: Path, truth: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "tracks.txt").write_text(rows())
+    run = {"partial": False, "files": ["tracks.txt"], "frames": {"frame": [3, 4, 5]}}
+    (tmp_path / "run.json").write_text(json.dumps(run))
+    words = ["evaluate", "people", str(truth / "A"), str(tmp_path / "tracks.txt")]
+    assert main(words) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"of frames 3-5 alone, but 1-{FRAMES} are scored" in line
+    assert line.endswith("--frames 3-5")
+    assert main([*words, "--frames", "3-5"]) == 0
+    assert not capsys.readouterr().err
+
+
 def test_only_the_asked_frames_are_scored(tmp_path: Path, truth: Path) -> None:
     result = tmp_path / "r.txt"
     result.write_text("\n".join(line for line in rows().splitlines() if int(line.split(",")[0]) <= 6) + "\n")

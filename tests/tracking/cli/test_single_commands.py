@@ -118,7 +118,7 @@ def test_constant_images_are_refused_at_the_start_and_followed_later(labelled, t
 def test_a_result_of_another_length_is_said(labelled, tmp_path, capsys):
     (tmp_path / "r.txt").write_text("21,31,30,35\n" * 3)
     assert main(["evaluate", "single", str(labelled), str(tmp_path / "r.txt")]) == 0
-    assert "3 results for 8 boxes: the 3 frames that both have are scored" in capsys.readouterr().err
+    assert "3 results for 8 boxes: the frames without one are misses" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -68,11 +68,13 @@ def test_rows_are_labelled_people_and_boxes_on_nobody() -> None:
     rows = action_rows(labels(), found)
     # The person whom no track has in frame 0, and the box on nobody; the hidden one and the track on them are out.
     np.testing.assert_array_equal(rows.truth, [[True, False], [False, True], [True, False], [False, False]])
-    np.testing.assert_allclose(rows.single[:, 0], [0.8, 0.0, 0.8, 0.4])
+    np.testing.assert_allclose(rows.single[:, 0], [0.8, np.nan, 0.8, 0.4])
     np.testing.assert_allclose(rows.multi, rows.single / 2)
     empty = action_rows(labels(), [])
-    assert (empty.single == 0).all()
+    assert np.isnan(empty.single).all()
     assert len(empty.truth) == 3
+    scores = evaluate_actions(("a", "b"), empty.multi, empty.truth)
+    assert scores.mean_average_precision == scores.mean_f1 == 0
 
 
 def test_tracks_with_actions_come_back_as_they_went(tmp_path: Path) -> None:

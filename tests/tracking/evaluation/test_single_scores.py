@@ -31,11 +31,14 @@ def test_a_missing_box_is_the_one_before():
     assert evaluate_boxes(TRUTH, result).success[10] == 1
 
 
-@pytest.mark.parametrize("count", [3, 6])
-def test_another_length_is_scored_where_both_are_and_said(count):
-    scores = evaluate_boxes(TRUTH, np.tile(TRUTH[:1], (count, 1)))
-    assert scores.frames == min(4, count)
-    assert f"{count} results for 4 boxes" in scores.note
+@pytest.mark.parametrize(("count", "share"), [(1, 0.25), (3, 0.75), (6, 1.0)])
+def test_frames_without_a_result_are_misses_and_said(count, share):
+    right = np.concatenate([TRUTH, TRUTH])[:count]
+    scores = evaluate_boxes(TRUTH, right)
+    assert scores.frames == 4
+    assert (scores.success[:-1] == share).all()
+    assert scores.precision[-1] == share
+    assert f"{count} results for" in scores.note
 
 
 def test_frames_without_a_true_box_are_not_scored():

@@ -151,6 +151,7 @@ def test_sequences_that_lie_are_refused(tmp_path):
         ("1,3,11,21,30,x,1,-1,-1,-1", "rows of numbers"),
         ("1,3,11,21,nan,40,1,-1,-1,-1", "finite"),
         ("0,3,11,21,30,40,1,-1,-1,-1", "whole frame number from 1"),
+        ("1,3,11,21,30,40,1,-1,-1,-1\n1000000000,3,11,21,30,40,1,-1,-1,-1", ":2: expected a whole frame number"),
     ],
 )
 def test_broken_ground_truth_is_refused_in_one_line(tmp_path, text, message):
@@ -166,13 +167,45 @@ def test_broken_ground_truth_is_refused_in_one_line(tmp_path, text, message):
         ("1,-1,1,1,-5,5,0.5", "positive width and height"),
         ("1,-1,1,nan,5,5,0.5", "finite"),
         ("1,-1,1,1,5,5,1.5", "--score-range"),
-        ("2,-1,1,1,5,5,0.5\n1,-1,1,1,5,5,0.5", "order of the frames"),
+        ("1e18,-1,1,1,5,5,0.5", "a whole frame number from 1 to 10000000"),
         ("1,-1,1,1,5,5,0.5\n1,-1,1,1,5,5,0.5", ":2: this detection stands in the file twice"),
     ],
 )
 def test_broken_detections_are_refused_in_one_line(tmp_path, text, message):
     with pytest.raises(RequestError, match=message):
         read_detections(write(tmp_path, text, "det.txt"), length=4)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("3,-1,1,1,5,5,0.5\n1,-1,2,1,5,5,0.5\n3,-1,3,1,5,5,0.5\n", "not in the order of the frames; sorted"),
+        ("frame,id,x,y,w,h,score\n1,-1,2,1,5,5,0.5\n3,-1,1,1,5,5,0.5\n3,-1,3,1,5,5,0.5\n", "is a heading"),
+        ("1,-1,2,1,5,5,0.5\n3,-1,1,1,5,5,0.5\n3,-1,3,1,5,5,0.5\n9,-1,3,1,5,5,0.5\n", "last frame, 4, are left out"),
+    ],
+)
+def test_what_can_be_mended_is_mended_and_said(tmp_path, text, said):
+    with pytest.warns(InputWarning, match=said):
+        found = read_detections(write(tmp_path, text, "det.txt"), length=4)
+    assert [one.boxes[:, 0].tolist() for one in found] == [[1.0], [], [0.0, 2.0], []]
+
+
+def test_a_mark_before_the_first_character_is_passed_over(tmp_path):
+    (found,) = read_detections(write(tmp_path, "\ufeff1,-1,2,1,5,5,0.5\n", "det.txt"))
+    assert found.boxes.tolist() == [[1, 0, 6, 5]]
+
+
+def test_errors_name_the_line_of_the_file_below_a_heading(tmp_path):
+    text = "frame,id,x,y,w,h,score\n2,-1,2,1,5,5,0.5\n1,-1,2,1,5,5,7\n"
+    with pytest.warns(InputWarning), pytest.raises(RequestError, match=":3: expected a score"):
+        read_detections(write(tmp_path, text, "det.txt"))
+
+
+def test_a_frame_rate_of_nothing_is_refused(tmp_path):
+    folder = make_sequence(tmp_path / "still")
+    (folder / "seqinfo.ini").write_text("[Sequence]\nframeRate=0\n")
+    with pytest.raises(RequestError, match="expected frameRate above 0, got '0'"):
+        read_sequence(folder)
 
 
 def test_a_detector_may_score_in_its_own_range(tmp_path):

@@ -40,7 +40,7 @@ def test_score_and_status_may_be_missing(tmp_path):
         ("", "expected the columns"),
         ("frame,id,a,b,theta\n", "frame,id,a,b,theta,phi"),
         ("frame,id,a,b,theta,phi\n", "at least one state"),
-        ("frame,id,a,b,theta,phi\n0,1,1,1,1,1\n", "whole number from 1 in column frame"),
+        ("frame,id,a,b,theta,phi\n0,1,1,1,1,1\n", "whole number from 1 to 10000000 in column frame"),
         ("frame,id,a,b,theta,phi\n1,1,nan,1,1,1\n", "finite number in column a"),
         ("frame,id,a,b,theta,phi\n1,1,1,1,1,1\n1,1,1,1,1,1\n", "id 1 twice in frame 1"),
         ("frame,id,a,b,theta,phi,status\n1,1,1,1,1,1,asleep\n", "expected a status of"),
