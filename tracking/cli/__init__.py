@@ -121,6 +121,9 @@ COMMANDS: Tree = {
             "detection": Command("detections: average precision", "evaluate", "detection", ("truth", "results")),
             "single": Command("one target: success and precision", "evaluate_single", "single", ("truth", "results")),
             "points": Command("tracked points: OSPA, GOSPA and more", "points", "evaluate", ("truth", "results")),
+            "states": Command(
+                "bodies that bend: position, heading, identity", "evaluate", "states", ("truth", "results")
+            ),
             "action": Command("what people do: F1 and average precision", "evaluate", "action", ("truth", "results")),
         },
     ),

@@ -10,7 +10,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.frame_range import parse_frames
 
-USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt")
+USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt", "states.csv")
 
 
 def people(
@@ -173,6 +173,53 @@ def action(
     show(action_table(scores))
     if json is not None:
         _write_json(json, action_values(scores), overwrite)
+
+
+def states(
+    truth: Path,
+    results: list[Path],
+    distance: float = 20.0,
+    frames: str | None = None,
+    names: list[str] | None = None,
+    json: Path | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Score bodies that were followed against their exact states: errors of position and heading, success, identity.
+
+    A body is found in a frame where an estimate that its tracker believes lies within --distance of it.
+
+    Args:
+        truth: states.csv with the columns frame,id, a position a,b or x,y, and for the heading theta or points at both
+            ends of the body (head_x,head_y and abdomen_x,abdomen_y); or the folder that holds it.
+        results: of the same kind, such as folders of tsuiseki track deformable; several are compared.
+        distance: pixels within which a body is found.
+        frames: score this stretch only, counted from 1 with both ends, such as 301-400.
+        names: of the results in the table, separated by commas; by default their files' or folders'.
+        json: write all scores to this file.
+        overwrite: replace an existing file.
+    """
+    from tsuiseki.tracking.evaluation.state_table import state_table
+    from tsuiseki.tracking.evaluation.states import evaluate_states, read_poses
+    from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
+    from tsuiseki.tracking.evaluation.table import show
+    from tsuiseki.tracking.output import check_output_file
+
+    if not distance > 0:
+        raise RequestError(f"`distance`: expected pixels above 0, got {distance:g}")
+    shown, stretch = _result_names(results, names), parse_frames(frames)
+    if json is not None:
+        check_output_file(json, overwrite)
+    labels, scores = read_poses(_states_file(truth)).within(stretch), {}
+    for name, result in zip(shown, map(_states_file, results), strict=True):
+        scores[name] = evaluate_states(labels, read_poses(result), distance, stretch)
+        warn_of_other_frames(result, int(labels.frames[0]), int(labels.frames[-1]))
+    show(state_table(scores))
+    if json is not None:
+        _write_json(json, {name: one.values() for name, one in scores.items()}, overwrite)
+
+
+def _states_file(path: Path) -> Path:
+    return path / "states.csv" if path.is_dir() else path
 
 
 def _result_names(results: list[Path], names: list[str] | None) -> list[str]:

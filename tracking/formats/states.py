@@ -32,6 +32,21 @@ def write_states(path: Path, tracks: Iterable[BodyTrack], fields: Sequence[str])
         writer.writerows([frame, identity, *values] for frame, identity, values in sorted(rows))
 
 
+def read_fields(path: Path) -> tuple[str, ...]:
+    """Names of the state's components in a file.
+
+    Raises:
+        RequestError: there is no file, or it begins with something else.
+    """
+    if not path.is_file():
+        raise RequestError(f"expected states at {path}, found no file")
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        columns = next(csv.reader(file, skipinitialspace=True), [])
+    if columns[:2] != ["frame", "id"]:
+        raise RequestError(f"{path}: expected the columns frame,id,… in its first line, got {','.join(columns)[:80]}")
+    return tuple(name for name in columns[2:] if name not in LAST_COLUMNS)
+
+
 def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTrack]:
     """The tracks in a file, by id.
 
@@ -44,7 +59,7 @@ def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTra
     """
     if not path.is_file():
         raise RequestError(f"expected states at {path}, found no file")
-    with path.open(encoding="utf-8", errors="replace", newline="") as file:
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         reader = csv.DictReader(file, skipinitialspace=True)
         columns = list(reader.fieldnames or [])
         wanted = list(fields) if fields else [c for c in columns if c not in ("frame", "id", *LAST_COLUMNS)]
