@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 
 from tsuiseki.tracking.cameras.files import PlacedCamera, camera_entry, camera_of, numbers, plain_numbers, read_entries
-from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
+from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens, Resize
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
@@ -45,13 +45,17 @@ class CameraOverFloor:
     frame_rate: float | None = None
     offset: float = 0.0
 
-    def resized(self, width: int, height: int) -> CameraOverFloor:
-        """The same camera with images of another size, scaled evenly to cover it and cut about the middle."""
+    def resized(self, width: int, height: int, how: Resize = "cut") -> CameraOverFloor:
+        """The same camera with images of another size, see `OmnidirectionalLens.resized`.
+
+        Raises:
+            RequestError: the camera is projective.
+        """
         if not isinstance(self.camera, OmnidirectionalCamera):
             raise RequestError(
                 f"{self.name}: only omnidirectional calibrations are scaled; calibrate at {width}x{height}"
             )
-        return replace(self, camera=replace(self.camera, lens=self.camera.lens.resized(width, height)))
+        return replace(self, camera=replace(self.camera, lens=self.camera.lens.resized(width, height, how)))
 
 
 def read_floor_cameras(path: Path) -> list[CameraOverFloor]:

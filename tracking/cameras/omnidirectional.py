@@ -19,13 +19,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
+Resize: TypeAlias = Literal["cut", "widen"]
 # Entries of the table that starts Newton's method, and points that are worked on at a time: as many as fit the cache.
 ENTRIES, CHUNK = 8192, 16384
 # Steps along the radius in which the polynomial is checked.
@@ -136,12 +137,16 @@ class OmnidirectionalLens:
         unit = points[:, :2] / np.maximum(across, 1e-300)[:, None]
         return np.asarray((unit * rho[:, None]) @ self.stretch.T + self.centre)
 
-    def resized(self, width: int, height: int) -> OmnidirectionalLens:
-        """The same lens over an image of another size: scaled evenly to cover it, and cut about the middle.
+    def resized(self, width: int, height: int, how: Resize = "cut") -> OmnidirectionalLens:
+        """The same lens over an image of another size, scaled evenly about the middle.
 
-        A 640x480 calibration over a 1280x720 image is scaled by 2 and loses 120 rows above and below.
+        A camera makes a broader image of the same sensor in one of two ways, which only the pictures tell. ``cut``: the
+        old image covers the new one, so that a 640x480 calibration over 1280x720 is scaled by 2 and loses 120 rows
+        above and below. ``widen``: the new one sees more at its sides, so that it is scaled by 1.5 and gains 160
+        columns on the left and right.
         """
-        scale = max(width / self.width, height / self.height)
+        factors = width / self.width, height / self.height
+        scale = max(factors) if how == "cut" else min(factors)
         powers = scale ** (1.0 - np.arange(len(self.direct)))
         cut = (np.array([width, height]) - scale * np.array([self.width, self.height])) / 2
         return replace(

@@ -152,6 +152,9 @@ COMMANDS: Tree = {
             "association": Command(
                 "people and cars linked on given detections, with peers", "reproduce", "association", forwarded=True
             ),
+            "omnidirectional": Command(
+                "people under ceiling fisheye cameras", "reproduce", "omnidirectional", forwarded=True
+            ),
             "stereo-sphere": Command("a ball in space from two cameras", "reproduce", "stereo_sphere", forwarded=True),
             "multiview-drone": Command(
                 "a drone in space from measured pixels", "reproduce", "multiview_drone", forwarded=True

@@ -78,6 +78,7 @@ def convert(
     out: Path,
     image_size: tuple[int, int] | None = None,
     resize: tuple[int, int] | None = None,
+    resize_by: Literal["cut", "widen"] = "cut",
     overwrite: bool = False,
 ) -> None:
     """The calibration of a fisheye lens in the format of another program, and how far that puts pixels off.
@@ -89,7 +90,8 @@ def convert(
             is fitted.
         out: the file to write.
         image_size: WIDTH,HEIGHT of the calibration, where the file does not say: py-OCamCalib's.
-        resize: WIDTH,HEIGHT of other images of the camera, which the calibration is scaled to cover evenly, and cut.
+        resize: WIDTH,HEIGHT of other images of the camera, to which the calibration is scaled.
+        resize_by: whether those show a part of what was calibrated (cut) or more at the sides (widen).
         overwrite: replace an existing file.
     """
     import numpy as np
@@ -103,7 +105,7 @@ def convert(
     if resize is not None:
         if min(resize) < 1:
             raise RequestError(f"--resize: expected two numbers above 0, got {resize[0]},{resize[1]}")
-        lens = lens.resized(*resize)
+        lens = lens.resized(*resize, resize_by)
     with output_file(out, overwrite) as work:
         residuals = write_lens(work, lens, to)
     lines = [f"{to}: {np.sqrt(np.mean(residuals**2)):.4f} px rms, {residuals.max():.4f} px at most over the image"]
@@ -124,6 +126,7 @@ def pose(
     floor: tuple[float, float, float, float] | None = None,
     image_size: tuple[int, int] | None = None,
     resize: tuple[int, int] | None = None,
+    resize_by: Literal["cut", "widen"] = "cut",
     projective: bool = False,
     name: str = "camera1",
     frame_rate: float | None = None,
@@ -143,7 +146,8 @@ def pose(
             rows or more, instead of --height.
         floor: X1,Y1,X2,Y2 of the floor that people stand on, metres; by default 10 m about the camera.
         image_size: WIDTH,HEIGHT of the calibration, where the file does not say.
-        resize: WIDTH,HEIGHT of the images, where it is not the calibration's: it is scaled to cover them, and cut.
+        resize: WIDTH,HEIGHT of the images, where it is not the calibration's, which is then scaled.
+        resize_by: whether those show a part of what was calibrated (cut) or more at the sides (widen).
         projective: the lens is projective.
         name: of the camera.
         frame_rate: frames per second, for videos that do not tell: folders of images.
@@ -170,7 +174,8 @@ def pose(
         camera = read_intrinsics(file, image_size).camera()
     else:
         lens = read_lens(file, image_size)
-        camera = OmnidirectionalCamera(lens if resize is None else lens.resized(*resize), np.eye(3), np.zeros(3))
+        lens = lens if resize is None else lens.resized(*resize, resize_by)
+        camera = OmnidirectionalCamera(lens, np.eye(3), np.zeros(3))
     lines = []
     if height is not None:
         camera = pose_at(camera, height, np.radians(tilt), np.radians(turn))
@@ -186,7 +191,8 @@ def pose(
             for line, pixels, metres in zip(given.lines, fit.residuals, fit.metres, strict=True)
         ]
         lines.insert(0, f"{np.sqrt(np.mean(fit.residuals**2)):.3f} px rms over {len(lines)} points")
-    x, y, z = camera.position
+    # Adding zero makes a plain zero of a negative one.
+    x, y, z = np.round(camera.position, 6) + 0.0
     area = np.array([x - 10, y - 10, x + 10, y + 10] if floor is None else floor, dtype=np.float64)
     if area[0] >= area[2] or area[1] >= area[3]:
         raise RequestError(f"--floor: expected X1 < X2 and Y1 < Y2, got {','.join(f'{v:g}' for v in area)}")

@@ -28,7 +28,8 @@ def people(
 
     Args:
         truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
-            folder of Okutama-Action or of VisDrone-MOT; the folder of Drone-Action.
+            folder of Okutama-Action or of VisDrone-MOT; the folder of Drone-Action; the JSON of CEPDOF, of whose
+            rotated boxes the upright ones about them are taken, images in the order of their names.
         results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
             (for a single sequence also tracks.txt); several are compared.
         frames: score this stretch only, counted from 1 with both ends, such as 301-400.
@@ -80,9 +81,11 @@ def detection(
 
     Args:
         truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
-            folder of Okutama-Action or of VisDrone-MOT; the folder of Drone-Action.
+            folder of Okutama-Action or of VisDrone-MOT; the folder of Drone-Action; or rotated boxes: the JSON of
+            CEPDOF or MW-R, or a folder of HABBOF's text files.
         results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
-            NAME/detections.txt for each sequence NAME.
+            NAME/detections.txt for each sequence NAME; for rotated boxes a JSON list of image_id, bbox (cx, cy, w, h,
+            degrees clockwise) and score, which is scored by the overlap of the turned boxes.
         frames: score this stretch only, counted from 1 with both ends, such as 301-400.
         protocol: for labels like Okutama-Action's. lenient scores all frames, and results on hidden people are neither
             right nor wrong; published, as in the numbers published with the data, leaves out the first frame and all
@@ -95,8 +98,10 @@ def detection(
         overwrite: replace existing files.
     """
     from tsuiseki.tracking.evaluation.pairs import evaluate_detection_files
+    from tsuiseki.tracking.evaluation.rotated import evaluate_rotated_file
     from tsuiseki.tracking.evaluation.table import detection_table, detection_values, show
     from tsuiseki.tracking.evaluation.truths import read_truths
+    from tsuiseki.tracking.formats.rotated import is_rotated
     from tsuiseki.tracking.output import check_output_file
 
     if not 0 < iou <= 1:
@@ -104,11 +109,14 @@ def detection(
     if json is not None:
         check_output_file(json, overwrite)
     _check_size(size)
-    truths = read_truths(truth, parse_frames(frames), protocol, size)
-    scores = {
-        name: evaluate_detection_files(truths, result, iou, score_range)
-        for name, result in zip(_result_names(results, None), results, strict=True)
-    }
+    shown = zip(_result_names(results, None), results, strict=True)
+    if is_rotated(truth):
+        if frames is not None:
+            raise RequestError("--frames: rotated boxes are scored by image, all of them; leave it out")
+        scores = {name: evaluate_rotated_file(truth, result, iou) for name, result in shown}
+    else:
+        truths = read_truths(truth, parse_frames(frames), protocol, size)
+        scores = {name: evaluate_detection_files(truths, result, iou, score_range) for name, result in shown}
     show(detection_table(scores, iou))
     if json is not None:
         _write_json(json, detection_values(scores), overwrite)

@@ -77,9 +77,14 @@ def evaluate_detections(
     if count == 0:
         raise RequestError("expected labelled boxes to evaluate against, got none that counts; check the frame range")
     right, counted, scores = _match(truth, detections, iou_threshold)
-    order = np.argsort(-scores[counted], kind="stable")
-    ranked = scores[counted][order]
-    hits = np.cumsum(right[counted][order])
+    return scores_of_matches(right[counted], scores[counted], count)
+
+
+def scores_of_matches(right: BoolArray, scores: FloatArray, count: int) -> DetectionScores:
+    """Average precision of detections of which ``(K,)`` are ``right``, with ``(K,)`` scores, for ``count`` boxes."""
+    order = np.argsort(-scores, kind="stable")
+    ranked = scores[order]
+    hits = np.cumsum(right[order])
     recall = hits / count
     precision = hits / np.arange(1, len(hits) + 1)
     f1 = 2 * hits / (np.arange(1, len(hits) + 1) + count)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
 from tsuiseki.tracking.formats.okutama import Protocol
+from tsuiseki.tracking.formats.rotated import enclosing, is_rotated, read_rotated_labels
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -35,7 +38,7 @@ def read_truths(
     """The labels at ``path``.
 
     Args:
-        path: see `open_labelled`.
+        path: see `open_labelled`; or the JSON of CEPDOF, see `tsuiseki.tracking.formats.rotated`.
         frames: the stretch to keep; frames keep their numbers.
         protocol: by which Okutama-Action's labels count, see `okutama_truth`.
         size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
@@ -44,11 +47,33 @@ def read_truths(
     Raises:
         RequestError: there are none, they are broken, or nothing in the stretch counts.
     """
-    truths = [
-        Truth(video.name, video.people(protocol, size), video.length, video.counted(protocol))
-        for video in open_labelled(path)
-    ]
+    if path.is_file() and is_rotated(path):
+        truths = [_of_rotated(path)]
+    else:
+        truths = [
+            Truth(video.name, video.people(protocol, size), video.length, video.counted(protocol))
+            for video in open_labelled(path)
+        ]
     return [_restricted(truth, frames) for truth in truths] if frames != EVERY_FRAME else truths
+
+
+def _of_rotated(path: Path) -> Truth:
+    """Upright boxes about the rotated ones of those who have an id; an image is a frame."""
+    images = list(read_rotated_labels(path).values())
+    counts = [int((each.ids >= 0).sum()) for each in images]
+    if not sum(counts):
+        raise RequestError(f"{path}: expected a person_id in some annotation, found none; score boxes as detections")
+    everyone = np.ones(sum(counts), dtype=np.bool_)
+    labels = GroundTruth(
+        frames=np.repeat(np.arange(len(images)), counts),
+        # Ids of tracks count from 1; these may be 0.
+        ids=np.concatenate([each.ids[each.ids >= 0] for each in images]) + 1,
+        boxes=enclosing(np.concatenate([each.boxes[each.ids >= 0] for each in images])),
+        evaluated=everyone,
+        ignored=~everyone,
+        visibility=np.ones(sum(counts)),
+    )
+    return Truth(path.stem, labels, len(images))
 
 
 def _restricted(truth: Truth, frames: FrameRange) -> Truth:

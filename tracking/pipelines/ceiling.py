@@ -11,6 +11,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable
 from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
 from tsuiseki.tracking.features.networks import Describe
+from tsuiseki.tracking.formats.rotated import enclosing
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import FloorDetections
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
@@ -47,8 +48,22 @@ class CeilingView:
         """Rotated boxes and places of detected boxes; ``times`` gets the stage ``look up``."""
         times = times or StageTimes()
         with times.measure("look up"):
-            rotated, places = self.table.look_up(found.boxes)
+            if found.angles is None:
+                rotated, places = self.table.look_up(found.boxes)
+            else:
+                found, rotated, places = self._turned(found, found.angles)
         return FloorDetections(found, rotated, places)
+
+    def _turned(self, found: Detections, angles: FloatArray) -> tuple[Detections, FloatArray, FloatArray]:
+        """Boxes that a network has turned itself, with the feet's end and the place of the upright box about each."""
+        given = np.column_stack([as_unturned(found.boxes)[:, :4], angles])
+        upright = enclosing(given)
+        looked_up, places = self.table.look_up(upright)
+        # Labels and networks tell the body's line, not which of its ends is up: the model does.
+        flipped = np.cos(looked_up[:, 4] - angles) < 0
+        rotated = given.copy()
+        rotated[:, 4] = (angles + np.pi * flipped + np.pi) % (2 * np.pi) - np.pi
+        return replace(found, boxes=upright, angles=None), rotated, places
 
     def describe(self, image: ImageArray, found: FloorDetections, times: StageTimes | None = None) -> FloorDetections:
         """``found`` with looks; ``times`` gets the stages ``rectify`` and ``describe``."""

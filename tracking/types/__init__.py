@@ -53,12 +53,14 @@ class Detections:
         scores: ``(N,)``, any finite number; a network's scores lie in [0, 1]. NaN where no detector gave one.
         features: ``(N, D)`` unit-length appearance features, or None when nothing described them.
         actions: ``(N, A)`` probabilities of what each person does, or None when nothing recognised it.
+        angles: ``(N,)`` radians by which each box is turned clockwise about its centre; None where all stand upright.
     """
 
     boxes: FloatArray
     scores: FloatArray
     features: FloatArray | None = None
     actions: FloatArray | None = None
+    angles: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "boxes", check_boxes(self.boxes))
@@ -67,6 +69,10 @@ class Detections:
             raise ValueError(f"expected {len(self.boxes)} finite scores, got shape {self.scores.shape}")
         for name in ("features", "actions"):
             self._check_rows(name)
+        if self.angles is not None:
+            object.__setattr__(self, "angles", np.asarray(self.angles, dtype=np.float64))
+            if self.angles.shape != (len(self.boxes),) or not np.isfinite(self.angles).all():
+                raise ValueError(f"expected {len(self.boxes)} finite angles, got shape {self.angles.shape}")
 
     def _check_rows(self, name: str) -> None:
         given = getattr(self, name)
@@ -89,7 +95,8 @@ class Detections:
         """The detections at a mask or at indices."""
         features = None if self.features is None else self.features[which]
         actions = None if self.actions is None else self.actions[which]
-        return Detections(self.boxes[which], self.scores[which], features, actions)
+        angles = None if self.angles is None else self.angles[which]
+        return Detections(self.boxes[which], self.scores[which], features, actions, angles)
 
     def with_features(self, features: FloatArray) -> Detections:
         """The same detections, described by ``features`` ``(N, D)``."""

@@ -71,6 +71,13 @@ def test_resizing_commutes_with_projection():
     assert np.allclose(found[seen], expected[seen], atol=1e-9)
 
 
+def test_a_wider_image_of_the_same_sensor():
+    points = np.random.default_rng(1).normal((0.0, 0.0, 2.0), size=(50, 3))
+    wider = LENS.resized(1280, 720, "widen").project(points)
+    known = np.isfinite(LENS.project(points)[:, 0])
+    assert np.allclose(wider[known], (1.5 * LENS.project(points) + [160, 0])[known], atol=1e-9)
+
+
 def test_ground_points_project_to_their_pixels():
     camera = OmnidirectionalCamera(LENS, np.diag([1.0, -1.0, -1.0]), np.array([1.0, 2.0, 3.0]))
     floor = np.array([[0.0, 0.0, 0.0], [3.0, 2.5, 0.0], [1.0, 2.0, 0.0]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from tsuiseki.tracking.cli.models import chosen
 from tsuiseki.tracking.cli.options import SeededOutput
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.video import Source
 
 HUNGARIAN = FisheyeSettings()
+Scaling: TypeAlias = Literal["no", "cut", "widen"]
 
 
 def fisheye(
@@ -44,7 +45,7 @@ def fisheye(
     body_radius: float = 0.25,
     score_threshold: float = 0.4,
     score_range: tuple[float, float] = (0.0, 1.0),
-    resize: bool = False,
+    resize: Scaling = "no",
     threads: int = 0,
     tables: Path = Path("out/cache/person-tables"),
     overlay: bool = False,
@@ -69,7 +70,8 @@ def fisheye(
         body_radius: of the model of a person, metres.
         score_threshold: the detector keeps what scores at least this, from 0 to 1.
         score_range: smallest and largest score that the rows of --detections may have.
-        resize: scale the calibration to the images where their sizes differ.
+        resize: where images have another size than the calibration, scale it: cut, where they show a part of what was
+            calibrated, widen, where they show more at the sides.
         threads: CPU threads of the networks; 0 takes all.
         tables: folder that keeps the tables of the cameras.
         overlay: also write videos with the rotated boxes drawn in.
@@ -138,7 +140,7 @@ def _detector(detector: Path | None, score_threshold: float, threads: int) -> De
     return Detector(path, score_threshold, threads=threads)
 
 
-def _views(source: Sequence[str], cameras: Path, resize: bool, *, needs_images: bool) -> list[_View]:
+def _views(source: Sequence[str], cameras: Path, resize: Scaling, *, needs_images: bool) -> list[_View]:
     """Sources with their cameras, checked against each other."""
     import numpy as np
 
@@ -162,7 +164,7 @@ def _views(source: Sequence[str], cameras: Path, resize: bool, *, needs_images: 
     return views
 
 
-def _fitted(placed: CameraOverFloor, source: Source, resize: bool) -> CameraOverFloor:
+def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraOverFloor:
     """The camera for the source's images."""
     if not source.has_images or source.live:
         return placed
@@ -170,12 +172,12 @@ def _fitted(placed: CameraOverFloor, source: Source, resize: bool) -> CameraOver
     have = placed.camera.width, placed.camera.height
     if have == (width, height):
         return placed
-    if not resize:
+    if resize == "no":
         raise RequestError(
             f"{placed.name}: expected images of {have[0]}x{have[1]} as calibrated, got {width}x{height} in "
-            f"{source.name}; calibrate at that size, or add `resize` to scale the calibration"
+            f"{source.name}; calibrate at that size, or scale the calibration with `resize` cut or widen"
         )
-    return placed.resized(width, height)
+    return placed.resized(width, height, resize)
 
 
 def _ceiling(view: _View, tables: Path, person: object) -> CeilingView:

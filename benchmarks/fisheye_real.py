@@ -1,0 +1,222 @@
+"""What the parts of `track fisheye` make of real pictures: calibrations, rotated boxes, detections, ten frames.
+
+1. Calibration: each board's pose under OCamCalib's lens and under one pinhole fitted to all boards; round trip of the
+   lens; its inverse polynomial against the exact root, over every pixel.
+2. Labelled rotated boxes: from the upright box about each, the table of a two-cylinder person under a generic
+   equidistant lens gives a rotated box. The person's height over the camera's is chosen on the even images of a set and
+   reported on the odd ones.
+3. The detector on the same pictures: AP50 of upright boxes, and of the rotated boxes looked up for them.
+4. The ten frames tracked, by the given boxes and by the detector's.
+
+    OMP_NUM_THREADS=1 python benchmarks/fisheye_real.py --data ../shared/data/fisheye
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.cameras.lens_files import read_lens
+from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
+from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
+from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, PersonTable, build_table
+from tsuiseki.tracking.cameras.pose import locate_over_floor
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
+from tsuiseki.tracking.evaluation.rotated import evaluate_rotated, rotated_iou
+from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, enclosing, half_turned, read_rotated_labels
+from tsuiseki.tracking.pipelines.ceiling import CeilingView
+from tsuiseki.tracking.trackers.fisheye import FisheyeSettings, FisheyeTracker
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.weights import shipped
+
+# Height of the camera over the floor; only the person's share of it matters in the image.
+CAMERA = 3.0
+HEIGHTS = (0.9, 1.2, 1.5, 1.8)
+RADII = (0.25, 0.35)
+# Inner corners of the boards.
+PATTERN = (5, 4)
+
+
+def main() -> None:
+    """Print all four."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data/fisheye"))
+    parser.add_argument("--detector", type=Path, default=None)
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    for path in sorted((options.data / "calibrations").glob("*.txt")):
+        lens(path)
+    boards(options.data / "ocam-overhead")
+    detector = Detector(options.detector or shipped("detector_ceiling"), 0.05, threads=1)
+    for name in ("rotated-boxes", "cepdof-sample"):
+        table = labelled(options.data / name)
+        detected(options.data / name, detector, table)
+    ten_frames(options.data / "cepdof-sample", detector)
+
+
+def lens(path: Path) -> None:
+    """Round trip and inverse polynomial over every pixel of an image."""
+    found = read_lens(path)
+    x, y = np.meshgrid(np.arange(found.width) + 0.5, np.arange(found.height) + 0.5)
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    rays = found.rays(pixels)
+    pixels, rays = pixels[np.isfinite(rays[:, 0])], rays[np.isfinite(rays[:, 0])]
+    trip = np.abs(found.project(rays) - pixels).max()
+    away = np.hypot(*(found.project_by_inverse(rays) - pixels).T)
+    near = np.hypot(*(pixels - found.centre).T) < 300
+    print(f"{path.name}: round trip {trip:.1e} px; inverse polynomial off by {away[near].max():.4f} px within 300 px "
+          f"of the centre, {away.max():.4f} px at most")  # fmt: skip
+
+
+def boards(folder: Path) -> None:
+    """Reprojection residuals of the checkerboards."""
+    calibration = read_lens(folder / "calib_results.txt")
+    camera = OmnidirectionalCamera(calibration, np.eye(3), np.zeros(3))
+    objects, images, residuals = [], [], []
+    for path in sorted(folder.rglob("cal*.jpg")):
+        board = _corners(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8))
+        if board is None:
+            continue
+        corners, squares = board
+        try:
+            _, fit = locate_over_floor(camera, corners, squares)
+        except RequestError:
+            _, fit = locate_over_floor(camera, corners, squares * [1, -1])
+        residuals.append(fit.residuals)
+        objects.append(np.column_stack([squares, np.zeros(len(squares))]).astype(np.float32))
+        images.append(corners.astype(np.float32)[:, None])
+    guess = np.array([[326.0, 0, 326.9], [0, 326.0, 261.7], [0, 0, 1]])
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_ZERO_TANGENT_DIST
+    flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+    pinhole = cv2.calibrateCamera(objects, images, (640, 480), guess, np.zeros(5), flags=flags)[0]
+    each = np.concatenate(residuals)
+    print(
+        f"{len(residuals)} of 12 boards found, {len(each)} corners: {np.sqrt(np.mean(each**2)):.2f} px rms "
+        f"({np.median(each):.2f} median) by OCamCalib's lens, {pinhole:.2f} px rms by a pinhole fitted to them"
+    )
+
+
+def _corners(grey: NDArray[np.uint8]) -> tuple[FloatArray, FloatArray] | None:
+    found, corners = cv2.findChessboardCorners(
+        grey, PATTERN, flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    )
+    if not found:
+        return None
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
+    corners = cv2.cornerSubPix(grey, corners, (5, 5), (-1, -1), stop)
+    x, y = np.meshgrid(np.arange(PATTERN[0]), np.arange(PATTERN[1]))
+    return corners.reshape(-1, 2).astype(np.float64) + 0.5, np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+
+
+def _generic(width: int, height: int) -> OmnidirectionalLens:
+    """An equidistant lens whose right angle lies at the nearer border."""
+    focal = np.full(2, min(width, height) / 2 / (np.pi / 2))
+    middle = np.array([width, height]) / 2
+    return fit_omnidirectional(EquidistantLens(width, height, focal, middle, np.zeros(4)))
+
+
+@lru_cache(maxsize=8)
+def _table(width: int, height: int, person: PersonModel) -> PersonTable:
+    camera = OmnidirectionalCamera(_generic(width, height), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, CAMERA]))
+    reach = 6 * CAMERA
+    grid = GridSettings(pixels=max(width, height) / 200, metres=0.15)
+    return build_table(camera, np.array([-reach, -reach, reach, reach]), person, grid)
+
+
+def _picture(folder: Path, name: str) -> ImageArray:
+    return np.asarray(cv2.imread(str(folder / "images" / f"{name}.jpg"), cv2.IMREAD_COLOR_RGB), dtype=np.uint8)
+
+
+def labelled(folder: Path) -> PersonTable:
+    """How well the model explains the labels; the table of the chosen person for the first picture's size."""
+    labels = read_rotated_labels(folder / "annotations.json")
+    sizes = {name: _picture(folder, name).shape[:2] for name in labels}
+    names = list(labels)
+    people = [PersonModel(height=h, body_radius=r) for h in HEIGHTS for r in RADII]
+    scores = [np.median(np.concatenate([_explained(labels[n], sizes[n], p)[1] for n in names[::2]])) for p in people]
+    person = people[int(np.argmax(scores))]
+    others = [_explained(labels[n], sizes[n], person) for n in names[1::2]]
+    angles, overlaps, radial = (np.concatenate(part) for part in zip(*others, strict=True))
+    print(
+        f"{folder.name}: person of {person.height:g} m, radius {person.body_radius:g} m under {CAMERA:g} m, chosen on "
+        f"{len(names[::2])} images; on the other {len(others)} ({len(angles)} boxes) median angle error "
+        f"{np.median(angles):.1f} deg (of the radius itself {np.median(radial):.1f}), "
+        f"median IoU {np.median(overlaps):.3f}"
+    )
+    height, width = sizes[names[0]]
+    return _table(width, height, person)
+
+
+def _explained(labels: RotatedBoxes, size: tuple[int, int], person: PersonModel) -> tuple[FloatArray, ...]:
+    """Angle errors of the looked-up boxes, degrees, their IoU with the labels, and angle errors of the radius."""
+    height, width = size
+    rotated, _ = _table(width, height, person).look_up(enclosing(labels.boxes))
+    errors = np.abs(half_turned(rotated[:, 4] - labels.boxes[:, 4]))
+    x, y = (labels.boxes[:, :2] - [width / 2, height / 2]).T
+    radial = np.abs(half_turned(np.arctan2(y, x) + np.pi / 2 - labels.boxes[:, 4]))
+    overlaps = np.array([rotated_iou(r[None], b[None])[0, 0] for r, b in zip(rotated, labels.boxes, strict=True)])
+    return np.degrees(errors), overlaps, np.degrees(radial)
+
+
+def detected(folder: Path, detector: Detector, table: PersonTable) -> None:
+    """AP50 of the detector, for upright boxes and for those looked up."""
+    labels = read_rotated_labels(folder / "annotations.json")
+    upright, rotated = {}, {}
+    for name in labels:
+        found = detector.detect([_picture(folder, name)])[0]
+        none = np.full(len(found), -1)
+        upright[name] = RotatedBoxes(_unturned(found.boxes), none, found.scores)
+        rotated[name] = RotatedBoxes(table.look_up(found.boxes)[0], none, found.scores)
+    about = {n: RotatedBoxes(_unturned(enclosing(e.boxes)), e.ids, e.scores) for n, e in labels.items()}
+    plain, turned = evaluate_rotated(about, upright), evaluate_rotated(labels, rotated)
+    print(f"{folder.name}: detector AP50 {plain.average_precision:.3f} upright (best F1 {plain.best_f1:.2f} at "
+          f"{plain.best_threshold:.2f}), {turned.average_precision:.3f} rotated")  # fmt: skip
+
+
+def _unturned(boxes: FloatArray) -> FloatArray:
+    centre, size = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
+    return np.concatenate([centre, size, np.zeros((len(boxes), 1))], axis=1)
+
+
+def ten_frames(folder: Path, detector: Detector) -> None:
+    """Identity scores over the ten frames at one frame a second."""
+    truth = read_truths(folder / "annotations.json")[0]
+    labels = read_rotated_labels(folder / "annotations.json")
+    person = PersonModel(height=1.3, body_radius=0.3)
+    first = _picture(folder, next(iter(labels)))
+    camera = OmnidirectionalCamera(
+        _generic(first.shape[1], first.shape[0]), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, CAMERA])
+    )
+    view = CeilingView(camera, _table(first.shape[1], first.shape[0], person), person,
+                       Appearance(shipped("appearance_people"), threads=1))  # fmt: skip
+    for source in ("given", "own"):
+        tracker = FisheyeTracker(1.0, FisheyeSettings(start_score=0.2))
+        for name, each in labels.items():
+            image = _picture(folder, name)
+            if source == "given":
+                upright = Detections(_stood(each.boxes), np.ones(len(each.boxes)), angles=each.boxes[:, 4])
+            else:
+                found = detector.detect([image])[0]
+                upright = found.select(found.scores >= 0.2)
+            tracker.update(view.describe(image, view.locate(upright)))
+        tracks = [t.track for t in tracker.tracks()]
+        scores = evaluate_people([SequencePair(truth.name, truth.labels, tracks, truth.length)]).combined
+        print(f"{folder.name}, {source} boxes: {len(tracks)} tracks of {len(set(truth.labels.ids.tolist()))} people, "
+              f"{scores.id_switches} switches, MOTA {scores.mota:.3f}, IDF1 {scores.idf1:.3f}")  # fmt: skip
+
+
+def _stood(boxes: FloatArray) -> FloatArray:
+    """``(N, 4)`` x1, y1, x2, y2 of rotated boxes before they are turned."""
+    return np.concatenate([boxes[:, :2] - boxes[:, 2:4] / 2, boxes[:, :2] + boxes[:, 2:4] / 2], axis=1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+"""Fisheye cameras from the command line: a small room there and back, and mistakes in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from tsuiseki.tracking.cli import main
+
+LENS = "2 -100 0\n2 150 60\n120 160\n1 0 0\n240 320\n"
+ROOM = ["--room", "small", "--people", "3", "--seconds", "2", "--frame-rate", "2", "--width", "320", "--height", "240"]
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("room") / "clip"
+    assert main(["simulate", "fisheye", "--out", str(folder), *ROOM]) == 0
+    for camera in ("camera1", "camera2"):
+        rows = [line.split(",") for line in (folder / camera / "gt" / "gt.txt").read_text().splitlines()]
+        text = "".join(f"{r[0]},-1,{','.join(r[2:6])},0.9,-1,-1,-1\n" for r in sorted(rows, key=lambda r: int(r[0])))
+        (folder / f"{camera}.txt").write_text(text)
+    return folder
+
+
+def track(room, out, *more, sources=("camera1", "camera2")):
+    words = ["track", "fisheye", *(str(room / s) for s in sources), "--out", str(out), "--tables", str(out) + "-tables"]
+    return main([*words, *more])
+
+
+def given(room):
+    return ["--detections", f"{room / 'camera1.txt'},{room / 'camera2.txt'}", "--cameras", str(room / "cameras.yaml")]
+
+
+@pytest.mark.parametrize("method", ["hungarian", "flow"])
+def test_given_boxes_become_places(room, tmp_path, method, capsys):
+    out = tmp_path / "out"
+    assert track(room, out, *given(room), "--appearance", "none", "--method", method) == 0
+    assert "camera1" in capsys.readouterr().out
+    assert {p.name for p in out.iterdir()} == {"camera1", "camera2", "report.html", "run.json"}
+    rows = np.genfromtxt(out / "camera1" / "world.csv", delimiter=",", names=True)
+    truth = np.genfromtxt(room / "camera1" / "gt" / "world.csv", delimiter=",", names=True)
+    assert len(rows) == len(truth)
+    away = [np.hypot(truth["x"] - x, truth["y"] - y).min() for x, y in zip(rows["x"], rows["y"], strict=True)]
+    # The model is 1.7 m high and stands still; people differ, and lift their arms.
+    assert np.median(away) < 0.5
+    assert main(["evaluate", "people", str(room / "camera1"), str(out / "camera1")]) == 0
+
+
+def test_the_pictures_are_looked_at_with_the_shipped_appearance(room, tmp_path):
+    out = tmp_path / "out"
+    assert track(room, out, *given(room), "--overlay") == 0
+    assert (out / "camera2" / "overlay.webm").stat().st_size > 1000
+    assert json.loads((out / "run.json").read_text())["seconds"]["describe"] > 0
+
+
+def one_line(capsys, text):
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1, lines
+    assert text in lines[0]
+
+
+def test_sources_and_cameras_of_different_number(room, tmp_path, capsys):
+    more = ["--detections", str(room / "camera1.txt"), "--cameras", str(room / "cameras.yaml")]
+    assert track(room, tmp_path / "out", *more, sources=("camera1",)) == 2
+    one_line(capsys, "got 1 sources and 2 cameras")
+
+
+def changed(room, tmp_path, change):
+    content = yaml.safe_load((room / "cameras.yaml").read_text())
+    change(content["cameras"][0])
+    path = tmp_path / "cameras.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return [*given(room)[:2], "--cameras", str(path)]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.update(image_size=[640, 480]), "expected images of 640x480 as calibrated, got 320x240"),
+        (lambda c: c["position"].__setitem__(2, 1.5), "above the person of 1.7 m"),
+        (lambda c: c["position"].__setitem__(2, 0.0), "above the person of 1.7 m"),
+        (lambda c: c.update(floor=[0, 0, 3, 3]), "one floor for all cameras"),
+        (lambda c: c.update(direct=[-1.0, 0.0]), "direct polynomial"),
+        (lambda c: c.update(floor=[90, 90, 91, 91]), "one floor for all cameras"),
+    ],
+)
+def test_cameras_that_do_not_fit_are_named(room, tmp_path, capsys, change, message):
+    assert track(room, tmp_path / "out", *changed(room, tmp_path, change)) == 2
+    one_line(capsys, message)
+
+
+def test_a_calibration_is_scaled_on_request(room, tmp_path):
+    def twice(camera):
+        camera.update(image_size=[640, 480], centre=[2 * v for v in camera["centre"]])
+        camera["direct"] = [a * 2 ** (1 - k) for k, a in enumerate(camera["direct"])]
+
+    more = [*changed(room, tmp_path, twice), "--appearance", "none"]
+    assert track(room, tmp_path / "out", *more, "--resize", "cut") == 0
+
+
+def test_lenses_are_converted_with_a_residual(tmp_path, capsys):
+    (tmp_path / "calib_results.txt").write_text(LENS)
+    words = [
+        "calibrate",
+        "convert",
+        str(tmp_path / "calib_results.txt"),
+        "--to",
+        "opencv",
+        "--out",
+        str(tmp_path / "l.yaml"),
+    ]
+    assert main(words) == 0
+    assert "px rms" in capsys.readouterr().out
+
+
+def test_a_pose_from_height_and_from_points(tmp_path, capsys):
+    lens = tmp_path / "calib_results.txt"
+    lens.write_text(LENS)
+    assert main(["calibrate", "pose", str(lens), "--height", "2.5", "--out", str(tmp_path / "a.yaml")]) == 0
+    (tmp_path / "p.csv").write_text(
+        "u,v,x,y\n160.5,120.5,0,0\n200.5,120.5,1,0\n160.5,80.5,0,1\n200.5,80.5,1,1\n180.5,100.5,0.5,0.5\n"
+    )
+    words = ["calibrate", "pose", str(lens), "--points", str(tmp_path / "p.csv"), "--out", str(tmp_path / "b.yaml")]
+    assert main(words) == 0
+    assert "at 0.000, 0.000, 2.500 m" in capsys.readouterr().out.splitlines()[-1]
+    assert main(["calibrate", "pose", str(lens), "--height", "0", "--out", str(tmp_path / "c.yaml")]) == 2
+    one_line(capsys, "above 0 m")

@@ -1,0 +1,83 @@
+"""Average precision of rotated boxes, by the overlap of the turned rectangles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.detection import DetectionScores, scores_of_matches
+from tsuiseki.tracking.evaluation.pairs import DetectionEvaluation
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, read_rotated_detections, read_rotated_labels
+from tsuiseki.tracking.types import FloatArray
+
+
+def rotated_iou(a: FloatArray, b: FloatArray) -> FloatArray:
+    """``(N, M)`` intersection over union of ``(N, 5)`` and ``(M, 5)`` rotated boxes (centre, size, radians clockwise).
+
+    >>> square = np.array([[0.0, 0.0, 2.0, 2.0, 0.0]])
+    >>> float(rotated_iou(square, square + np.array([0, 0, 0, 0, np.pi / 4]))[0, 0].round(4))
+    0.7071
+    """
+    result = np.zeros((len(a), len(b)))
+    reach = np.hypot(a[:, 2], a[:, 3])[:, None] + np.hypot(b[:, 2], b[:, 3])[None]
+    near = 2 * np.linalg.norm(a[:, None, :2] - b[None, :, :2], axis=2) < reach
+    for i, j in np.argwhere(near):
+        shared = _shared(a[i], b[j])
+        result[i, j] = shared / (a[i, 2] * a[i, 3] + b[j, 2] * b[j, 3] - shared)
+    return result
+
+
+def _shared(a: FloatArray, b: FloatArray) -> float:
+    # Relative to one centre: OpenCV computes in single precision.
+    first = ((0.0, 0.0), (float(a[2]), float(a[3])), float(np.degrees(a[4])))
+    second = (
+        (float(b[0] - a[0]), float(b[1] - a[1])), (float(b[2]), float(b[3])), float(np.degrees(b[4])),
+    )  # fmt: skip
+    kind, points = cv2.rotatedRectangleIntersection(first, second)
+    if kind == cv2.INTERSECT_NONE or points is None:
+        return 0.0
+    return float(cv2.contourArea(cv2.convexHull(points)))
+
+
+def evaluate_rotated_file(truth: Path, result: Path, iou: float = 0.5) -> DetectionEvaluation:
+    """Average precision of the detections in a JSON file against labels of CEPDOF, MW-R or HABBOF.
+
+    Raises:
+        RequestError: see `read_rotated_labels`, `read_rotated_detections` and `evaluate_rotated`.
+    """
+    scores = evaluate_rotated(read_rotated_labels(truth), read_rotated_detections(result), iou)
+    return DetectionEvaluation({truth.stem: scores}, scores)
+
+
+def evaluate_rotated(
+    truth: Mapping[str, RotatedBoxes], found: Mapping[str, RotatedBoxes], iou_threshold: float = 0.5
+) -> DetectionScores:
+    """Average precision over all images of ``truth``; detections of images that are not among them are refused.
+
+    Detections are matched from the best score down, each to the free box that it overlaps most.
+
+    Raises:
+        RequestError: there is no labelled box, or detections belong to other images.
+    """
+    strangers = sorted(set(found) - set(truth))
+    if strangers:
+        raise RequestError(f"expected detections of the labelled images, got some of {strangers[0]}")
+    right: list[bool] = []
+    scores: list[float] = []
+    for name, each in found.items():
+        overlaps = rotated_iou(each.boxes, truth[name].boxes)
+        for k in np.argsort(-each.scores, kind="stable"):
+            best = int(overlaps[k].argmax()) if overlaps.shape[1] else -1
+            hit = best >= 0 and overlaps[k, best] >= iou_threshold
+            if hit:
+                overlaps[:, best] = -1.0
+            right.append(bool(hit))
+            scores.append(float(each.scores[k]))
+    count = sum(len(each.boxes) for each in truth.values())
+    if count == 0:
+        raise RequestError("expected labelled boxes to evaluate against, got none")
+    return scores_of_matches(np.array(right, dtype=np.bool_), np.array(scores, dtype=np.float64), count)

@@ -1,0 +1,178 @@
+"""Rotated boxes of people under overhead cameras: the label files of CEPDOF, MW-R and HABBOF, and detections like them.
+
+CEPDOF and MW-R are one COCO-like JSON: ``annotations`` with ``image_id``, ``bbox`` = ``[cx, cy, w, h, degrees
+clockwise]`` and maybe ``person_id``; detections are a JSON list of the same with ``score``. HABBOF is a text file an
+image, ``person cx cy w h degrees``. Degrees lie in [-90, 90), so 90 becomes -90; pixels are 0-based. Here boxes are
+``(N, 5)`` with the angle in radians.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+HABBOF_WORDS = 6
+
+
+@dataclass(frozen=True)
+class RotatedBoxes:
+    """The boxes of one image.
+
+    Attributes:
+        boxes: ``(N, 5)`` centre x, y, width, height, pixels, and the angle clockwise, radians in [-pi/2, pi/2).
+        ids: ``(N,)`` of the people, -1 where there is none; no two of one image are alike.
+        scores: ``(N,)`` of detections, 1 for labels.
+    """
+
+    boxes: FloatArray
+    ids: IntArray
+    scores: FloatArray
+
+
+def is_rotated(path: Path) -> bool:
+    """Whether ``path`` has labels of rotated boxes: JSON with annotations, or a folder of HABBOF's text files."""
+    if path.is_dir():
+        texts = sorted(path.glob("*.txt"))
+        return bool(texts) and texts[0].read_text(encoding="utf-8", errors="replace").startswith("person ")
+    if path.suffix.lower() != ".json" or not path.is_file():
+        return False
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and isinstance(content.get("annotations"), list)
+
+
+def read_rotated_labels(path: Path) -> dict[str, RotatedBoxes]:
+    """The labels at ``path`` by image, in the order of the images' names.
+
+    Raises:
+        RequestError: nothing to read, or a box is no five numbers with a positive size.
+    """
+    if path.is_dir():
+        rows = [row for text in sorted(path.glob("*.txt")) for row in _habbof_rows(text)]
+        names = [text.stem for text in sorted(path.glob("*.txt"))]
+    else:
+        content = _json(path)
+        entries = content.get("annotations") if isinstance(content, dict) else None
+        if not isinstance(entries, list):
+            raise RequestError(f"{path}: expected a list named annotations, found none")
+        rows = [_row(entry, f"{path}: annotation {k + 1}") for k, entry in enumerate(entries)]
+        images = content.get("images") or []
+        names = [str(i.get("id")) for i in images if isinstance(i, dict) and "id" in i]
+    if not rows:
+        raise RequestError(f"{path}: expected labelled boxes, found none")
+    return _grouped(rows, names)
+
+
+def read_rotated_detections(path: Path) -> dict[str, RotatedBoxes]:
+    """Detections by image: a JSON list of ``image_id``, ``bbox`` and ``score``.
+
+    Raises:
+        RequestError: the file is missing or something else.
+    """
+    content = _json(path)
+    if not isinstance(content, list):
+        raise RequestError(f"{path}: expected a JSON list of detections, got a {type(content).__name__}")
+    return _grouped([_row(entry, f"{path}: detection {k + 1}") for k, entry in enumerate(content)], [])
+
+
+def write_rotated_detections(path: Path, found: Mapping[str, RotatedBoxes]) -> None:
+    """Write what `read_rotated_detections` reads."""
+    rows = [
+        {"image_id": name, "bbox": [*np.round(box[:4], 3).tolist(), round(float(np.degrees(box[4])), 4)],
+         "score": round(float(score), 5)}
+        for name, each in found.items()
+        for box, score in zip(each.boxes, each.scores, strict=True)
+    ]  # fmt: skip
+    path.write_text(json.dumps(rows) + "\n", encoding="utf-8")
+
+
+def half_turned(angles: FloatArray) -> FloatArray:
+    """Angles in [-pi/2, pi/2) that give the same boxes, radians.
+
+    >>> half_turned(np.array([np.pi / 2])).round(4).tolist()
+    [-1.5708]
+    """
+    return np.asarray((np.asarray(angles) + np.pi / 2) % np.pi - np.pi / 2)
+
+
+def enclosing(boxes: FloatArray) -> FloatArray:
+    """``(N, 4)`` upright boxes x1, y1, x2, y2 about ``(N, 5)`` rotated ones."""
+    cos, sin = np.abs(np.cos(boxes[:, 4])), np.abs(np.sin(boxes[:, 4]))
+    half = np.stack([boxes[:, 2] * cos + boxes[:, 3] * sin, boxes[:, 2] * sin + boxes[:, 3] * cos], axis=1) / 2
+    return np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
+
+
+_Row = tuple[str, list[float], int, float]
+
+
+def _json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RequestError(f"{path}: expected JSON, got something else or nothing") from error
+
+
+def _row(entry: Any, where: str) -> _Row:
+    if not isinstance(entry, dict) or "image_id" not in entry:
+        raise RequestError(f"{where}: expected an image_id and a bbox, got {str(entry)[:60]}")
+    box = entry.get("bbox")
+    person = entry.get("person_id")
+    score = entry.get("score", 1.0)
+    try:
+        values = [float(v) for v in box]  # type: ignore[union-attr]
+        number, certainty = -1 if person is None else int(person), float(score)
+    except (TypeError, ValueError) as error:
+        raise RequestError(f"{where}: expected numbers in bbox, person_id and score, got {box!r}") from error
+    return str(entry["image_id"]), _checked(values, where), number, certainty
+
+
+def _habbof_rows(path: Path) -> list[_Row]:
+    rows: list[_Row] = []
+    for k, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines()):
+        words = line.split()
+        if not words:
+            continue
+        if len(words) != HABBOF_WORDS:
+            raise RequestError(f"{path}:{k + 1}: expected person cx cy w h degrees, got {line[:60]}")
+        try:
+            values = [float(word) for word in words[1:]]
+        except ValueError as error:
+            raise RequestError(f"{path}:{k + 1}: expected five numbers after person, got {line[:60]}") from error
+        rows.append((path.stem, _checked(values, f"{path}:{k + 1}"), -1, 1.0))
+    return rows
+
+
+def _checked(values: Sequence[float], where: str) -> list[float]:
+    if len(values) != 5 or not np.isfinite(values).all() or min(values[2:4]) <= 0:
+        raise RequestError(f"{where}: expected cx, cy, a positive w and h, and degrees, got {list(values)}")
+    return [*values[:4], float(np.radians(values[4]))]
+
+
+def _grouped(rows: Sequence[_Row], names: Sequence[str]) -> dict[str, RotatedBoxes]:
+    grouped: dict[str, list[_Row]] = {name: [] for name in sorted({*names, *(row[0] for row in rows)})}
+    for row in rows:
+        grouped[row[0]].append(row)
+    largest = max((row[2] for row in rows), default=0)
+    result = {}
+    for name, some in grouped.items():
+        boxes = np.array([row[1] for row in some], dtype=np.float64).reshape(-1, 5)
+        boxes[:, 4] = half_turned(boxes[:, 4])
+        ids = np.array([row[2] for row in some], dtype=np.int64)
+        # The second box of a person in one image is somebody of its own.
+        first = np.zeros(len(ids), dtype=np.bool_)
+        first[np.unique(ids, return_index=True)[1]] = True
+        for k in np.flatnonzero(~first & (ids >= 0)):
+            largest += 1
+            ids[k] = largest
+        result[name] = RotatedBoxes(boxes, ids, np.array([row[3] for row in some], dtype=np.float64))
+    return result

@@ -1,0 +1,1 @@
+"""Thesis chapter 4: people under ceiling fisheye cameras."""

@@ -1,0 +1,206 @@
+"""Rendered rooms and all that networks say of them, kept on disk once for every row of the tables."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.rooms.ceiling import (
+    SIZES,
+    Room,
+    RoomClip,
+    RoomSettings,
+    draw_room_frame,
+    plan_room,
+    view_room,
+)
+from tsuiseki.tracking.cameras.lens_files import read_lens
+from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
+from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.pipelines.ceiling import CeilingView, Crops
+from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.trackers.fisheye import FloorDetections
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray
+from tsuiseki.tracking.types.labels import GroundTruth
+
+# Frames per second of the rooms (thesis 4.3.1), and people of each sequence; the small room's vary as in Table 4.2.
+RATE = 15
+PEOPLE: dict[Room, tuple[int, ...]] = {"large": (6,), "small": (4, 10, 3, 6)}
+# Detections below it are not kept.
+LEAST_SCORE = 0.1
+CROPS: tuple[Crops, ...] = ("image", "upright", "standing")
+STAGES = ("detect", "look up", "rectify", "describe")
+
+
+class CpuTimes(StageTimes):
+    """Seconds of the processor instead of the clock, which tells more of the neighbours than of the work."""
+
+    @contextmanager
+    def measure(self, stage: str) -> Iterator[None]:
+        """Add the processor's time inside the ``with`` block to ``stage``."""
+        start = time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.process_time() - start
+
+
+@dataclass(frozen=True)
+class Networks:
+    """Files of the networks."""
+
+    detector: Path
+    appearance: Path
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """One camera of one room.
+
+    Attributes:
+        room: large or small.
+        seed: of the room.
+        camera: 0 or 1.
+        seconds: length.
+        rate: frames per second that are looked at, 1 or 15.
+        calibration: lens file; None takes an equidistant lens.
+    """
+
+    room: Room
+    seed: int
+    camera: int
+    seconds: int
+    rate: Literal[1, 15]
+    calibration: Path | None
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What was seen of a sequence, and the truth of one frame in every second.
+
+    Attributes:
+        rate: frames per second.
+        found: of each frame, without features.
+        features: by kind of crop, of each frame.
+        truth: its frames count seconds.
+        places: ``(R, 2)`` metres, of the truth's rows.
+        seconds: of each stage, over all frames.
+        persons: number of detections.
+    """
+
+    rate: int
+    found: list[FloorDetections]
+    features: dict[str, list[FloatArray]]
+    truth: GroundTruth
+    places: FloatArray
+    seconds: dict[str, float]
+    persons: int
+
+    def described(self, crops: str, least_score: float) -> list[FloorDetections]:
+        """The detections from a score on, with the features of a kind of crop; ``none`` goes without."""
+        result = []
+        for frame, each in enumerate(self.found):
+            kept = each.detections.scores >= least_score
+            detections = each.detections.select(kept)
+            if crops != "none":
+                detections = detections.with_features(self.features[crops][frame][kept])
+            result.append(FloorDetections(detections, each.rotated[kept], each.places[kept]))
+        return result
+
+
+def plan(sequence: Sequence) -> RoomClip:
+    """The room of a sequence; its people walk alike at every rate."""
+    people = PEOPLE[sequence.room]
+    settings = RoomSettings(
+        size=SIZES[sequence.room],
+        frames=sequence.seconds * RATE,
+        frame_rate=float(RATE),
+        people=people[sequence.seed % len(people)],
+    )
+    lens = None if sequence.calibration is None else read_lens(sequence.calibration)
+    return plan_room(settings, 10_000 + sequence.seed, lens)
+
+
+def observe(folder: Path, sequence: Sequence, networks: Networks) -> None:
+    """Render a sequence, run the networks over it, and write what they said to ``folder``."""
+    clip = plan(sequence)
+    view = view_room(clip, sequence.camera)
+    table = build_table(view.camera, clip.floor)
+    appearance = Appearance(networks.appearance, threads=1)
+    views = {
+        crops: CeilingView(view.camera, table, PersonModel(), appearance, crops)
+        for crops in (CROPS if sequence.rate == 1 else CROPS[:2])
+    }
+    detector = Detector(networks.detector, LEAST_SCORE, threads=1)
+    times, unmeasured = CpuTimes(), CpuTimes()
+    rows: dict[str, list[Any]] = {name: [] for name in ("count", "boxes", "scores", "rotated", "places", *views)}
+    labels: dict[str, list[Any]] = {name: [] for name in ("frames", "ids", "boxes", "visibility", "places")}
+    for frame in range(0, clip.settings.frames, RATE // sequence.rate):
+        image, truth = draw_room_frame(clip, view, frame)
+        with times.measure("detect"):
+            found = detector.detect([image])[0]
+        located = views["upright"].locate(found, times)
+        for crops, each in views.items():
+            described = each.describe(image, located, times if crops == "upright" else unmeasured)
+            features = described.detections.features
+            rows[crops].append(np.empty((0, 128)) if features is None else features)
+        for name, values in (("boxes", found.boxes), ("scores", found.scores), ("rotated", located.rotated),
+                             ("places", located.places), ("count", np.array([len(found)]))):  # fmt: skip
+            rows[name].append(values)
+        if frame % RATE == 0:
+            labels["frames"].append(np.full(len(truth.ids), frame // RATE))
+            for name in ("ids", "boxes", "visibility", "places"):
+                labels[name].append(getattr(truth, name))
+    folder.mkdir(parents=True, exist_ok=True)
+    arrays = {name: np.concatenate(values) for name, values in rows.items()}
+    arrays |= {f"truth_{name}": np.concatenate(values) for name, values in labels.items()}
+    arrays |= {f"seconds_{stage}": np.array(times.seconds.get(stage, 0.0)) for stage in STAGES}
+    half = {name: a.astype(np.float16) if name in CROPS else a for name, a in arrays.items()}
+    np.savez_compressed(folder / "observed.npz", rate=sequence.rate, **half)
+
+
+def read_observed(folder: Path) -> Observed:
+    """What `observe` wrote."""
+    with np.load(folder / "observed.npz", allow_pickle=False) as stored:
+        arrays: dict[str, Any] = dict(stored.items())
+    ends = np.cumsum(arrays["count"])[:-1]
+    split = {name: np.split(arrays[name], ends) for name in ("boxes", "scores", "rotated", "places")}
+    found = [
+        FloorDetections(Detections(b, s), r, p)
+        for b, s, r, p in zip(*(split[n] for n in ("boxes", "scores", "rotated", "places")), strict=True)
+    ]
+    features = {n: [_unit(f) for f in np.split(arrays[n], ends)] for n in CROPS if n in arrays}
+    ids = arrays["truth_ids"].astype(np.int64)
+    everyone = np.ones(len(ids), dtype=np.bool_)
+    truth = GroundTruth(
+        arrays["truth_frames"].astype(np.int64), ids, arrays["truth_boxes"], everyone, ~everyone,
+        arrays["truth_visibility"],
+    )  # fmt: skip
+    seconds = {stage: float(arrays[f"seconds_{stage}"]) for stage in STAGES}
+    return Observed(
+        int(arrays["rate"]), found, features, truth, arrays["truth_places"], seconds, int(arrays["count"].sum())
+    )
+
+
+def _unit(features: Any) -> FloatArray:
+    wide = features.astype(np.float64)
+    return np.asarray(wide / np.maximum(np.linalg.norm(wide, axis=1, keepdims=True), 1e-9))
+
+
+def restricted(truth: GroundTruth, rows: IntArray) -> GroundTruth:
+    """Some rows of the truth."""
+    return replace(
+        truth,
+        frames=truth.frames[rows],
+        ids=truth.ids[rows],
+        boxes=truth.boxes[rows],
+        evaluated=truth.evaluated[rows],
+        ignored=truth.ignored[rows],
+        visibility=truth.visibility[rows],
+    )

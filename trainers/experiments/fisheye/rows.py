@@ -1,0 +1,207 @@
+"""The rows of Table 4.3: ways to track that differ in what they match by, with settings selected on validation rooms."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_people
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
+from tsuiseki.tracking.trackers.fisheye import (
+    DEFAULT_FLOW,
+    FisheyeSettings,
+    FisheyeTracker,
+    FloorDetections,
+    FloorFlowSettings,
+    flow_on_floor,
+)
+from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings
+from tsuiseki.tracking.trackers.people import track_people
+from tsuiseki.tracking.trackers.sort import Sort, SortSettings
+from tsuiseki.tracking.types import FloatArray, Track
+from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.trainers.experiments.fisheye.observations import Observed, restricted
+
+# Seconds that all rows keep a track without a detection, and that a new one needs detections in a row.
+PATIENCE, CONFIRM = 3.0, 0.2
+LOOKS_GATES = (0.15, 0.3, 0.5)
+Choice = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One way to track.
+
+    Attributes:
+        name: as in the table.
+        crops: what the looks come from: ``image``, ``upright``, ``standing`` or ``none``.
+        place: ``none``, ``image`` or ``world``.
+        track: detections of a sequence, its rate and a choice of settings to tracks.
+        grid: what the settings are chosen from.
+    """
+
+    name: str
+    crops: str
+    place: str
+    track: Callable[[Sequence[FloorDetections], float, Choice], list[FloorTrack]]
+    grid: Mapping[str, Sequence[float]]
+
+    def choices(self) -> Iterator[Choice]:
+        """Every combination of the grid."""
+        for values in itertools.product(*self.grid.values()):
+            yield dict(zip(self.grid, values, strict=True))
+
+
+def _hungarian(by_looks: bool, by_place: bool) -> Callable[[Sequence[FloorDetections], float, Choice], Any]:
+    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+        settings = FisheyeSettings(
+            by_looks=by_looks, by_place=by_place, confirm=CONFIRM, max_age=PATIENCE, start_score=0.0, **choice
+        )
+        tracker = FisheyeTracker(rate, settings)
+        for each in found:
+            tracker.update(each)
+        return tracker.tracks()
+
+    return track
+
+
+def _lifecycle(rate: float) -> LifecycleSettings:
+    return LifecycleSettings(max(1, round(CONFIRM * rate)), round(PATIENCE * rate), 0.0)
+
+
+def _sort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+    tracker = Sort(SortSettings(min_iou=choice["min_iou"], lifecycle=_lifecycle(rate)))
+    return _with_places(track_people((f.detections for f in found), tracker), found)
+
+
+def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+    settings = DeepSortSettings(
+        feature_gate=choice["feature_gate"],
+        position_gate=choice["position_gate"],
+        reach=choice["reach"],
+        memory=0.7,
+        lifecycle=_lifecycle(rate),
+    )
+    return _with_places(track_people((f.detections for f in found), DeepSort(settings)), found)
+
+
+def _image_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+    gate = GateSettings(round(PATIENCE * rate), choice["reach"], 1.0 / rate, 3.0)
+    settings = FlowSettings(
+        gate=gate, split=None, join=None, gaps=None, smoothing=None, min_detections=max(1, round(CONFIRM * rate))
+    )
+    tracker = FlowTracker(settings, observation=DEFAULT_FLOW.observation)
+    return _with_places(track_people((f.detections for f in found), tracker), found)
+
+
+def _floor_flow(by_place: bool) -> Callable[[Sequence[FloorDetections], float, Choice], Any]:
+    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+        far = {} if by_place else {"reach": 100.0, "noise": 100.0}
+        return flow_on_floor(found, rate, FloorFlowSettings(window=PATIENCE, min_seconds=CONFIRM, **far, **choice))
+
+    return track
+
+
+LOOKS = {"feature_gate": LOOKS_GATES}
+WORLD = {"reach": (0.5, 0.9), "speed": (0.8, 1.4)}
+COSTS = {"appearance": (8.0, 16.0), "neutral": (0.15, 0.3), "bias": (-5.0, -3.0)}
+ROWS: tuple[Row, ...] = (
+    Row("baseline", "image", "none", _hungarian(True, False), LOOKS),
+    Row("SORT", "none", "image", _sort, {"min_iou": (0.02, 0.1, 0.3)}),
+    Row(
+        "DeepSORT", "image", "image", _deepsort,
+        {"feature_gate": LOOKS_GATES, "position_gate": (0.7, 0.95), "reach": (1.0, 3.0)},
+    ),
+    Row("rectification", "upright", "none", _hungarian(True, False), LOOKS),
+    Row("world", "none", "world", _hungarian(False, True), WORLD),
+    Row("both", "upright", "world", _hungarian(True, True), {**LOOKS, **WORLD}),
+    Row("both, standing crops", "standing", "world", _hungarian(True, True), {**LOOKS, **WORLD}),
+    Row("flow: baseline", "image", "none", _floor_flow(False), COSTS),
+    Row("flow: SORT", "none", "image", _image_flow, {"reach": (0.5, 1.0, 2.0)}),
+    Row("flow: DeepSORT", "image", "image", _image_flow, {"reach": (0.5, 1.0, 2.0)}),
+    Row("flow: rectification", "upright", "none", _floor_flow(False), COSTS),
+    Row("flow: world", "none", "world", _floor_flow(True), {"pace": (0.6, 1.2), "noise": (0.15, 0.3)}),
+    Row("flow: both", "upright", "world", _floor_flow(True), {"pace": (0.6, 1.2), **COSTS}),
+)  # fmt: skip
+
+
+def _with_places(tracks: Sequence[Track], found: Sequence[FloorDetections]) -> list[FloorTrack]:
+    """Tracks in the image, with the places of the detections that their boxes overlap most."""
+    result = []
+    for track in tracks:
+        rotated, places = np.zeros((len(track), 5)), np.full((len(track), 2), np.nan)
+        for k, (frame, box) in enumerate(zip(track.frames.tolist(), track.boxes, strict=True)):
+            here = found[frame]
+            if len(here):
+                best = int(iou_matrix(box[None], here.detections.boxes)[0].argmax())
+                rotated[k], places[k] = here.rotated[best], here.places[best]
+        result.append(FloorTrack(track, rotated, places))
+    return result
+
+
+def each_second(tracks: Sequence[FloorTrack], rate: int) -> list[FloorTrack]:
+    """Tracks in the frames that have a truth, counted in seconds."""
+    result = []
+    for t in tracks:
+        kept = t.track.frames % rate == 0
+        if kept.any():
+            track = Track(t.track.id, t.track.frames[kept] // rate, t.track.boxes[kept], t.track.scores[kept])
+            result.append(FloorTrack(track, t.rotated[kept], t.places[kept]))
+    return result
+
+
+def run_row(row: Row, observed: Observed, choice: Choice, least_score: float) -> list[FloorTrack]:
+    """The tracks of a sequence in the seconds that have a truth."""
+    tracks = row.track(observed.described(row.crops, least_score), float(observed.rate), choice)
+    return each_second(tracks, observed.rate)
+
+
+def pair_of(name: str, observed: Observed, tracks: Sequence[FloorTrack], where: Any = None) -> SequencePair:
+    """Truth and tracks of a sequence; ``where`` keeps the boxes ``(N, 4)`` for which it is True."""
+    truth, plain = observed.truth, [t.track for t in tracks]
+    if where is not None:
+        truth = restricted(truth, np.flatnonzero(where(truth.boxes)))
+        kept = [(t, where(t.boxes)) for t in plain]
+        plain = [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t, k in kept if k.any()]
+    return SequencePair(name, truth, plain, len(observed.found) // observed.rate)
+
+
+def score(pairs: Sequence[SequencePair]) -> PeopleScores:
+    """Scores over all sequences together."""
+    return evaluate_people(pairs).combined
+
+
+def select(row: Row, validation: Sequence[Observed], least_score: float) -> tuple[Choice, float]:
+    """The choice of the best MOTA over the validation sequences, and that MOTA."""
+    best: tuple[Choice, float] | None = None
+    for choice in row.choices():
+        pairs = [pair_of(str(k), o, run_row(row, o, choice, least_score)) for k, o in enumerate(validation)]
+        mota = score(pairs).mota
+        if best is None or mota > best[1]:
+            best = choice, mota
+    assert best is not None
+    return best
+
+
+def world_errors(observed: Observed, tracks: Sequence[FloorTrack]) -> FloatArray:
+    """``(M,)`` metres between the places of tracked boxes and of the labelled boxes they overlap by half."""
+    errors: list[float] = []
+    for frame in np.unique(observed.truth.frames):
+        rows = np.flatnonzero(observed.truth.frames == frame)
+        here = [(t, int(k)) for t in tracks for k in np.flatnonzero(t.track.frames == frame)]
+        if not here:
+            continue
+        overlaps = iou_matrix(observed.truth.boxes[rows], np.array([t.track.boxes[k] for t, k in here]))
+        best = overlaps.argmax(axis=1)
+        for row, column in zip(rows[overlaps.max(axis=1) >= 0.5], best[overlaps.max(axis=1) >= 0.5], strict=True):
+            track, k = here[column]
+            errors.append(float(np.linalg.norm(track.places[k] - observed.places[row])))
+    values = np.array(errors, dtype=np.float64)
+    return values[np.isfinite(values)]
