@@ -161,8 +161,8 @@ def observe(folder: Path, sequence: Sequence, networks: Networks) -> None:
     arrays = {name: np.concatenate(values) for name, values in rows.items()}
     arrays |= {f"truth_{name}": np.concatenate(values) for name, values in labels.items()}
     arrays |= {f"seconds_{stage}": np.array(times.seconds.get(stage, 0.0)) for stage in STAGES}
-    half = {name: a.astype(np.float16) if name in CROPS else a for name, a in arrays.items()}
-    np.savez_compressed(folder / "observed.npz", rate=sequence.rate, **half)
+    kept: dict[str, Any] = {name: a.astype(np.float16) if name in CROPS else a for name, a in arrays.items()}
+    np.savez_compressed(folder / "observed.npz", **kept, rate=np.array(sequence.rate))
 
 
 def read_observed(folder: Path) -> Observed:
@@ -175,7 +175,9 @@ def read_observed(folder: Path) -> Observed:
         FloorDetections(Detections(b, s), r, p)
         for b, s, r, p in zip(*(split[n] for n in ("boxes", "scores", "rotated", "places")), strict=True)
     ]
-    features = {n: [_unit(f) for f in np.split(arrays[n], ends)] for n in CROPS if n in arrays}
+    features: dict[str, list[FloatArray]] = {
+        n: [_unit(f) for f in np.split(arrays[n], ends)] for n in CROPS if n in arrays
+    }
     ids = arrays["truth_ids"].astype(np.int64)
     everyone = np.ones(len(ids), dtype=np.bool_)
     truth = GroundTruth(

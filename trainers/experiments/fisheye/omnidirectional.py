@@ -288,8 +288,8 @@ def _tables(values: Mapping[str, Any]) -> list[Table]:
         if n in PAPER_STAGES else [n, "", "", *(f"{stages[room][n]:.2f}" for room in ROOMS)]
         for n in names
     ]  # fmt: skip
-    columns = ("stage", "large, thesis", "small, thesis", "large", "small")
-    tables.append(Table("Table 4.5: milliseconds a frame", columns, lines))
+    headings = ("stage", "large, thesis", "small, thesis", "large", "small")
+    tables.append(Table("Table 4.5: milliseconds of the processor a frame", headings, lines))
     return tables
 
 

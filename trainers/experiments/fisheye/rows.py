@@ -1,4 +1,4 @@
-"""The rows of Table 4.3: ways to track that differ in what they match by, with settings selected on validation rooms."""
+"""The rows of Table 4.3: ways to track that differ in what they match by, their settings selected on other rooms."""
 
 from __future__ import annotations
 
@@ -103,8 +103,8 @@ def _image_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -
 
 def _floor_flow(by_place: bool) -> Callable[[Sequence[FloorDetections], float, Choice], Any]:
     def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-        far = {} if by_place else {"reach": 100.0, "noise": 100.0}
-        return flow_on_floor(found, rate, FloorFlowSettings(window=PATIENCE, min_seconds=CONFIRM, **far, **choice))
+        far: dict[str, Any] = {} if by_place else {"reach": 100.0, "noise": 100.0}
+        return flow_on_floor(found, rate, FloorFlowSettings(window=PATIENCE, min_seconds=CONFIRM, **(far | choice)))
 
     return track
 
