@@ -22,7 +22,7 @@ from tsuiseki.tracking.video import Source, open_source
 def follow(
     source: str | Path | int,
     box: Sequence[float] | ArrayLike | None = None,
-    method: SingleMethod | SingleTracker = "kcf-particle",
+    method: SingleMethod | SingleTracker = "combined",
     *,
     preset: Preset = "robust",
     frames: str | None = None,
@@ -35,9 +35,10 @@ def follow(
             webcam or the address of a stream.
         box: ``(4,)`` the target in the first frame, x1, y1, x2, y2 in 0-based pixels; a labelled sequence folder has
             its own.
-        method: ``kcf-particle`` is a correlation filter that particles help when the target is hidden or changes;
-            ``kcf`` is the filter alone, and faster; or a tracker of one target.
-        preset: constants of the two: ``robust`` suits most videos; ``thesis`` and ``paper`` (``kcf`` only) are the
+        method: ``combined`` is a correlation filter with colours and sizes that particles help when the target is
+            hidden; ``kcf`` is a plain filter, and faster; ``kcf-particle`` is the thesis's way of joining filter and
+            particles; or a tracker of one target.
+        preset: constants of the last two: ``robust`` is ours; ``thesis`` and ``paper`` (``kcf`` only) are the
             published ones.
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         seed: of all random numbers.
@@ -70,6 +71,8 @@ def single_tracker(method: SingleMethod | SingleTracker, preset: Preset = "robus
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     if preset not in get_args(Preset) or (preset == "paper" and method != "kcf"):
         raise RequestError(f"expected the preset robust or thesis, or paper with the method kcf, got {preset!r}")
+    if preset != "robust" and method not in ("kcf", "kcf-particle"):
+        raise RequestError(f"expected the preset {preset} with the methods kcf or kcf-particle, got {method}")
     return make_tracker(method, preset, seed=seed)
 
 

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.colour_particle import ColourParticle
+from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.trackers.single.gradient import MeanShift, MedianFlow, Mil
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
@@ -15,8 +16,11 @@ from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THES
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.matching import HistogramMatching, TemplateMatching
 from tsuiseki.tracking.trackers.single.mosse import Mosse
+from tsuiseki.tracking.trackers.single.regularised import RegularisedTracker
 
 SingleMethod = Literal[
+    "combined",
+    "regularised",
     "kcf-particle",
     "kcf",
     "csk",
@@ -44,10 +48,13 @@ def make_tracker(
     Args:
         method: one of `METHODS`.
         preset: constants of ``kcf`` and ``kcf-particle``: ours, the thesis's, or (``kcf``) those of the KCF paper.
-        scale_search: whether those two try other sizes; by default as the preset says.
+        scale_search: whether those two, ``combined`` and ``regularised`` try other sizes; by default as the preset
+            says, and for the last two they do.
         seed: of its random numbers.
     """
     makers: dict[SingleMethod, Callable[[], SingleTracker]] = {
+        "combined": lambda: Combined(_combined_settings(scale_search), seed),
+        "regularised": lambda: RegularisedTracker(_combined_settings(scale_search).filter, seed),
         "kcf-particle": lambda: KcfParticle(_particle_settings(preset, scale_search), seed),
         "kcf": lambda: KcfTracker(_sized(KCF_PRESETS[preset], scale_search), seed=seed),
         "csk": lambda: KcfTracker(kcf.CSK, seed=seed),
@@ -73,6 +80,11 @@ def _sized(settings: kcf.KcfSettings, scale_search: bool | None) -> kcf.KcfSetti
     if scale_search is None:
         return settings
     return replace(settings, scale_step=kcf.KcfSettings().scale_step if scale_search else 1.0)
+
+
+def _combined_settings(scale_search: bool | None) -> CombinedSettings:
+    settings = CombinedSettings()
+    return settings if scale_search in (None, True) else replace(settings, filter=replace(settings.filter, sizes=1))
 
 
 def _particle_settings(preset: Preset, scale_search: bool | None) -> KcfParticleSettings:

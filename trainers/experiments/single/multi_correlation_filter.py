@@ -13,12 +13,12 @@ from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
-from tsuiseki.trainers.experiments.single import comparison, plots
+from tsuiseki.trainers.experiments.single import comparison, plots, unseen
 from tsuiseki.trainers.experiments.single.comparison import GAINS, SWEEPS, Repeated, Sweep
 from tsuiseki.trainers.experiments.single.runs import Clip, generated_clips, load
 from tsuiseki.trainers.experiments.single.search_intervals import Intervals, intervals, one_pass
 
-PARTS = ("sweeps", "comparison", "additions", "intervals", "pictures")
+PARTS = ("unseen", "sweeps", "comparison", "additions", "intervals", "pictures")
 PUBLISHED = ("CSK", "VTS", "Struck", "MIL", "TLD", "SCM")
 # Areas of Fig. 3.9 that the text gives, percent.
 PAPER = {"KCF, fixed size": "38.38", "combined, thesis": "40.64"}
@@ -44,8 +44,9 @@ def reproduce(
         data: folders of sequences (OTB, VOT, UAV123), separated by commas; by default four generated chases.
         attributes: OTB's list of attributes; only sequences in it are used.
         published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
-        parts: sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Figs. 3.9, 3.11, and by sequence), additions (ours without
-            one of them at a time), intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
+        parts: unseen (the gain over KCF where no setting was chosen), sweeps (Figs. 3.6-3.8, Table 3.4), comparison
+            (Figs. 3.9, 3.11, and by sequence), additions (kcf-particle's `robust` without one of them at a time),
+            intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
 
@@ -62,6 +63,8 @@ def reproduce(
     names = [clip.sequence.name for clip in clips]
     values: dict[str, Any] = {"sequences": names, "seeds": seeds, "sweep_seeds": sweep_seeds}
     found: list[Outcome] = []
+    if "unseen" in parts:
+        found.append(unseen.unseen(bench.store, clips, range(seeds)))
     if "sweeps" in parts:
         found.append(_sweeps(bench, clips, range(sweep_seeds)))
     if "comparison" in parts:
@@ -97,6 +100,8 @@ def _jobs(
 ) -> list[Callable[[], object]]:
     """Every pass that the parts ask for."""
     store, jobs = bench.store, list[Callable[[], object]]()
+    if "unseen" in parts and len(clips) > 1:
+        jobs += comparison.passes(store, clips, unseen.entrants(), range(seeds))
     if "sweeps" in parts:
         entrants = [sweep.settings(value) for sweep in SWEEPS for value in sweep.values]
         jobs += comparison.passes(store, clips, entrants, range(sweep_seeds))

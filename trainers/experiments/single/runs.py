@@ -13,12 +13,14 @@ import numpy as np
 from tsuiseki.datamodules.scenes.street.chase import render_chase
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
+from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf import KcfSettings
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import KcfParticleSettings
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.methods import SingleMethod, make_tracker
+from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video import read_image
 from tsuiseki.trainers.experiments.store import Store
@@ -54,20 +56,24 @@ def generated_clips(count: int) -> list[Clip]:
     return clips
 
 
-Entrant: TypeAlias = KcfParticleSettings | KcfSettings | SingleMethod
-"""A tracker of an experiment: the combined one, the correlation filter alone, or a tracker of chapter 2."""
+Entrant: TypeAlias = CombinedSettings | KcfParticleSettings | RegularisedSettings | KcfSettings | SingleMethod
+"""A tracker of an experiment: ours, the thesis's, their filters alone, or a tracker of chapter 2."""
 
 
 def start(entrant: Entrant, seed: int) -> SingleTracker:
     """A new tracker."""
+    if isinstance(entrant, CombinedSettings):
+        return Combined(entrant, seed)
     if isinstance(entrant, KcfParticleSettings):
         return KcfParticle(entrant, seed)
+    if isinstance(entrant, RegularisedSettings):
+        return RegularisedTracker(entrant)
     return KcfTracker(entrant) if isinstance(entrant, KcfSettings) else make_tracker(entrant, seed=seed)
 
 
 def seeds_of(entrant: Entrant, seeds: Sequence[int]) -> Sequence[int]:
     """The seeds that make a difference: one where a tracker draws no random numbers."""
-    drawing = isinstance(entrant, KcfParticleSettings) or entrant == "colour-particle"
+    drawing = isinstance(entrant, CombinedSettings | KcfParticleSettings) or entrant == "colour-particle"
     return seeds if drawing else seeds[:1]
 
 

@@ -10,12 +10,14 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.filters.correlation import respond
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.trackers.single import kcf
+from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings, Evidence
 from tsuiseki.tracking.trackers.single.interface import follow_target
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.matching import MEASURES, active_search, colour_bins, match
 from tsuiseki.tracking.trackers.single.methods import METHODS, make_tracker
+from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.types import Frame
 
 SIZE = (160, 200)
@@ -109,7 +111,18 @@ def test_a_constant_image_breaks_nothing(method):
 
 
 @pytest.mark.parametrize(
-    "method", ["kcf-particle", "kcf", "mosse", "template", "histogram", "colour-particle", "medianflow"]
+    "method",
+    [
+        "combined",
+        "regularised",
+        "kcf-particle",
+        "kcf",
+        "mosse",
+        "template",
+        "histogram",
+        "colour-particle",
+        "medianflow",
+    ],
 )
 def test_a_target_may_leave_the_image_in_part(method):
     images, boxes = clip(np.column_stack([np.linspace(150, 195, 16), np.full(16, 70.0)]))
@@ -241,6 +254,87 @@ def test_a_wider_search_finds_a_target_that_jumped():
 def test_the_same_seed_gives_the_same_boxes():
     images, boxes = clip(walk(25), hidden=range(12, 16))
     first, second = (run(KcfParticle(ROBUST, seed=3), images, boxes[0]) for _ in range(2))
+    assert [s.box.tolist() for s in first] == [s.box.tolist() for s in second]
+
+
+@pytest.mark.parametrize("growth", [0.6, 1.7])
+def test_the_regularised_filter_follows_growing_and_shrinking(growth):
+    sizes = growth ** np.linspace(0, 1, 50)
+    images, boxes = clip(np.column_stack([np.linspace(70, 130, 50), np.full(50, 80.0)]), sizes=sizes)
+    tracker = RegularisedTracker()
+    run(tracker, images, boxes[0])
+    # as above: sizes are 3 % apart, and what was learnt of the sizes before holds them back
+    assert tracker.target.size == pytest.approx(growth, rel=0.15)
+
+
+def test_one_size_is_kept_where_no_others_are_tried():
+    images, boxes = clip(walk(10))
+    for seen in run(RegularisedTracker(RegularisedSettings(sizes=1)), images, boxes[0]):
+        np.testing.assert_allclose(seen.box[2:] - seen.box[:2], boxes[0, 2:] - boxes[0, :2])
+
+
+@pytest.mark.parametrize(("width", "height"), [(6, 9), (24, 36), (300, 450), (4, 40), (900, 30)])
+def test_the_regularised_window_does_not_grow_with_the_target(width, height):
+    model = Model.of(RegularisedSettings(), width, height)
+    assert max(model.shape) == 24
+    assert min(model.shape) >= 4
+    assert (np.array(model.shape[::-1]) * model.cell_pixels(1) >= [width, height]).all()
+
+
+def test_the_combined_tracker_without_doubt_is_its_filter():
+    images, boxes = clip(walk(20))
+    combined = Combined(CombinedSettings(doubt=0.0))
+    alone = RegularisedTracker()
+    for a, b in zip(run(combined, images, boxes[0]), run(alone, images, boxes[0]), strict=True):
+        np.testing.assert_array_equal(a.box, b.box)
+    assert combined.searched_frames == 0
+
+
+def test_the_combined_tracker_says_that_a_hidden_target_is_lost_and_when_it_is_back():
+    images, boxes = clip(walk(44, 2.0), hidden=range(15, 25))
+    seen = run(Combined(), images, boxes[0])
+    statuses = [s.status for s in seen]
+    assert set(statuses[:13]) == {"tracking"}
+    assert statuses[15] == "searching"
+    assert statuses[22] == "lost"
+    assert statuses[-1] == "tracking"
+    assert iou_pairs(seen[-1].box, boxes[-1]) > 0.6
+
+
+def test_particles_take_the_combined_tracker_to_a_target_that_jumped():
+    """It jumps four of its widths, beyond the window of its filter."""
+    path = np.concatenate([np.tile([[50.0, 80.0]], (12, 1)), np.tile([[145.0, 80.0]], (14, 1))])
+    images, boxes = clip(path)
+    assert overlaps(run(RegularisedTracker(), images, boxes[0]), boxes)[-1] == 0
+    assert overlaps(run(Combined(CombinedSettings(reach=2)), images, boxes[0]), boxes)[-1] > 0.6
+
+
+def test_doubt_needs_both_witnesses():
+    tracker = Combined()
+    images, boxes = clip(walk(12))
+    run(tracker, images, boxes[0])
+    peak, colour = np.median(tracker._evidence.peaks), np.median(tracker._evidence.colours)
+    for peak_share, colour_share, doubts in [(0.5, 0.9, True), (0.5, 1.0, False), (0.7, 0.9, False)]:
+        found = replace(tracker.target, peak=peak * peak_share, colour_score=colour * colour_share)
+        assert tracker._doubts(found) == doubts
+
+
+def test_the_first_frames_are_no_evidence():
+    target = replace(_started().target, peak=0.01, colour_score=0.01)
+    assert Evidence((0.5,) * 4, (0.5,) * 4).shares(target) == (1.0, 1.0)
+    assert Evidence((0.5,) * 5, (0.5,) * 5).shares(target) == pytest.approx((0.02, 0.02))
+
+
+def _started():
+    images, boxes = clip(walk(2))
+    tracker = Combined()
+    tracker.start(images[0], boxes[0])
+    return tracker
+
+
+def test_the_same_seed_gives_the_same_boxes_of_the_combined_tracker():
+    images, boxes = clip(walk(30), hidden=range(12, 20))
+    first, second = (run(Combined(seed=3), images, boxes[0]) for _ in range(2))
     assert [s.box.tolist() for s in first] == [s.box.tolist() for s in second]
 
 

@@ -1,0 +1,74 @@
+"""A correlation filter over sizes: which of several sizes of the target fits the present frame.
+
+Danelljan et al., "Accurate scale estimation for robust visual tracking", BMVC 2014 (DSST), section 3.2. A sample is a
+row of features for each of S sizes of the target's box, cut at one size; the filter is a ridge regression over cyclic
+shifts in size, as numerator and denominator that are running means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.types import FloatArray
+
+Complex2D = NDArray[np.complex64]
+_REGULARISATION = 0.01
+_LABEL_WIDTH = 0.25  # of the wanted response, times the square root of the number of sizes
+
+
+@dataclass(frozen=True)
+class ScaleFilter:
+    """Numerator and denominator, eq. (3) and (4).
+
+    Attributes:
+        numerator: ``(S, D)``.
+        denominator: ``(S,)``, not negative.
+    """
+
+    numerator: Complex2D
+    denominator: NDArray[np.float32]
+
+    @classmethod
+    def learn(cls, sample: FloatArray | NDArray[np.float32]) -> ScaleFilter:
+        """From features ``(S, D)``, the middle row at the right size."""
+        spectrum = _spectrum(sample)
+        numerator = spectrum.conj() * _wanted(len(sample))[:, None]
+        return cls(numerator, (spectrum.real**2 + spectrum.imag**2).sum(axis=1))
+
+    def blend(self, new: ScaleFilter, rate: float) -> ScaleFilter:
+        """Moved towards ``new`` by ``rate`` in [0, 1]."""
+        share = np.float32(rate)
+        return ScaleFilter(
+            self.numerator + share * (new.numerator - self.numerator),
+            self.denominator + share * (new.denominator - self.denominator),
+        )
+
+    def respond(self, sample: FloatArray | NDArray[np.float32]) -> FloatArray:
+        """``(S,)`` response to features ``(S, D)``, in the order of the sizes; eq. (6)."""
+        spectrum = (self.numerator * _spectrum(sample)).sum(axis=1)
+        least = _REGULARISATION * self.numerator.shape[1]
+        return np.asarray(np.fft.fftshift(np.fft.ifft(spectrum / (self.denominator + least)).real))
+
+
+def best_size(response: FloatArray, step: float) -> float:
+    """Factor on the size where the response over sizes ``step ** k`` is greatest, between sizes by a parabola."""
+    k = int(np.argmax(response))
+    offset = float(k - len(response) // 2)
+    if 0 < k < len(response) - 1:
+        curvature = 2 * response[k] - response[k - 1] - response[k + 1]
+        offset += 0.5 * (response[k + 1] - response[k - 1]) / curvature if curvature > 1e-9 else 0.0
+    return float(step**offset)
+
+
+def _spectrum(sample: FloatArray | NDArray[np.float32]) -> Complex2D:
+    taper = np.hanning(len(sample) + 2)[1:-1, None].astype(np.float32)
+    return np.asarray(np.fft.fft(sample * taper, axis=0), dtype=np.complex64)
+
+
+def _wanted(count: int) -> Complex2D:
+    offset = np.arange(count) - count // 2
+    label = np.exp(-0.5 * (offset / (_LABEL_WIDTH * np.sqrt(count))) ** 2)
+    return np.asarray(np.fft.fft(np.fft.ifftshift(label)), dtype=np.complex64)

@@ -1,0 +1,233 @@
+"""The combined tracker, ours: a strong filter goes on, and particles challenge it where it is in doubt.
+
+Thesis chapter 3 hands the target over to particles as soon as the filter's response is low. On videos that its settings
+have not seen this loses more than it saves: most doubts are short and the filter gets over them. So here
+
+* the filter is `regularised`, which knows the target's colours and size;
+* doubt needs two witnesses, a response and colours that are low by their own running medians, and ends later than it
+  begins (hysteresis);
+* in doubt the filter goes on and learns the slower, the lower its response; it stays one hypothesis to the end;
+* the particles of 3.2.3 to 3.2.5, each a place and the number of a filter (the present one, the first one, stored
+  ones), look for the target all around. Where the best one's response is higher elsewhere for several frames in a
+  row, the target is taken to be there, with that filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsuiseki.tracking.filters.base import bootstrap
+from tsuiseki.tracking.filters.correlation import ComplexArray
+from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
+from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak
+from tsuiseki.tracking.likelihoods.response import ResponseMaps
+from tsuiseki.tracking.trackers.single import regularised
+from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
+from tsuiseki.tracking.trackers.single.particles import random_walk
+from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, Target
+from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+
+
+@dataclass(frozen=True)
+class CombinedSettings:
+    """Constants.
+
+    Attributes:
+        filter: of the filter that goes on alone.
+        doubt: share of its running median under which a response is low, where the colours are low, too.
+        colour_doubt: likewise for the colours.
+        sure: share of its running median from which on a response ends the doubt.
+        memory: frames of the running medians.
+        doubtful_rate: speed of learning at the beginning of a doubt, in [0, 1].
+        hidden: share of the running median under which a response says that the target is hidden: nothing is learnt.
+        lost_after: frames of doubt after which the target counts as lost.
+        stored: filters kept from frames without doubt, beside the first frame's.
+        store_interval: frames between them.
+        particles: N.
+        reach: windows searched to each side of the one about the target; 1 gives 3 x 3.
+        spread: standard deviation of the particles' step, as a share of the target's sides.
+        sharpness: factor on the response in the log-likelihood.
+        margin: how much more than the filter's a challenger's response must be.
+        wins: frames in a row in which it must be.
+    """
+
+    filter: RegularisedSettings = field(default_factory=RegularisedSettings)
+    doubt: float = 0.6
+    colour_doubt: float = 0.95
+    sure: float = 0.75
+    memory: int = 50
+    doubtful_rate: float = 0.25
+    hidden: float = 0.4
+    lost_after: int = 5
+    stored: int = 3
+    store_interval: int = 25
+    particles: int = 200
+    reach: int = 1
+    spread: float = 0.25
+    sharpness: float = 20.0
+    margin: float = 0.1
+    wins: int = 3
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Responses and colour scores of frames without doubt, newest last, at most ``memory`` of them."""
+
+    peaks: tuple[float, ...] = ()
+    colours: tuple[float, ...] = ()
+
+    def add(self, target: Target, memory: int) -> Evidence:
+        """With one more frame."""
+        return Evidence((*self.peaks, target.peak)[-memory:], (*self.colours, target.colour_score)[-memory:])
+
+    def shares(self, target: Target) -> tuple[float, float]:
+        """Response and colour score of ``target`` over their medians; 1 until five frames are known."""
+        if len(self.peaks) < 5:
+            return 1.0, 1.0
+        return (
+            target.peak / max(float(np.median(self.peaks)), 1e-6),
+            target.colour_score / max(float(np.median(self.colours)), 1e-6),
+        )
+
+
+@dataclass(frozen=True)
+class Challenge:
+    """The particles of a doubt, and for how many frames in a row their place has been better."""
+
+    state: ParticleState
+    wins: int = 0
+
+
+class Combined:
+    """The combined tracker of one target; the score is the response at the target.
+
+    Attributes:
+        settings: constants.
+        target: where the target is, and the filter that tracks alone.
+        doubted: for how many frames in a row the filter has been in doubt.
+        searched_frames: in how many frames particles ran.
+    """
+
+    def __init__(self, settings: CombinedSettings | None = None, seed: int = 0) -> None:
+        self.settings = settings or CombinedSettings()
+        self._rng = np.random.default_rng(seed)
+
+    def start(self, image: ImageArray, box: FloatArray) -> None:
+        """See `SingleTracker.start`."""
+        width, height = (box[2:] - box[:2]).tolist()
+        self._model = Model.of(self.settings.filter, width, height)
+        self.target = regularised.start(self._model, image, box_centre(np.asarray(box)))
+        self._first = self.target.filters
+        self._stored: list[ComplexArray] = []
+        self._evidence = Evidence()
+        self._challenge: Challenge | None = None
+        self._frame = self.doubted = self.searched_frames = 0
+
+    def follow(self, image: ImageArray) -> TargetState:
+        """See `SingleTracker.follow`."""
+        self._frame += 1
+        found = regularised.locate(self._model, self.target, image)
+        if self._doubts(found):
+            self._go_on_in_doubt(image, found)
+        else:
+            self._go_on(image, found)
+        return TargetState(self._model.box(self.target.centre, self.target.size), self.target.peak, self._status())
+
+    def _doubts(self, found: Target) -> bool:
+        response, colours = self._evidence.shares(found)
+        if self.doubted:
+            return response < self.settings.sure
+        return response < self.settings.doubt and colours < self.settings.colour_doubt
+
+    def _go_on(self, image: ImageArray, found: Target) -> None:
+        self.target = regularised.update(self._model, found, image)
+        self._evidence = self._evidence.add(found, self.settings.memory)
+        self.doubted, self._challenge = 0, None
+        if self._frame % self.settings.store_interval == 0:
+            self._store()
+
+    def _go_on_in_doubt(self, image: ImageArray, found: Target) -> None:
+        if not self.doubted:
+            self._store()  # the last filter from before the doubt
+        self.doubted += 1
+        self.searched_frames += 1
+        rate = self._rate(self._evidence.shares(found)[0])
+        self.target = regularised.update(self._model, found, image, rate) if rate > 0 else found
+        self._search(image)
+
+    def _rate(self, share: float) -> float:
+        """Speed of learning in doubt: in full at ``doubt``, none at ``hidden``."""
+        settings = self.settings
+        certainty = (share - settings.hidden) / max(settings.doubt - settings.hidden, 1e-6)
+        return settings.doubtful_rate * float(np.clip(certainty, 0, 1))
+
+    def _store(self) -> None:
+        self._stored = [*self._stored, self.target.filters][-self.settings.stored :]
+
+    def _search(self, image: ImageArray) -> None:
+        """One frame of the particles; where they have won often enough, the target is theirs."""
+        settings, target = self.settings, self.target
+        bank = np.stack([target.filters, self._first, *self._stored])
+        maps = self._maps(image, bank)
+        deviation = self._model.target * target.size * settings.spread
+        particle_filter = ParticleFilter(bootstrap(random_walk(deviation)), self._log_likelihood, threshold=1.0)
+        before = self._challenge or Challenge(particle_filter.init(self._draw(maps)))
+        state, _ = particle_filter.step(before.state, maps, self._rng)
+        heaviest = state.particles[int(np.argmax(state.log_weights))]
+        number = int(heaviest[2])
+        place, response = self._look(image, heaviest[:2], bank[number])
+        elsewhere = bool((np.abs(place - target.centre) > 0.5 * self._model.target * target.size).any()) or number > 0
+        plausible = self._evidence.shares(replace(target, peak=response))[0] >= settings.hidden
+        won = elsewhere and plausible and response > target.peak + settings.margin
+        self._challenge = Challenge(state, before.wins + 1 if won else 0)
+        if self._challenge.wins >= settings.wins:
+            extent = np.array([image.shape[1], image.shape[0]], dtype=np.float64)
+            self.target = replace(target, centre=np.clip(place, 0, extent), filters=bank[number], peak=response)
+            self.doubted, self._challenge = 0, None
+
+    def _look(self, image: ImageArray, place: FloatArray, filters: ComplexArray) -> tuple[FloatArray, float]:
+        """Place and response of the maximum about ``place``, in a window of its own as the filter alone has one."""
+        response, _ = regularised.responses(self._model, replace(self.target, centre=place, filters=filters), image)
+        shift, value = peak(response)
+        return place + shift * self._model.cell_pixels(self.target.size), value
+
+    def _maps(self, image: ImageArray, bank: ComplexArray) -> ResponseMaps:
+        """Responses of all filters in the windows about the target that lie in the image."""
+        model, target = self._model, self.target
+        step = np.array(model.shape[::-1]) * model.cell_pixels(target.size) / 2
+        offsets = np.arange(-self.settings.reach, self.settings.reach + 1)
+        grid = np.array([(x, y) for y in offsets for x in offsets])
+        centres = target.centre + grid[np.argsort((grid**2).sum(axis=1), kind="stable")] * step
+        inside = np.all((centres >= 0) & (centres <= [image.shape[1], image.shape[0]]), axis=1)
+        centres = centres[inside | (np.arange(len(centres)) == 0)]
+        maps = [regularised.responses(model, replace(target, centre=c), image, bank)[0] for c in centres]
+        return ResponseMaps(np.stack(maps), centres, model.cell_pixels(target.size))
+
+    def _draw(self, maps: ResponseMaps) -> FloatArray:
+        """``(N, 3)`` particles at the highest maxima of all filters, by their likelihood."""
+        places, heights = [], []
+        for window, number in np.ndindex(maps.maps.shape[:2]):
+            shifts, values = local_maxima(maps.maps[window, number], 3)
+            numbers = np.full(len(shifts), float(number))
+            places.append(np.column_stack([maps.centres[window] + shifts * maps.cell, numbers]))
+            heights.append(values)
+        everywhere = np.concatenate(places)
+        if not len(everywhere):  # a flat response has no maximum
+            return np.tile([*self.target.centre, 0.0], (self.settings.particles, 1))
+        height = np.concatenate(heights)
+        weights = np.exp(self.settings.sharpness * (height - height.max()))
+        return np.asarray(
+            everywhere[self._rng.choice(len(everywhere), self.settings.particles, p=weights / weights.sum())]
+        )
+
+    def _log_likelihood(self, particles: FloatArray, maps: ResponseMaps) -> FloatArray:
+        """Equation (3.4), its response joined with the colours and in the exponent."""
+        numbers = np.minimum(particles[:, 2].astype(np.int64), maps.maps.shape[1] - 1)
+        return self.settings.sharpness * maps.at(particles[:, :2], numbers)
+
+    def _status(self) -> Status:
+        if self.doubted == 0:
+            return "tracking"
+        return "searching" if self.doubted <= self.settings.lost_after else "lost"

@@ -1,0 +1,312 @@
+"""A correlation filter with memory, colours and a filter over sizes: the filter of the combined tracker.
+
+Three parts that are published apart: where the target is, a filter of the target alone in a wide window
+(`filters.regularised_correlation`: Li 2018, Galoogahi 2017); the colours of its pixels (`likelihoods.pixel_colour`:
+Bertinetto 2016); how large it is, a filter over sizes (`filters.scale_filter`: Danelljan 2014). The response of a place
+is
+
+    (1 - share) * filter + share * mean colour probability,
+
+that of a size the size filter's and the contrast of colours between the box and a frame around it. Nothing is trained.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.features.hog import hog
+from tsuiseki.tracking.features.windows import cut
+from tsuiseki.tracking.filters.correlation import (
+    ComplexArray,
+    Float32Array,
+    cosine_window,
+    gaussian_labels,
+    transform,
+)
+from tsuiseki.tracking.filters.regularised_correlation import RegularisedLearning, learn, respond, support_mask
+from tsuiseki.tracking.filters.scale_filter import ScaleFilter, best_size
+from tsuiseki.tracking.likelihoods.peaks import peak
+from tsuiseki.tracking.likelihoods.pixel_colour import PixelColour, shift_response, size_contrast
+from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
+from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+
+CELL = 4  # template pixels
+_LEAST_CELLS = 4
+
+
+@dataclass(frozen=True)
+class RegularisedSettings:
+    """Constants.
+
+    Attributes:
+        padding: side of the square window over the geometric mean of the target's sides, > 1.
+        cells: along the window's longer side.
+        label_sigma: of the wanted response, as a share of the geometric mean of the target's sides.
+        learning: of the filter.
+        colour_share: of the colours in the response of a place, in [0, 1].
+        colour_rate: share of a new frame in the histograms, in [0, 1].
+        sizes: how many are tried in a frame, odd; 1 keeps the first size.
+        size_step: ratio of neighbouring sizes.
+        size_change: greatest factor on the size in a frame.
+        size_rate: share of a new frame in the size filter, in [0, 1].
+        size_colour: weight of the contrast of colours beside the size filter's response.
+        size_area: pixels of the template of the size filter.
+        smallest: least size relative to the first.
+        largest: greatest size relative to the first.
+        lost_below: response under which the target counts as lost; the filter goes on all the same.
+    """
+
+    padding: float = 3.0
+    cells: int = 24
+    label_sigma: float = 1 / 16
+    learning: RegularisedLearning = field(default_factory=RegularisedLearning)
+    colour_share: float = 0.3
+    colour_rate: float = 0.04
+    sizes: int = 11
+    size_step: float = 1.03
+    size_change: float = 1.06
+    size_rate: float = 0.025
+    size_colour: float = 2.0
+    size_area: float = 512.0
+    smallest: float = 0.2
+    largest: float = 5.0
+    lost_below: float = 0.25
+
+
+@dataclass(frozen=True)
+class Model:
+    """What is fixed for one target.
+
+    Attributes:
+        settings: constants.
+        target: ``(2,)`` first width and height, pixels.
+        scale: image pixels per template pixel at the first size.
+        shape: rows and columns of the window, cells.
+        taper: ``shape`` cosine window.
+        wanted: spectrum of the wanted response.
+        support: ``shape``, see `regularised_correlation.learn`.
+        to_centre: phases that bring the middle of a window to shift zero.
+        size_template: ``(2,)`` width and height of the size filter's template, pixels, multiples of `CELL`.
+    """
+
+    settings: RegularisedSettings
+    target: FloatArray
+    scale: float
+    shape: tuple[int, int]
+    taper: Float32Array
+    wanted: ComplexArray
+    support: Float32Array
+    to_centre: ComplexArray
+    size_template: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, settings: RegularisedSettings, width: float, height: float) -> Model:
+        """For a target of ``width`` x ``height`` pixels in its first frame."""
+        target = np.array([width, height], dtype=np.float64)
+        # A square window: thin targets move as far sideways as lengthwise. It always holds the target.
+        sides = np.maximum(settings.padding * np.sqrt(width * height), 1.5 * target)
+        scale = float(sides.max()) / (settings.cells * CELL)
+        columns, rows = (max(_LEAST_CELLS, 2 * round(float(side) / (2 * CELL * scale))) for side in sides)
+        wide, high = target / (scale * CELL)
+        to_centre = np.exp(
+            2j * np.pi * (np.fft.fftfreq(rows)[:, None] * (rows // 2) + np.fft.rfftfreq(columns)[None] * (columns // 2))
+        )
+        template = np.maximum(np.round(target * np.sqrt(settings.size_area / target.prod()) / CELL), 2) * CELL
+        return cls(
+            settings,
+            target,
+            scale,
+            (rows, columns),
+            cosine_window((rows, columns)),
+            gaussian_labels((rows, columns), float(np.sqrt(wide * high)) * settings.label_sigma),
+            support_mask((rows, columns), float(high), float(wide)),
+            to_centre.astype(np.complex64),
+            template.astype(np.int64),
+        )
+
+    def cell_pixels(self, size: float) -> float:
+        """Side of a cell in image pixels for a target of relative ``size``."""
+        return CELL * self.scale * size
+
+    def box(self, centre: FloatArray, size: float) -> FloatArray:
+        """``(4,)`` corners."""
+        half = self.target * size / 2
+        return np.concatenate([centre - half, centre + half])
+
+    def patch(self, image: ImageArray, centre: FloatArray, size: float) -> ImageArray:
+        """``(H, W, 3)`` template pixels of the window around ``centre``, with a border of one cell."""
+        rows, columns = self.shape
+        width, height = (columns + 2) * CELL, (rows + 2) * CELL
+        return np.asarray(cut(image, centre[None], np.array([self.scale * size]), width, height)[0])
+
+    def describe(self, patch: ImageArray) -> ComplexArray:
+        """``(32, rows, columns // 2 + 1)`` spectrum of gradients and brightness, target at shift zero."""
+        rows, columns = self.shape
+        grey = cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY)[CELL:-CELL, CELL:-CELL].astype(np.float32) / 255 - 0.5
+        brightness = grey.reshape(rows, CELL, columns, CELL).mean(axis=(1, 3))
+        features = np.concatenate([hog(patch[None], CELL)[0], brightness[None]]) * self.taper
+        features /= np.sqrt((features**2).mean() + 1e-9)
+        return np.asarray(transform(features[None]).spectra[0] * self.to_centre)
+
+    def colour_response(self, colour: PixelColour, patch: ImageArray) -> Float32Array:
+        """``shape``: `pixel_colour.shift_response` of a patch."""
+        width, height = self.target / self.scale
+        return shift_response(colour.probabilities(patch), float(width), float(height), self.shape, CELL)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where the target is, and what is known of it.
+
+    Attributes:
+        centre: ``(2,)`` pixels.
+        size: relative to the first.
+        filters: see `regularised_correlation.learn`.
+        colour: of its pixels.
+        sizes: the size filter; None where one size is tried.
+        peak: response at ``centre``, colours included.
+        colour_score: mean colour probability at ``centre``, in [0, 1].
+    """
+
+    centre: FloatArray
+    size: float
+    filters: ComplexArray
+    colour: PixelColour
+    sizes: ScaleFilter | None
+    peak: float = 1.0
+    colour_score: float = 1.0
+
+
+def start(model: Model, image: ImageArray, centre: FloatArray) -> Target:
+    """The target of the first frame."""
+    patch = model.patch(image, centre, 1.0)
+    width, height = model.target / model.scale
+    filters = learn(model.describe(patch), model.wanted, model.support, None, model.settings.learning)
+    sizes = ScaleFilter.learn(_size_sample(model, image, centre, 1.0)) if model.settings.sizes > 1 else None
+    return Target(centre, 1.0, filters, PixelColour.learn(patch, float(width), float(height)), sizes)
+
+
+def responses(
+    model: Model, target: Target, image: ImageArray, bank: ComplexArray | None = None
+) -> tuple[Float32Array, Float32Array]:
+    """Responses of places about ``target.centre`` over cyclic shifts.
+
+    Args:
+        model: of the target.
+        target: gives place, size, colours and the filter.
+        image: the frame.
+        bank: ``(K, D, rows, columns // 2 + 1)`` several filters instead of the target's.
+
+    Returns:
+        Responses ``(rows, columns)``, or ``(K, rows, columns)`` of a bank, and the mean colour probabilities alone.
+    """
+    share = np.float32(model.settings.colour_share)
+    patch = model.patch(image, target.centre, target.size)
+    colours = model.colour_response(target.colour, patch)
+    found = respond(target.filters if bank is None else bank, model.describe(patch), model.shape)
+    return np.asarray((1 - share) * found + share * colours), colours
+
+
+def locate(model: Model, target: Target, image: ImageArray) -> Target:
+    """The target in the next frame, without learning from it."""
+    response, colours = responses(model, target, image)
+    shift, value = peak(response)
+    column, row = np.round(shift).astype(int)
+    extent = np.array([image.shape[1], image.shape[0]], dtype=np.float64)
+    centre = np.clip(target.centre + shift * model.cell_pixels(target.size), 0, extent)
+    moved = replace(target, centre=centre, peak=value, colour_score=float(colours[row, column]))
+    return resize(model, moved, image)
+
+
+def resize(model: Model, target: Target, image: ImageArray) -> Target:
+    """The target at the size that fits best at its place."""
+    settings = model.settings
+    if target.sizes is None:
+        return target
+    width, height = model.target / model.scale
+    probabilities = target.colour.probabilities(model.patch(image, target.centre, target.size))
+    response = target.sizes.respond(_size_sample(model, image, target.centre, target.size))
+    response = response + settings.size_colour * size_contrast(
+        probabilities, float(width), float(height), _factors(settings)
+    )
+    factor = float(np.clip(best_size(response, settings.size_step), 1 / settings.size_change, settings.size_change))
+    return replace(target, size=float(np.clip(target.size * factor, settings.smallest, settings.largest)))
+
+
+def update(model: Model, target: Target, image: ImageArray, rate: float = 1.0) -> Target:
+    """The target after learning from where it is, at ``rate`` in (0, 1] of the usual speed."""
+    settings = model.settings
+    patch = model.patch(image, target.centre, target.size)
+    width, height = model.target / model.scale
+    colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), settings.colour_rate * rate)
+    learning = replace(settings.learning, memory=settings.learning.memory / rate)
+    filters = learn(model.describe(patch), model.wanted, model.support, target.filters, learning)
+    sizes = target.sizes
+    if sizes is not None:
+        new = ScaleFilter.learn(_size_sample(model, image, target.centre, target.size))
+        sizes = sizes.blend(new, settings.size_rate * rate)
+    return replace(target, filters=filters, colour=colour, sizes=sizes)
+
+
+class RegularisedTracker:
+    """The filter alone; the score is the response at the target.
+
+    Attributes:
+        settings: constants.
+        target: where the target is.
+    """
+
+    def __init__(self, settings: RegularisedSettings | None = None, seed: int = 0) -> None:
+        del seed
+        self.settings = settings or RegularisedSettings()
+
+    def start(self, image: ImageArray, box: FloatArray) -> None:
+        """See `SingleTracker.start`."""
+        width, height = (box[2:] - box[:2]).tolist()
+        self._model = Model.of(self.settings, width, height)
+        self.target = start(self._model, image, box_centre(np.asarray(box)))
+
+    def follow(self, image: ImageArray) -> TargetState:
+        """See `SingleTracker.follow`."""
+        self.target = update(self._model, locate(self._model, self.target, image), image)
+        status: Status = "tracking" if self.target.peak > self.settings.lost_below else "lost"
+        return TargetState(self._model.box(self.target.centre, self.target.size), self.target.peak, status)
+
+
+def _factors(settings: RegularisedSettings) -> FloatArray:
+    return np.asarray(settings.size_step ** (np.arange(settings.sizes) - settings.sizes // 2.0))
+
+
+def _size_sample(model: Model, image: ImageArray, centre: FloatArray, size: float) -> Float32Array:
+    """``(S, D)`` gradients of the target's box at each of the sizes."""
+    width, height = (model.size_template + 2 * CELL).tolist()
+    pixels = model.target * size / model.size_template  # image pixels per template pixel, at the middle size
+    patches = [_box_patch(image, centre, pixels * factor, width, height) for factor in _factors(model.settings)]
+    return hog(np.stack(patches), CELL).reshape(len(patches), -1)
+
+
+def _box_patch(image: ImageArray, centre: FloatArray, pixels: FloatArray, width: int, height: int) -> ImageArray:
+    """``(height, width, 3)`` around ``centre``, ``pixels`` ``(2,)`` image pixels per patch pixel in x and y."""
+    reach = pixels * [width, height] / 2
+    if pixels.max() < 2:
+        first = centre - reach + pixels / 2 - 0.5
+        matrix = np.array([[pixels[0], 0, first[0]], [0, pixels[1], first[1]]])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        warped = cv2.warpAffine(image, matrix, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(warped, dtype=np.uint8)
+    extent = np.array([image.shape[1], image.shape[0]])
+    low = np.round(centre - reach).astype(int)
+    high = np.maximum(np.round(centre + reach).astype(int), low + 1)
+    first_pixel = np.clip(low, 0, extent - 1)
+    last_pixel = np.clip(high, first_pixel + 1, extent)
+    part = image[first_pixel[1] : last_pixel[1], first_pixel[0] : last_pixel[0]]
+    before, after = first_pixel - low, high - last_pixel
+    if np.concatenate([before, after]).max() > 0:
+        top, bottom, left, right = np.maximum([before[1], after[1], before[0], after[0]], 0).tolist()
+        bordered = cv2.copyMakeBorder(part, top, bottom, left, right, cv2.BORDER_REPLICATE)
+        part = np.asarray(bordered, dtype=np.uint8)
+    return np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -1,0 +1,135 @@
+"""What the combined tracker gains over KCF on sequences that its settings have not seen.
+
+Settings are chosen by leaving a sequence out: of a few candidates the one with the best mean over all *other* sequences
+is scored on it. So no sequence is scored with settings that it helped to choose. The interval is over sequences
+(bootstrap, both trackers on the same samples).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tsuiseki.tracking.trackers.single import kcf
+from tsuiseki.tracking.trackers.single.combined import CombinedSettings
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
+from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.experiment import Outcome, Table
+from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, score, seeds_of
+from tsuiseki.trainers.experiments.store import Store
+
+SAMPLES = 10_000
+OURS = "combined, chosen on the others"
+
+
+@dataclass(frozen=True)
+class Group:
+    """Trackers that all try other sizes, or none.
+
+    Attributes:
+        name: for the table.
+        base: KCF.
+        others: rows beside, with the settings that they have.
+        candidates: of the combined tracker, to choose from.
+    """
+
+    name: str
+    base: kcf.KcfSettings
+    others: Mapping[str, Entrant]
+    candidates: Mapping[str, CombinedSettings]
+
+
+def groups() -> tuple[Group, ...]:
+    """With scale search and at fixed size."""
+    shares, weights = (0.2, 0.3), (1.0, 2.0)
+    scaled = {
+        f"colour share {share:g}, size {weight:g}": _combined(colour_share=share, size_colour=weight)
+        for share in shares
+        for weight in weights
+    }
+    fixed = {f"colour share {share:g}": _combined(colour_share=share, sizes=1) for share in shares}
+    return (
+        Group(
+            "scale search", kcf.KcfSettings(),
+            {"kcf-particle, robust": ROBUST, "filter alone": RegularisedSettings()}, scaled,
+        ),
+        Group(
+            "fixed size", kcf.THESIS,
+            {"kcf-particle, thesis": THESIS, "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS),
+             "filter alone": RegularisedSettings(sizes=1)}, fixed,
+        ),
+    )  # fmt: skip
+
+
+def _combined(**fields: float) -> CombinedSettings:
+    return CombinedSettings(filter=RegularisedSettings(**fields))  # type: ignore[arg-type]
+
+
+def entrants() -> list[Entrant]:
+    """Every tracker that `unseen` runs."""
+    return [one for group in groups() for one in (group.base, *group.others.values(), *group.candidates.values())]
+
+
+def unseen(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
+    """A table of areas by sequence for each group, with the gains over KCF."""
+    found = [_group(store, group, clips, seeds) for group in groups()] if len(clips) > 1 else []
+    notes = [] if found else ["unseen: expected at least two sequences to choose settings on others"]
+    return Outcome({"unseen": {name: values for name, values, _ in found}}, [table for *_, table in found], notes=notes)
+
+
+def _group(
+    store: Store, group: Group, clips: Sequence[Clip], seeds: Sequence[int]
+) -> tuple[str, dict[str, object], Table]:
+    base = areas(store, clips, group.base, seeds)
+    candidates = {name: areas(store, clips, one, seeds) for name, one in group.candidates.items()}
+    chosen, ours = leave_one_out(candidates)
+    rows = {name: areas(store, clips, one, seeds) for name, one in group.others.items()} | {OURS: ours}
+    names = [clip.sequence.name for clip in clips]
+    cells = [
+        (name, f"{base[k]:.1f}", *(f"{row[k]:.1f} ({row[k] - base[k]:+.1f})" for row in rows.values()), chosen[k])
+        for k, name in enumerate(names)
+    ]
+    gains = {name: interval(row - base) for name, row in rows.items()}
+    cells.append(
+        ("mean", f"{base.mean():.1f}",
+         *(f"{row.mean():.1f} ({gains[name][0]:+.1f} [{gains[name][1]:.1f}, {gains[name][2]:.1f}])"
+           for name, row in rows.items()), "")
+    )  # fmt: skip
+    title = f"Unseen, {group.name}: AUC [%], 21 thresholds (gain over KCF, 95 % interval over sequences)"
+    values: dict[str, object] = {
+        "sequences": names, "KCF": base.tolist(), "chosen": chosen,
+        **{name: row.tolist() for name, row in rows.items()},
+        "candidates": {name: row.tolist() for name, row in candidates.items()},
+        "gains": gains,
+    }  # fmt: skip
+    return group.name, values, Table(title, ("sequence", "KCF", *rows, "settings chosen"), cells)
+
+
+def areas(store: Store, clips: Sequence[Clip], entrant: Entrant, seeds: Sequence[int]) -> FloatArray:
+    """``(S,)`` areas of the sequences in percent, means over the seeds."""
+    return np.array(
+        [np.mean([100 * score(store, clip, entrant, seed).auc for seed in seeds_of(entrant, seeds)]) for clip in clips]
+    )
+
+
+def leave_one_out(candidates: Mapping[str, FloatArray]) -> tuple[list[str], FloatArray]:
+    """For each of S > 1 sequences the candidate that is best in the mean of the others, and its score there.
+
+    Args:
+        candidates: ``(S,)`` scores by name; of equal ones the first is taken.
+    """
+    names, scores = list(candidates), np.array(list(candidates.values()))
+    others = (scores.sum(axis=1, keepdims=True) - scores) / (scores.shape[1] - 1)
+    best = np.argmax(others, axis=0)
+    return [names[k] for k in best], scores[best, np.arange(scores.shape[1])]
+
+
+def interval(gains: FloatArray) -> tuple[float, float, float]:
+    """Mean of ``(S,)`` gains and its 95 % bootstrap interval over sequences."""
+    rng = np.random.default_rng(0)
+    means = gains[rng.integers(len(gains), size=(SAMPLES, len(gains)))].mean(axis=1)
+    low, high = np.quantile(means, (0.025, 0.975))
+    return float(gains.mean()), float(low), float(high)
