@@ -9,11 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
-from numpy.typing import NDArray
-from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
-from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from tsuiseki.datamodules.action_batches import centre_crops
 from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, clips_to_cut, cut_clip, load_crops
@@ -21,12 +17,13 @@ from tsuiseki.datamodules.readers.acting import action_sequences
 from tsuiseki.models.action import StreamProbability
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import ActionInput, StreamName
-from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
+from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.preprocessing import normalise
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.action import ActionTraining, mean_average_precision
 from tsuiseki.trainers.export import export_onnx, load_module
+from tsuiseki.trainers.quantisation import quantise_file, write_card
 
 CALIBRATION_CROPS = 256
 BATCH = 64
@@ -122,16 +119,6 @@ def labelled_crops(folders: Sequence[Path], module: ActionTraining) -> ActionCro
         )
 
 
-class _Calibration(CalibrationDataReader):  # type: ignore[misc]
-    """Batches of normalised crops, as onnxruntime wants to be fed."""
-
-    def __init__(self, inputs: Sequence[NDArray[np.float32]], name: str) -> None:
-        self._rest = iter([{name: batch} for batch in inputs])
-
-    def get_next(self) -> dict[str, NDArray[np.float32]] | None:
-        return next(self._rest, None)
-
-
 def quantise(
     whole: Path, path: Path, crops: ActionCrops, stream: StreamName, overwrite: bool = False
 ) -> tuple[float, float]:
@@ -155,29 +142,12 @@ def quantise(
     ]
     before = mean_average_precision(_probabilities(whole, crops, stream), crops.actions)
     with output_file(path, overwrite) as work:
-        prepared = work.with_name("prepared.onnx")
-        quant_pre_process(str(whole), str(prepared), skip_symbolic_shape=True)
-        quantize_static(
-            str(prepared),
-            str(work),
-            _Calibration(inputs, "images"),
-            quant_format=QuantFormat.QDQ,
-            per_channel=True,
-            activation_type=QuantType.QUInt8,
-            weight_type=QuantType.QInt8,
-        )
-        _write_card(work, card)
+        quantise_file(whole, work, inputs)
+        write_card(work, card)
         after = mean_average_precision(_probabilities(work, crops, stream), crops.actions)
         measured = {"int8": True, "map_float32": round(before, 4), "map_int8": round(after, 4)}
-        _write_card(work, dataclasses.replace(card, settings={**card.settings, **measured}))
+        write_card(work, dataclasses.replace(card, settings={**card.settings, **measured}))
     return before, after
-
-
-def _write_card(path: Path, card: ModelCard) -> None:
-    model = onnx.load(path)
-    del model.metadata_props[:]
-    model.metadata_props.add(key=METADATA_KEY, value=card.to_json())
-    onnx.save(model, path)
 
 
 def _probabilities(path: Path, crops: ActionCrops, stream: StreamName) -> FloatArray:

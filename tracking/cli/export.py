@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Literal
 
 from tsuiseki.tracking.cli.extra import needs_train_extra
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.output import check_output_file
 
 
 def detector(
@@ -16,6 +18,7 @@ def detector(
     architecture: Literal["ssdlite320", "ssd300"] = "ssdlite320",
     state: Path | None = None,
     calibrate: Path | None = None,
+    int8: Path | None = None,
     height: int | None = None,
     width: int | None = None,
     training_data: str = "",
@@ -34,6 +37,8 @@ def detector(
         architecture: of the COCO weights.
         state: file of those weights, for a machine that cannot download them.
         calibrate: MOTChallenge folder of labelled pictures; scores become probabilities of a person there.
+        int8: MOTChallenge folder of labelled pictures; weights and activations become 8-bit numbers whose ranges are
+            taken there, and the average precision before and after is measured there.
         height: of the input, pixels, where another than in training; with --width.
         width: likewise; a larger input finds smaller people and takes longer.
         training_data: what the model was trained on, in words; kept in the file.
@@ -42,20 +47,29 @@ def detector(
     """
     if (height is None) != (width is None):
         raise RequestError("expected --height and --width together, got one of them")
+    if float16 and int8:
+        raise RequestError("expected --float16 or --int8, got both")
     with needs_train_extra():
         from tsuiseki.trainers.export import export_detector
-    worst = export_detector(
-        checkpoint,
-        weights,
-        architecture,
-        out,
-        training_data,
-        float16=float16,
-        overwrite=overwrite,
-        state=state,
-        calibrate=calibrate,
-        size=None if height is None or width is None else (height, width),
-    )
+        from tsuiseki.trainers.export_int8 import quantise_detector
+    check_output_file(out, overwrite)
+    with tempfile.TemporaryDirectory() as folder:
+        whole = out if int8 is None else Path(folder) / "whole.onnx"
+        worst = export_detector(
+            checkpoint,
+            weights,
+            architecture,
+            whole,
+            training_data,
+            float16=float16,
+            overwrite=overwrite,
+            state=state,
+            calibrate=calibrate,
+            size=None if height is None or width is None else (height, width),
+        )
+        if int8 is not None:
+            before, after = quantise_detector(whole, out, int8, overwrite)
+            print(f"AP50 on {int8}: {before:.3f} with float weights, {after:.3f} with 8-bit ones")
     _say(out, worst)
 
 
