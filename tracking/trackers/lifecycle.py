@@ -16,7 +16,9 @@ from tsuiseki.tracking.filters.kalman import (
     update_boxes,
 )
 from tsuiseki.tracking.trackers.people import Record
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets, Track
+from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
+
+_STATUSES = np.array(STATUSES)
 
 
 @dataclass(frozen=True)
@@ -163,19 +165,17 @@ class Lifecycle:
 
     def _answer(self, scores: FloatArray, lost: IntArray, lost_boxes: FloatArray) -> Targets:
         """The believed among the live tracks, then those given up."""
-        believed = self._hits >= self._settings.min_hits
-        status = np.where(self._misses[believed] == 0, "tracking", "searching")
-        boxes = self._belief.boxes[believed]
+        believed = np.flatnonzero(self._hits >= self._settings.min_hits)
+        numbers, boxes, scores = self._numbers[believed], self._belief.boxes[believed], scores[believed]
+        searched = self._misses[believed] > 0
+        status = _STATUSES[searched.astype(np.intp)]
         if len(lost):
-            status = np.append(status, np.full(len(lost), "lost"))
-            boxes = np.concatenate([boxes, lost_boxes])
-        return Targets(
-            self._frame,
-            self._record.ids(np.append(self._numbers[believed], lost)),
-            with_area(boxes),
-            np.append(scores[believed], np.zeros(len(lost))),
-            status,
-        )
+            numbers, boxes = np.append(numbers, lost), np.concatenate([boxes, lost_boxes])
+            scores = np.append(scores, np.zeros(len(lost)))
+            status = np.append(status, _STATUSES[np.full(len(lost), 2)])
+        # Only a box that was not seen can have shrunk.
+        boxes = with_area(boxes) if len(lost) or searched.any() else boxes
+        return Targets(self._frame, self._record.ids(numbers), boxes, scores, status)
 
 
 def with_area(boxes: FloatArray) -> FloatArray:

@@ -140,7 +140,7 @@ class Targets:
 
     def __post_init__(self) -> None:
         lengths = (len(self.ids), len(self.boxes), len(self.scores), len(self.status))
-        if len(set(lengths)) != 1:
+        if lengths.count(lengths[0]) != 4:
             raise ValueError(f"expected ids, boxes, scores and status of one length, got {lengths}")
 
     def __len__(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import subprocess
 import sys
 from importlib import metadata
@@ -20,6 +21,16 @@ def test_every_public_name_loads() -> None:
         assert getattr(tsuiseki, name) is not None
     assert dir(tsuiseki) == tsuiseki.__all__
     assert tsuiseki.__version__ == metadata.version("tsuiseki")
+
+
+def test_every_tracker_and_every_function_that_tracks_takes_a_seed() -> None:
+    public = {name: getattr(tsuiseki, name) for name in tsuiseki.__all__}
+    trackers = [each for each in public.values() if hasattr(each, "update") and hasattr(each, "tracks")]
+    functions = [each for name, each in public.items() if name.startswith(("track_", "follow"))]
+    assert len(trackers) >= 6
+    assert len(functions) >= 10
+    for each in (*trackers, *functions):
+        assert inspect.signature(each).parameters["seed"].default == 0, each
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
