@@ -4,8 +4,8 @@
 
 The peer is SORT of roboflow's ``trackers``; ``pip install trackers`` brings it, and without it only our own trackers
 are timed. The detections are those of walking people, or of MOTChallenge folders given with ``--sequence`` (one after
-the other until there are enough frames). Trackers take turns, repeatedly, and the best turn of each counts: that is
-what the code can do when nothing else is running. Use one thread: ``OMP_NUM_THREADS=1``.
+the other until there are enough frames). Trackers take turns, repeatedly, and the best turn of each counts: in CPU
+time of the process, so that a busy machine matters less. Use one thread: ``OMP_NUM_THREADS=1``.
 """
 
 from __future__ import annotations
@@ -64,10 +64,10 @@ def _given(folders: list[str], frames: int) -> list[Detections]:
 
 
 def _time_ours(tracker: PeopleTracker, video: list[Detections]) -> float:
-    start = time.perf_counter()
+    start = time.process_time()
     for found in video:
         tracker.update(found)
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def _peer(video: list[Detections]) -> Callable[[], float] | None:
@@ -81,10 +81,10 @@ def _peer(video: list[Detections]) -> Callable[[], float] | None:
 
     def turn() -> float:
         tracker = SORTTracker()
-        start = time.perf_counter()
+        start = time.process_time()
         for found in theirs:
             tracker.update(found)
-        return time.perf_counter() - start
+        return time.process_time() - start
 
     warnings.filterwarnings("ignore")
     return turn
