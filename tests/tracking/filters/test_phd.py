@@ -149,7 +149,7 @@ def test_without_memory_the_weight_alone_reports():
 @pytest.mark.parametrize("births", [PLACES, ANYWHERE], ids=["places", "measurements"])
 @pytest.mark.parametrize(
     "scan",
-    [np.empty((0, 2)), np.zeros((200, 2)), np.full((2, 2), 1e9), np.random.default_rng(0).uniform(-500, 500, (400, 2))],
+    [np.empty((0, 2)), np.zeros((60, 2)), np.full((2, 2), 1e9), np.random.default_rng(0).uniform(-500, 500, (400, 2))],
     ids=["none", "coincident", "far away", "hundreds"],
 )
 @pytest.mark.parametrize("clutter", [0.0, 5.0])
