@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import cv2
@@ -72,6 +73,12 @@ def _write_acting_clip(folder: Path, seed: int, frames: int = 22, people: int = 
     write_okutama(folder / "gt/actions.txt", labels, (width, height))
     write_ground_truth(folder / "gt/gt.txt", GroundTruth(at, ids, boxes, ~none, none, np.ones(len(table))))
     write_sequence_info(folder, folder.name, 30.0, frames, width, height)
+
+
+def pytest_configure() -> None:
+    """Where tests run in the background interrupts are ignored, and those that send one would fail."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

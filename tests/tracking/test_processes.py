@@ -55,12 +55,7 @@ def test_an_interrupt_cleans_up_and_begins_nothing_further(tmp_path: Path) -> No
     script.write_text(INTERRUPTED.format(folder=str(tmp_path)))
     words = [sys.executable, str(script)]
     paths = {"PYTHONPATH": str(Path(__file__).parent)}
-    # Where the tests run in the background, an interrupt is ignored, and children would inherit that.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        run = subprocess.Popen(words, env=os.environ | paths, start_new_session=True, stderr=subprocess.PIPE, text=True)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    run = subprocess.Popen(words, env=os.environ | paths, start_new_session=True, stderr=subprocess.PIPE, text=True)
     try:
         wanted = min(100, os.cpu_count() or 1)
         start = time.monotonic()

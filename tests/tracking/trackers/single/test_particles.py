@@ -51,7 +51,7 @@ def test_without_a_past_every_filter_is_a_hypothesis():
 
 def test_the_walk_keeps_filter_numbers():
     particles = draw(0.5)
-    moved = random_walk(DEVIATION)(particles, np.random.default_rng(1))
+    moved = random_walk(DEVIATION)(particles, 1.0, np.random.default_rng(1))
     assert (moved[:, 2] == particles[:, 2]).all()
     np.testing.assert_allclose((moved - particles)[:, :2].std(axis=0), DEVIATION, rtol=0.03)
 
