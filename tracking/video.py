@@ -255,13 +255,13 @@ def _open_folder(folder: Path, wanted: FrameRange) -> ImageFolder:
     if is_sequence(folder):
         sequence = read_sequence(folder)
         images, name, frame_rate = sequence.images, sequence.name, sequence.frame_rate
-        text_length = sequence.length
+        text_length, size = sequence.length, (sequence.width, sequence.height)
     else:
         images, name, frame_rate = _images_only(folder), folder.resolve().name, DEFAULT_FRAME_RATE
-        text_length = 0
+        text_length, size = 0, (0, 0)
     if images or text_length:
         wanted = wanted.within(len(images) or text_length)
-    size = _common_size(images) if images else (0, 0)
+    size = _common_size(images) if images else size
     return ImageFolder(name, frame_rate, images, size, text_length, wanted)
 
 

@@ -28,7 +28,6 @@ from tsuiseki.tracking.features.networks import Appearance, Detector
 from tsuiseki.tracking.formats.mot import find_sequences
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
-from tsuiseki.tracking.trackers.flow import FlowSettings
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.trainers.affinity_samples import (
     LabelledDetections,
@@ -131,7 +130,7 @@ def fit_affinity(
     Raises:
         RequestError: unusable folders or models, no pairs of both kinds, or the file exists.
     """
-    gate, boosting = gate or replace(FlowSettings().gate, window=WINDOW), boosting or BoostingSettings()
+    gate, boosting = gate or GateSettings(window=WINDOW), boosting or BoostingSettings()
     check_output_file(out, overwrite)
     models = [Appearance(path) for path in (cross_fit or ([appearance] if appearance else []))]
     find = Detector(detector) if detector is not None else detections

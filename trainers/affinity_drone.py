@@ -12,10 +12,10 @@ import numpy as np
 from tsuiseki.tracking.association.action_refinement import Prices, RefinementSettings, compared_features, refine
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity, FeatureSet
 from tsuiseki.tracking.association.rows import DetectionRows
-from tsuiseki.tracking.association.stabilised import SummedMotion
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.camera_trajectory import CameraTrajectory
 from tsuiseki.tracking.features.networks import Appearance, Detector
 from tsuiseki.tracking.features.observation_cache import file_digest
 from tsuiseki.tracking.features.observations import Observation, Observers
@@ -64,7 +64,7 @@ def labelled_clip(observations: Sequence[Observation], truth: GroundTruth) -> Dr
         observations: of consecutive frames.
         truth: labels of the clip.
     """
-    camera = SummedMotion()
+    camera = CameraTrajectory("images")
     for one in observations:
         camera.append(one.motion)
     # Actions travel as further columns of the looks, since labelling leaves some detections out.

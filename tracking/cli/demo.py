@@ -128,7 +128,7 @@ def _track(
     from tsuiseki.tracking.trackers.run import run_trackers
 
     affinity = Affinity(models["affinity"], threads)
-    trackers = {name: people_tracker(method, None, affinity) for method, name in METHODS.items()}
+    trackers = {name: people_tracker(method, None, affinity, source=source) for method, name in METHODS.items()}
     detector, appearance = Detector(models["detector"], threads=threads), Appearance(models["appearance"], threads)
     found = PeopleInputs(source, detector, appearance).found(run.frames(source), run.times)
     return run_trackers(run.steps(found, total=frames_expected(source)), trackers, run.times)

@@ -180,6 +180,14 @@ class CameraPath:
             self._before, self._people, self._waited = small, boxes, 0
         return self.transforms[-1]
 
+    def step(self, frame: int) -> FloatArray | None:
+        """``(2, 3)`` where pixels of the frame before lie in a frame; None for the first, and where nothing told."""
+        if frame == 0 or frame in self.unknown:
+            return None
+        earlier, now = (np.vstack([self.transforms[k], [0, 0, 1]]) for k in (frame - 1, frame))
+        # A camera that stood still is told from one that moved by less than rounding.
+        return np.eye(3)[:2] if np.array_equal(earlier, now) else np.asarray(np.linalg.solve(now, earlier)[:2])
+
 
 def _chained(before: FloatArray, step: FloatArray, ratio: float) -> FloatArray:
     """The transform of the frame that lies ``step``, in pixels of shrunk frames, after that of ``before``."""

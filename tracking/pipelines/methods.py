@@ -9,13 +9,16 @@ from typing import Literal, get_args
 
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.camera_motion import CameraPath
 from tsuiseki.tracking.pipelines.finding import NONE
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
+from tsuiseki.tracking.trackers.compensated import MotionCompensated
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
+from tsuiseki.tracking.video import DEFAULT_FRAME_RATE, Source
 from tsuiseki.tracking.weights import shipped
 
 PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]
@@ -35,17 +38,32 @@ class MethodSettings:
 
 
 def people_tracker(
-    method: PeopleMethod, settings: MethodSettings | None = None, affinity: Affinity | None = None, seed: int = 0
+    method: PeopleMethod,
+    settings: MethodSettings | None = None,
+    affinity: Affinity | None = None,
+    seed: int = 0,
+    source: Source | None = None,
+    camera: CameraPath | None = None,
 ) -> PeopleTracker:
     """A fresh tracker; the flow has hand-set costs where there is no affinity.
+
+    Args:
+        method: its name.
+        settings: of all methods.
+        affinity: learnt costs of the flow.
+        seed: of all chance.
+        source: the video, for the flow's times and the border of its images.
+        camera: gets the frames before the tracker gets their detections, where the movement of the camera matters.
 
     Raises:
         RequestError: there is no such method.
     """
     settings = settings or MethodSettings()
     observation = None if affinity is None else affinity.observation
+    rate, size = DEFAULT_FRAME_RATE if source is None else source.frame_rate, getattr(source, "size", None)
+    size = size if size and min(size) > 0 else None
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
-        "flow": lambda: FlowTracker(settings.flow, affinity, observation, seed),
+        "flow": lambda: FlowTracker(settings.flow, affinity, observation, rate, size, camera, seed),
         "deepsort": lambda: DeepSort(settings.deepsort, seed),
         "sort": lambda: Sort(settings.sort, seed),
         "bytetrack": lambda: ByteTrack(settings.bytetrack, seed),
@@ -53,7 +71,8 @@ def people_tracker(
     }
     if method not in makers:
         raise RequestError(f"expected the method {', '.join(makers)} or a tracker, got {method!r}")
-    return makers[method]()
+    tracker = makers[method]()
+    return tracker if camera is None or method == "flow" else MotionCompensated(tracker, camera)
 
 
 def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:

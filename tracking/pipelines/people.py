@@ -37,7 +37,7 @@ from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.compensated import MotionCompensated
 from tsuiseki.tracking.trackers.run import shifted
 from tsuiseki.tracking.types import Frame, Targets, Track
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.video import Source, open_source
 from tsuiseki.tracking.weights import shipped
 
 
@@ -154,18 +154,17 @@ def _prepared(
     detect = people_detect(opened, detections, detector, shipped("detector_street"), threads=call)
     # The shipped costs know the scores of this toolkit's networks, not those of other people's detectors.
     known_scores = knows_scores(detect)
-    tracker = _tracker(method, affinity, known_scores, threads, seed)
+    camera = CameraPath() if moving_camera else None
+    tracker = _tracker(method, affinity, known_scores, threads, seed, opened, camera)
     inputs = PeopleInputs(
         opened,
         detect,
         people_describer(opened, compares_appearance(method), appearance, call),
-        camera=CameraPath() if moving_camera else None,
+        camera=camera,
         threads=threads,
     )
-    if inputs.camera is not None:
-        if not opened.has_images:
-            raise RequestError(f"{opened.name} has no images to tell how the camera moves")
-        tracker = MotionCompensated(tracker, inputs.camera)
+    if camera is not None and not opened.has_images:
+        raise RequestError(f"{opened.name} has no images to tell how the camera moves")
     return inputs, tracker
 
 
@@ -175,17 +174,19 @@ def _tracker(
     known_scores: bool,
     threads: int,
     seed: int,
+    source: Source,
+    camera: CameraPath | None,
 ) -> PeopleTracker:
     if isinstance(method, str):
         learnt = people_affinity(method, affinity, threads, known_scores=known_scores)
-        return people_tracker(method, None, learnt, seed)
+        return people_tracker(method, None, learnt, seed, source, camera)
     if not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     if affinity is not None:
         raise RequestError(
             "expected `affinity` with the method's name, got it beside a tracker; give it to the tracker"
         )
-    return method
+    return method if camera is None else MotionCompensated(method, camera)
 
 
 def _answers_while_it_runs(tracker: PeopleTracker) -> bool:

@@ -21,10 +21,9 @@ from tsuiseki.tracking.association.action_refinement import (
     window_means,
 )
 from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
-from tsuiseki.tracking.association.interpolation import GapSettings, SmoothingSettings
+from tsuiseki.tracking.association.interpolation import GapSettings, SmoothingSettings, fill_gaps, smooth
 from tsuiseki.tracking.association.rows import DetectionRows, join_rows, no_rows, rows_of
-from tsuiseki.tracking.association.stabilised import SummedMotion
-from tsuiseki.tracking.trackers.flow import finished_tracks
+from tsuiseki.tracking.features.camera_trajectory import CameraTrajectory
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 
@@ -77,7 +76,7 @@ class DroneTracker:
     def __init__(self, settings: DroneSettings | None = None, prices: Prices | None = None) -> None:
         self.settings = settings or DroneSettings()
         self.prices = prices or Prices(HAND_SET_OBSERVATION, HandSetCost())
-        self._camera = SummedMotion()
+        self._camera = CameraTrajectory("images")
         self._waiting: list[tuple[Detections, FloatArray | None]] = []
         self._open = _Described(no_rows(), None)
         self._continued = np.empty(0, dtype=np.int64)
@@ -195,6 +194,39 @@ class DroneTracker:
     def _past(self) -> Past | None:
         recent = self._recent
         return Past(recent.frames, recent.tracks, recent.actions, self._continued, self._next) if self._done else None
+
+
+def finished_tracks(
+    rows: DetectionRows,
+    labels: IntArray,
+    min_detections: int,
+    gaps: GapSettings | None,
+    smoothing: SmoothingSettings | None,
+) -> list[tuple[Track, IntArray]]:
+    """The tracks with enough detections, their gaps filled and boxes smoothed, by the frame they start in.
+
+    Args:
+        rows: the detections.
+        labels: ``(N,)`` number of the track of each, -1 for none.
+        min_detections: tracks of fewer that a detector scored are dropped; what it did not score gets 0.
+        gaps: which gaps are filled; None fills none.
+        smoothing: how far boxes are smoothed; None leaves them as they were detected.
+
+    Returns:
+        Each track, and the indices of its detections in the order of its observed frames.
+    """
+    used = np.flatnonzero(labels >= 0)
+    order = used[np.lexsort((rows.frames[used], labels[used]))]
+    pieces = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
+    scored = ~np.isnan(rows.scores)
+    long = [piece for piece in pieces if scored[piece].sum() >= max(min_detections, 1)]
+    tracks = []
+    for number, piece in enumerate(sorted(long, key=lambda piece: int(piece[0])), start=1):
+        track = Track(number, rows.frames[piece], rows.boxes[piece], np.nan_to_num(rows.scores[piece]))
+        if gaps is not None:
+            track = fill_gaps(track, gaps)
+        tracks.append((smooth(track, smoothing) if smoothing is not None else track, piece))
+    return tracks
 
 
 @dataclass(frozen=True)

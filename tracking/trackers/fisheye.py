@@ -23,9 +23,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
+from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost, priced_pairs
 from tsuiseki.tracking.association.gating import GateSettings
-from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
+from tsuiseki.tracking.association.rows import rows_of
+from tsuiseki.tracking.trackers.flow import long_tracks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -271,41 +273,29 @@ def flow_on_floor(
         settings: costs and gates.
     """
     step = 1.0 / frame_rate
-    flow = FlowSettings(
-        gate=GateSettings(
-            window=max(1, round(settings.window * frame_rate)),
-            reach=(settings.reach + settings.speed * step) / SQUARE,
-            speed=settings.speed * step / SQUARE,
-        ),
-        entry=settings.entry,
-        exit=settings.entry,
-        miss=0.1 * min(1.0, 10 * step),
-        transition=HandSetCost(
-            bias=settings.bias,
-            noise=settings.noise / SQUARE,
-            speed_x=settings.pace * step / SQUARE,
-            speed_y=settings.pace * step / SQUARE,
-            appearance=settings.appearance,
-            neutral=settings.neutral,
-        ),
-        split=None,
-        join=None,
-        min_detections=max(1, round(settings.min_seconds * frame_rate)),
-        gaps=None,
-        smoothing=None,
+    gate = GateSettings(
+        window=max(1, round(settings.window * frame_rate)),
+        reach=(settings.reach + settings.speed * step) / SQUARE,
+        speed=settings.speed * step / SQUARE,
     )
-    tracker = FlowTracker(flow, observation=settings.observation)
-    rows: list[tuple[int, FloorDetections, int]] = []
-    index: dict[tuple[int, bytes], int] = {}
-    for frame, each in enumerate(found):
-        squares = np.concatenate([each.places - SQUARE / 2, each.places + SQUARE / 2], axis=1)
-        # Two people on one spot must stay two: their squares tell them apart in the result.
-        squares += 1e-9 * np.arange(len(squares))[:, None]
-        tracker.update(Detections(squares, each.detections.scores, each.detections.features))
-        for k, square in enumerate(squares):
-            index[frame, square.tobytes()] = len(rows)
-            rows.append((frame, each, k))
+    transition = HandSetCost(
+        bias=settings.bias,
+        noise=settings.noise / SQUARE,
+        speed_x=settings.pace * step / SQUARE,
+        speed_y=settings.pace * step / SQUARE,
+        appearance=settings.appearance,
+        neutral=settings.neutral,
+    )
+    squares = [np.concatenate([each.places - SQUARE / 2, each.places + SQUARE / 2], axis=1) for each in found]
+    rows = rows_of(
+        [Detections(s, f.detections.scores, f.detections.features) for s, f in zip(squares, found, strict=True)], 0, 0
+    )
+    pairs = priced_pairs(rows.frames, rows.boxes, rows.features, gate, transition, 0.1 * min(1.0, 10 * step))
+    graph = build_graph(settings.observation(rows.scores), pairs, settings.entry, settings.entry)
+    labels = track_labels(solve(graph))
+    place = np.concatenate([np.arange(len(each.places)) for each in found]).astype(np.int64)
+    fewest = max(1, round(settings.min_seconds * frame_rate))
     return [
-        _joined(t.id, [rows[index[int(f), b.tobytes()]] for f, b in zip(t.frames, t.boxes, strict=True)])
-        for t in tracker.tracks()
+        _joined(number, [(int(rows.frames[k]), found[rows.frames[k]], int(place[k])) for k in piece])
+        for number, piece in enumerate(long_tracks(labels, fewest), start=1)
     ]

@@ -1,83 +1,92 @@
-"""All people of a video at once, by minimum-cost flow (thesis 2.3.2, eq. 2.11-2.17)."""
+"""All targets of a video at once, by minimum-cost flow (thesis 2.3.2, eq. 2.11-2.17)."""
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost, TransitionCost, priced_pairs
-from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.association.costs import ObservationCost, TransitionCost
+from tsuiseki.tracking.association.flow_rounds import Seen
+from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow, joined_detections, no_detections
 from tsuiseki.tracking.association.interpolation import GapSettings, SmoothingSettings, fill_gaps, smooth
-from tsuiseki.tracking.association.network_flow import build_graph
-from tsuiseki.tracking.association.pieces import Links, Pieces
-from tsuiseki.tracking.association.rows import DetectionRows, join_rows, no_rows, rows_of
-from tsuiseki.tracking.association.splitting import SplitSettings, Splitter
-from tsuiseki.tracking.association.tracklets import JoinSettings, join, make_tracklets
-from tsuiseki.tracking.association.windows import Decision, WindowedFlow
+from tsuiseki.tracking.association.joining import JoinSettings, join
+from tsuiseki.tracking.association.sliding_flow import Decision
+from tsuiseki.tracking.association.tracklets import Chained, Tracklets
+from tsuiseki.tracking.features.camera_motion import CameraPath
+from tsuiseki.tracking.features.camera_trajectory import CameraTrajectory
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.types import Detections, IntArray, Track
+from tsuiseki.tracking.trackers.flow_input import FlowInput, InputSettings
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 
 
 @dataclass(frozen=True)
 class FlowSettings:
-    """Settings of the flow tracker.
+    """Settings of the flow tracker. Times are in seconds, so that they hold at any frame rate.
 
     Attributes:
-        gate: which detections may be linked, and over how many frames. This one is for hand-set costs.
-        entry: cost of a track's start, c_entr.
-        exit: cost of a track's end, c_exit.
-        miss: cost of every frame between two linked detections.
-        transition: prices pairs of detections where nothing learnt does, c_tran.
-        observation: prices detections where nothing learnt does, c_obsv.
-        split: where tracks are cut that changed from one person to another; None cuts nothing.
-        join: how pieces of tracks are joined over longer gaps; None leaves the pieces apart.
+        input: how detections are prepared: the worth of their scores, the motion of the camera, duplicates.
+        costs: of the flow over detections.
+        join: how tracklets are joined over longer gaps; None leaves them apart.
         min_detections: tracks of fewer detections are dropped.
-        gaps: which gaps are filled; None fills none.
+        min_time: and so are those of fewer than this many seconds of detections.
+        least: mean logit of the probability of a track's detections, under which it is taken for clutter, where the
+            video itself says what scores are worth.
+        least_learnt: the same where learnt prices say it.
+        fill: longest gap that is filled, on a straight line.
         smoothing: how far boxes are smoothed; None reports them as detected.
-        chunk: least number of frames between two decisions in the sliding-window mode; None solves all frames at once
-            in the end.
-        longest: most frames that the sliding window may hold; None lets it grow until every decision is exact.
+        chunk: least time between two decisions; None solves all frames at once in the end.
+        settle: time that stays undecided beyond the longest link, for the motion on both sides of what is decided.
+        longest: most time that may stay undecided; None lets it grow until every decision is exact.
     """
 
-    gate: GateSettings = field(default_factory=lambda: GateSettings(window=5))
-    entry: float = 2.0
-    exit: float = 2.0
-    miss: float = 0.1
-    transition: HandSetCost = field(default_factory=HandSetCost)
-    observation: ObservationCost = field(default_factory=ObservationCost)
-    split: SplitSettings | None = field(default_factory=SplitSettings)
+    input: InputSettings = field(default_factory=InputSettings)
+    costs: FlowCosts = field(default_factory=FlowCosts)
     join: JoinSettings | None = field(default_factory=JoinSettings)
-    min_detections: int = 4
-    gaps: GapSettings | None = field(default_factory=GapSettings)
-    smoothing: SmoothingSettings | None = field(default_factory=SmoothingSettings)
-    chunk: int | None = 50
-    longest: int | None = None
+    min_detections: int = 3
+    min_time: float = 0.16
+    least: float = 0.5
+    least_learnt: float = 1.0
+    fill: float = 2.0
+    smoothing: SmoothingSettings | None = field(default_factory=lambda: SmoothingSettings(60.0, 5000.0))
+    chunk: float | None = 20.0
+    settle: float = 0.7
+    longest: float | None = None
 
     def __post_init__(self) -> None:
-        if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf and 0 <= self.miss < np.inf):
-            raise ValueError("expected finite entry, exit and miss costs of 0 or more")
-        if self.chunk is not None and self.chunk < 1:
-            raise ValueError(f"expected a chunk of at least 1 frame, got {self.chunk}")
+        if self.chunk is not None and self.chunk <= 0:
+            raise ValueError(f"expected a chunk above 0 seconds, got {self.chunk}")
+        if min(self.min_detections, self.min_time, self.fill, self.settle) < 0:
+            raise ValueError("expected min_detections, min_time, fill and settle from 0")
+        if self.longest is not None and self.longest <= self.costs.rounds.window + self.settle:
+            raise ValueError(f"expected longest above window + settle, got {self.longest}")
+
+    def fewest(self, frame_rate: float) -> int:
+        """Detections that a track needs."""
+        return max(self.min_detections, round(self.min_time * frame_rate), 1)
 
 
 class FlowTracker:
     """The cheapest set of tracks that explains all detections.
 
-    The flow over detections is solved exactly (`network_flow`). Its tracks are cut where they changed from one person
-    to another (`splitting`) and the pieces joined over longer gaps by the same network with pieces for detections
-    (`tracklets`). Weak tracks are dropped, gaps filled as far as the evidence goes, and boxes smoothed.
+    What a score is worth is learnt from the video (`score_calibration`), and the camera's motion is taken out
+    (`camera_from_boxes`). The flow over detections is solved exactly (`network_flow`), in turn with the prices of its
+    links by the motion along its tracks (`flow_rounds`). Its tracks are joined over longer gaps (`joining`), weak ones
+    are dropped, and gaps filled.
 
-    With ``chunk`` set the flow is solved while the video comes, over a sliding window (see `windows`): the tracks are
-    the same, but features and network are held for the undecided detections only. What remains of a decided detection
-    is its row in the result.
+    With ``chunk`` set the flow is solved while the video comes, over a sliding window (`sliding_flow`). Features and
+    network are held for the undecided detections only; what remains of a decided one is its row in the result.
 
     Args:
         settings: costs and stages.
-        transition: learnt prices of pairs of detections; by default the hand-set ones of the settings. An `Affinity`
-            brings the window it was learnt on, where the settings have the gate of `FlowSettings`.
-        observation: learnt prices of detections; by default those of the settings.
-        seed: draws nothing here; see `trackers.base`.
+        transition: learnt prices of pairs of detections, taken beside the motion; by default none.
+        observation: learnt prices of scores, taken for their calibration; by default the video calibrates them.
+        frame_rate: frames a second.
+        size: width and height of the image, so that leaving it is told from being missed; None where not known.
+        camera: its motion from images, which gets each frame before its detections come here; None takes the boxes.
+        seed: taken as by all trackers; nothing is drawn.
     """
 
     def __init__(
@@ -85,142 +94,169 @@ class FlowTracker:
         settings: FlowSettings | None = None,
         transition: TransitionCost | None = None,
         observation: ObservationCost | None = None,
-        seed: int = 0,
+        frame_rate: float = 25.0,
+        size: tuple[int, int] | None = None,
+        camera: CameraPath | None = None,
+        seed: int = 0,  # noqa: ARG002
     ) -> None:
-        self.seed = seed
-        self.settings = _with_learnt_window(settings or FlowSettings(), transition)
-        self._transition: TransitionCost = transition or self.settings.transition
-        self._observation = observation or self.settings.observation
-        self._flow = WindowedFlow(self.settings.gate.window + 1, self.settings.entry, self.settings.longest)
-        split = self.settings.split
-        self._splitter = None if split is None else Splitter(split, self.settings.gate.window)
-        self._pieces = Pieces()
+        if not 0 < frame_rate < np.inf:
+            raise ValueError(f"expected a frame rate above 0, got {frame_rate}")
+        self.settings = settings = settings or FlowSettings()
+        self._observation = observation
+        self._input = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, camera)
+        self._looked_at, self._clutter = self._input, 0
+        longest = None if settings.longest is None else round(settings.longest * frame_rate)
+        self._window = FlowWindow(settings.costs, frame_rate, size, longest, transition)
+        self._tracklets = Tracklets()
         self._frame = 0
         self._waiting: list[Detections] = []
-        self._open = no_rows()
-        self._rows: list[DetectionRows] = [self._open]
+        self._every = no_detections(frame_rate, size)
+        self._parts: list[Seen] = []
+        self._scores = np.empty(0)
 
     @property
     def exact(self) -> bool:
         """False once ``longest`` has forced a decision before its time."""
-        return self._flow.exact
+        return self._window.exact
+
+    @property
+    def camera(self) -> CameraTrajectory:
+        """Where the frames lie, as of the last time that the tracks were asked for."""
+        return self._looked_at.camera
+
+    @property
+    def duplicates(self) -> int:
+        """Boxes left out because they lay on another, as of the last time that the tracks were asked for."""
+        return self._looked_at.duplicates
+
+    def facts(self) -> dict[str, Any]:
+        """What ``run.json`` tells of the tracker, as of the last time that the tracks were asked for."""
+        camera = self.camera
+        return {
+            "exact": self.exact,
+            "camera_from": camera.source,
+            "camera_unknown": [frame + 1 for frame in camera.unknown],
+            "duplicates": self.duplicates,
+            "clutter_tracks": self._clutter,
+        }
 
     def update(self, detections: DetectionsLike) -> None:
         """Take the detections of the next frame."""
         self._waiting.append(as_detections(detections))
         self._frame += 1
-        if self.settings.chunk is not None and self._is_due(self.settings.chunk):
+        chunk, rate = self.settings.chunk, self._input.frame_rate
+        # Where much stays undecided, new frames are awaited in proportion.
+        undecided = len(self._window.undecided())
+        if chunk is not None and len(self._waiting) >= chunk * rate and sum(map(len, self._waiting)) >= undecided:
             self._decide()
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, by id; as they are if the video ends here."""
-        self._absorb()
-        rest = self._flow.remainder()
-        pieces = self._pieces.copy()
-        if self._splitter is None:
-            pieces.add(_uncut(self._rows_at(rest), rest))
-        else:
-            splitter = self._splitter.copy()
-            splitter.add(self._rows_at(rest), rest)
-            pieces.add(splitter.release(at_end=True))
-        rows = join_rows(self._rows)
-        labels = pieces.labels(len(rows))
-        if self.settings.join is not None and len(rows):
-            motion = self.settings.join.motion
-            tracklets = make_tracklets(rows.frames, rows.boxes, pieces.costs, labels, pieces.looks(), motion)
-            # The appended -1 keeps detections outside all pieces outside all tracks.
-            labels = np.append(join(tracklets, self.settings.join), -1)[labels]
-        settings = self.settings
-        return [t for t, _ in finished_tracks(rows, labels, settings.min_detections, settings.gaps, settings.smoothing)]
+        rest = self._copy()
+        rest._clutter = 0
+        tracks = rest._finish()
+        self._looked_at, self._clutter = rest._input, rest._clutter
+        return tracks
 
-    def _is_due(self, chunk: int) -> bool:
-        """Whether to decide now: where much stays undecided, new frames are awaited in proportion, up to a limit."""
-        frames = len(self._waiting)
-        return frames >= chunk and (frames >= 10 * chunk or sum(map(len, self._waiting)) >= len(self._open))
+    def _copy(self) -> FlowTracker:
+        """A copy that ends by itself, so that asking changes nothing."""
+        other = copy(self)
+        other._input, other._window, other._tracklets = self._input.copy(), self._window.copy(), self._tracklets.copy()
+        other._parts = [*self._parts]
+        return other
+
+    def _finish(self) -> list[Track]:
+        """Decide all that is left."""
+        self._absorb()
+        window, tracklets = self._window, self._tracklets
+        if len(window.undecided()):
+            window.solve(self._costs(window.undecided()))
+        rest = window.remainder()
+        tracklets.add(self._chained(rest, window.seen))
+        every = self._table()
+        labels = tracklets.labels(len(every))
+        if self.settings.join is not None and len(every):
+            appearance = tracklets.appearance()
+            labels = join(every, labels, appearance, self.settings.costs.link, self.settings.join)
+        return self._finished(every, labels)
 
     def _decide(self) -> None:
         """Solve the window and let go of what is decided."""
         self._absorb()
-        decision = self._flow.decide(self._frame - 1)
-        rows = self._rows_at(decision)
-        if self._splitter is None:
-            self._pieces.add(_uncut(rows, decision))
-        else:
-            self._splitter.add(rows, decision)
-            self._pieces.add(self._splitter.release())
-        self._open = self._open.select(np.isin(self._open.numbers, self._flow.undecided, assume_unique=True))
+        window, settings = self._window, self.settings
+        window.solve(self._costs(window.undecided()))
+        seen = window.seen
+        margin = round((settings.costs.rounds.window + settings.settle) * self._input.frame_rate)
+        decision = window.decide(self._frame - 1, self._frame - margin)
+        self._tracklets.add(self._chained(decision, seen))
 
     def _absorb(self) -> None:
-        """Extend the network by the waiting frames."""
+        """Take in the waiting frames."""
         if not self._waiting:
             return
-        start = self._frame - len(self._waiting)
-        count = sum(len(rows) for rows in self._rows)
-        new = rows_of(self._waiting, start, count)
+        seen, scores = self._input.rows(self._waiting)
         self._waiting = []
-        self._rows.append(replace(new, features=None))
-        old = len(self._open)
-        self._open = rows = join_rows([self._open, new])
-        pairs = priced_pairs(
-            rows.frames,
-            rows.boxes,
-            rows.features,
-            self.settings.gate,
-            self._transition,
-            self.settings.miss,
-            first_head=old,
-        )
-        transitions = ((rows.numbers[tail], rows.numbers[head], cost) for tail, head, cost in pairs)
-        graph = build_graph(self._observation(new.scores), transitions, self.settings.entry, self.settings.exit)
-        self._flow.extend(new.frames, graph)
+        self._window.add(seen)
+        self._parts.append(replace(seen, features=None))
+        self._scores = np.append(self._scores, scores)
 
-    def _rows_at(self, decision: Decision) -> DetectionRows:
-        return self._open.select(np.searchsorted(self._open.numbers, decision.numbers))
+    def _costs(self, numbers: IntArray) -> FloatArray:
+        """``(U,)`` what using detections costs."""
+        return self.settings.input.detection(self._probability(numbers), self._input.frame_rate)
+
+    def _probability(self, numbers: IntArray) -> FloatArray:
+        """``(U,)`` of detections being right: as learnt, and by what the video says where nothing is."""
+        scores, least = self._scores[numbers], self.settings.input.detection.least
+        if self._observation is None:
+            return self._input.calibration(scores)
+        odds = np.exp(self._observation(np.nan_to_num(scores)) - self._observation.b)
+        return np.clip(1 / (1 + odds), least, 1 - least)
+
+    @staticmethod
+    def _chained(decision: Decision, seen: Seen) -> Chained:
+        used = decision.used
+        place = np.searchsorted(seen.numbers, decision.numbers[used])
+        features = None if seen.features is None else seen.features[place]
+        return Chained(decision.numbers[used], decision.follower[used], features)
+
+    def _table(self) -> Seen:
+        """The rows of all detections."""
+        for part in self._parts:
+            self._every = joined_detections(self._every, part)
+        self._parts = []
+        return self._every
+
+    def _finished(self, every: Seen, labels: IntArray) -> list[Track]:
+        """The tracks with enough detections, their gaps filled, by the frame they start in."""
+        rate, settings = self._input.frame_rate, self.settings
+        gaps = GapSettings(longest=round(settings.fill * rate), support=np.inf, mismatch=np.inf)
+        tracks: list[Track] = []
+        least = settings.least if self._observation is None else settings.least_learnt
+        probability = self._probability(every.numbers)
+        logit = np.log(probability / (1 - probability))
+        for piece in long_tracks(labels, settings.fewest(rate)):
+            if logit[piece].mean() < least:
+                self._clutter += 1
+                continue
+            track = Track(len(tracks) + 1, every.frames[piece], every.boxes[piece], np.nan_to_num(self._scores[piece]))
+            track = fill_gaps(track, gaps)
+            if settings.smoothing is not None:
+                boxes = self._input.camera.from_first(smooth(track, settings.smoothing).boxes, track.frames)
+            else:
+                boxes = self._input.camera.from_first(track.boxes, track.frames)
+                boxes[track.observed] = every.image[piece]
+            tracks.append(replace(track, boxes=boxes))
+        return tracks
 
 
-def _with_learnt_window(settings: FlowSettings, transition: TransitionCost | None) -> FlowSettings:
-    """Learnt costs are right about longer gaps than hand-set ones, but not beyond those they were learnt on."""
-    window = getattr(transition, "window", None)
-    if window is None or settings.gate != FlowSettings().gate:
-        return settings
-    return replace(settings, gate=replace(settings.gate, window=window))
-
-
-def _uncut(rows: DetectionRows, decision: Decision) -> Links:
-    """The tracks as the flow has them."""
-    used = decision.used
-    features = None if rows.features is None else rows.features[used]
-    return Links(decision.numbers[used], decision.follower[used], (decision.cost + decision.link)[used], features)
-
-
-def finished_tracks(
-    rows: DetectionRows,
-    labels: IntArray,
-    min_detections: int,
-    gaps: GapSettings | None,
-    smoothing: SmoothingSettings | None,
-) -> list[tuple[Track, IntArray]]:
-    """The tracks with enough detections, their gaps filled and boxes smoothed, by the frame they start in.
+def long_tracks(labels: IntArray, fewest: int) -> list[IntArray]:
+    """Indices of the detections of each track that has enough of them, by the first.
 
     Args:
-        rows: the detections.
-        labels: ``(N,)`` number of the track of each, -1 for none.
-        min_detections: tracks of fewer that a detector scored are dropped; what it did not score gets 0.
-        gaps: which gaps are filled; None fills none.
-        smoothing: how far boxes are smoothed; None leaves them as they were detected.
-
-    Returns:
-        Each track, and the indices of its detections in the order of its observed frames.
+        labels: ``(N,)`` number of the track of each, -1 for none; in the order of the frames.
+        fewest: detections that a track needs.
     """
     used = np.flatnonzero(labels >= 0)
-    order = used[np.lexsort((rows.frames[used], labels[used]))]
+    order = used[np.argsort(labels[used], kind="stable")]
     pieces = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
-    scored = ~np.isnan(rows.scores)
-    long = [piece for piece in pieces if scored[piece].sum() >= max(min_detections, 1)]
-    tracks = []
-    for number, piece in enumerate(sorted(long, key=lambda piece: int(piece[0])), start=1):
-        track = Track(number, rows.frames[piece], rows.boxes[piece], np.nan_to_num(rows.scores[piece]))
-        if gaps is not None:
-            track = fill_gaps(track, gaps)
-        tracks.append((smooth(track, smoothing) if smoothing is not None else track, piece))
-    return tracks
+    return sorted((piece for piece in pieces if len(piece) >= fewest), key=lambda piece: int(piece[0]))

@@ -13,10 +13,8 @@ from onnx import TensorProto, helper
 
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity, feature_rows, transition_cost
 from tsuiseki.tracking.association.costs import pair_features
-from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
-from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 
 WEIGHTS = Path(str(resources.files("tsuiseki.tracking"))) / "weights"
 CARD = ModelCard(
@@ -132,11 +130,3 @@ def test_unknown_feature_set() -> None:
     pairs = pair_features(np.empty((0, 4)), None, none, none, none)
     with pytest.raises(RequestError, match=r"expected features of thesis, extended, .*; got 'smell'"):
         feature_rows(pairs, "smell")  # type: ignore[arg-type]
-
-
-def test_the_flow_looks_as_far_as_was_learnt(tmp_path: Path) -> None:
-    affinity = Affinity(write_iou_model(tmp_path / "a.onnx", CARD))
-    assert FlowTracker(transition=affinity).settings.gate.window == 7
-    own = FlowSettings(gate=GateSettings(window=2))
-    assert FlowTracker(own, affinity).settings.gate.window == 2
-    assert FlowTracker().settings == FlowSettings()

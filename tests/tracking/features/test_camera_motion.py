@@ -10,10 +10,10 @@ import pytest
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.drone.flight import ground_homography
 from tsuiseki.datamodules.scenes.drone.flow_pairs import random_flow_pair
-from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.features.camera_motion import CameraPath, camera_flow, camera_motion, moved_boxes, undone
 from tsuiseki.tracking.trackers.compensated import MotionCompensated
-from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.trackers.flow import FlowTracker
+from tsuiseki.tracking.trackers.sort import Sort
 from tsuiseki.tracking.types import Detections
 
 IDENTITY = np.eye(3)[:2]
@@ -105,14 +105,14 @@ def jumping(path):
 def test_compensation_keeps_people_apart_whom_a_jumping_camera_confuses():
     path = CameraPath()
     detections = jumping(path)
-    settings = FlowSettings(smoothing=None, observation=ObservationCost(b=-3.0))
-    plain, compensated = FlowTracker(settings), FlowTracker(settings)
-    wrapped = MotionCompensated(compensated, path)
+    plain, compensated = Sort(), MotionCompensated(Sort(), path)
+    flow = FlowTracker(camera=path)
     for found in detections:
         plain.update(found)
-        wrapped.update(found)
-    tracks = wrapped.tracks()
-    assert [len(t) for t in tracks] == [12, 12]
-    for track, x in zip(tracks, (100.0, 160.0), strict=True):
-        np.testing.assert_allclose(track.boxes[:, 0], [x + 60 * (f % 2) for f in range(12)], atol=1e-6)
+        compensated.update(found)
+        flow.update(found)
+    for tracks in (compensated.tracks(), flow.tracks()):
+        assert [len(t) for t in tracks] == [12, 12]
+        for track, x in zip(tracks, (100.0, 160.0), strict=True):
+            np.testing.assert_allclose(track.boxes[:, 0], [x + 60 * (f % 2) for f in range(12)], atol=1e-6)
     assert not any(np.allclose(t.boxes[:, 0], [100 + 60 * (f % 2) for f in t.frames]) for t in plain.tracks())

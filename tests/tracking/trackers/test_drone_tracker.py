@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.stabilised import SummedMotion, move_boxes
+from tsuiseki.tracking.features.camera_trajectory import CameraTrajectory, move_boxes
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray
 
@@ -111,7 +111,7 @@ def test_a_moving_camera_is_taken_out() -> None:
 
 
 def test_a_camera_that_stands_still_changes_no_bit() -> None:
-    motion = SummedMotion()
+    motion = CameraTrajectory()
     for _ in range(5):
         motion.append(np.eye(3)[:2])
     boxes = np.random.default_rng(0).random((10, 4)).cumsum(axis=1)
@@ -120,7 +120,7 @@ def test_a_camera_that_stands_still_changes_no_bit() -> None:
 
 def test_boxes_go_there_and_back() -> None:
     rng = np.random.default_rng(1)
-    motion = SummedMotion()
+    motion = CameraTrajectory()
     motion.append(None)
     for _ in range(7):
         motion.append(similarity(rng, 20))

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.association.costs import ObservationCost
+from tsuiseki.tracking.association.flow_window import FlowCosts
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.bytetrack import ByteTrack
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
@@ -25,7 +26,7 @@ MAKERS: dict[str, Callable[[], PeopleTracker]] = {
     "bytetrack": ByteTrack,
     "ocsort": OcSort,
     "flow": lambda: FlowTracker(FlowSettings(chunk=None)),
-    "sliding flow": lambda: FlowTracker(FlowSettings(chunk=7)),
+    "sliding flow": lambda: FlowTracker(FlowSettings(chunk=0.3)),
 }
 EACH = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
 
@@ -211,10 +212,9 @@ def test_sort_lifecycle() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_sliding_flow_is_the_flow(seed: int) -> None:
-    video, _ = crowd(np.random.default_rng(20 + seed), 6, 90, miss=0.25, clutter=1.5, noise=3.0)
-    gate = GateSettings(window=4)
-    whole = track_people(video, FlowTracker(FlowSettings(gate=gate, chunk=None)))
-    sliding = FlowTracker(FlowSettings(gate=gate, chunk=5 + seed))
+    video, _ = crowd(np.random.default_rng(20 + seed), 6, 150, miss=0.2, clutter=0.5, noise=2.0)
+    whole = track_people(video, FlowTracker(FlowSettings(chunk=None)))
+    sliding = FlowTracker(FlowSettings(chunk=0.5 + seed))
     for a, b in zip(whole, track_people(video, sliding), strict=True):
         np.testing.assert_array_equal(a.frames, b.frames)
         np.testing.assert_allclose(a.boxes, b.boxes)
@@ -227,24 +227,58 @@ def test_flow_fills_gaps_and_says_so() -> None:
     for track in track_people(video, FlowTracker()):
         assert track.frames.tolist() == list(range(40))
         assert np.flatnonzero(~track.observed).tolist() == [15, 16, 17, 18]
-    plain = FlowSettings(gaps=None, smoothing=None)
+    plain = FlowSettings(fill=0.0, smoothing=None)
     for track, person in zip(track_people(video, FlowTracker(plain)), range(3), strict=True):
         assert track.frames.tolist() == [*range(15), *range(19, 40)]
         assert track.observed.all()
         assert any((track.boxes[0] == box).all() for box in video[0].boxes), person
 
 
+@pytest.mark.parametrize("score", [0.5, 0.86, 1.0, 40.0, np.nan])
+def test_flow_needs_no_scale_of_scores(score: float) -> None:
+    boxes = np.array([[0.0, 0, 30, 80], [200, 0, 230, 80]])
+    moves = np.array([[2.0, 0, 2, 0], [-1, 0, -1, 0]])
+    video = [Detections(boxes + frame * moves, np.full(2, score)) for frame in range(60)]
+    assert [len(track) for track in track_people(video, FlowTracker())] == [60, 60]
+
+
+def test_flow_leaves_doubled_boxes_out() -> None:
+    boxes = np.array([[0.0, 0, 30, 80], [0.1, 0, 30.1, 80], [200, 0, 230, 80]])
+    tracker = FlowTracker()
+    tracks = track_people([Detections(boxes, np.array([0.9, 0.8, 0.9]))] * 30, tracker)
+    np.testing.assert_allclose([track.boxes[0, 0] for track in tracks], [0, 200], atol=1e-9)
+    assert tracker.duplicates == 30
+
+
+def test_flow_follows_a_camera_by_its_boxes() -> None:
+    """Six people stand, the camera swings by two of their widths every frame."""
+    place = np.array([[300.0 * k, 50.0 * (k % 2)] for k in range(6)])
+    video = []
+    for frame in range(40):
+        corner = place + np.array([50 * np.sin(1.5 * frame), 0])
+        video.append(Detections(np.concatenate([corner, corner + np.array([30, 80])], axis=1), np.full(6, 0.9)))
+    tracks = track_people(video, FlowTracker())
+    assert [len(track) for track in tracks] == [40] * 6
+    for track in tracks:
+        np.testing.assert_allclose(track.boxes[:, 2] - track.boxes[:, 0], 30, atol=1e-6)
+
+
 def test_flow_prices_by_what_it_is_given() -> None:
-    """A transition cost that forbids every link leaves no track; an observation cost of nothing explains nothing."""
+    """Learnt prices under which no detection is worth anything leave no track."""
     video, _ = crowd(np.random.default_rng(31), 3, 20)
-    assert track_people(video, FlowTracker(transition=lambda pairs: np.full(len(pairs), 1e3))) == []
-    assert track_people(video, FlowTracker(observation=lambda scores: np.zeros(len(scores)))) == []
+    assert track_people(video, FlowTracker(observation=ObservationCost(alpha=9.0, beta=0.0))) == []
 
 
-@pytest.mark.parametrize("wrong", [{"entry": -1.0}, {"miss": np.nan}, {"exit": np.inf}, {"chunk": 0}])
+@pytest.mark.parametrize("wrong", [{"chunk": 0}, {"fill": -1.0}, {"longest": 1.0}])
 def test_flow_settings_must_make_sense(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="expected"):
         FlowSettings(**wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", [{"entry": -1.0}, {"exit": np.inf}])
+def test_flow_costs_must_make_sense(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        FlowCosts(**wrong)  # type: ignore[arg-type]
 
 
 def test_online_settings_must_make_sense() -> None:

@@ -76,7 +76,7 @@ def people(
     from tsuiseki.tracking.pipelines.finding import PeopleInputs, threads_of_a_call
     from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
     from tsuiseki.tracking.report.overlay import write_overlay
-    from tsuiseki.tracking.trackers.compensated import MotionCompensated
+    from tsuiseki.tracking.trackers.flow import FlowTracker
     from tsuiseki.tracking.trackers.run import FrameLog, shifted
 
     source = video.open()
@@ -93,9 +93,7 @@ def people(
     )
     learnt = people_affinity(method, affinity, finding.threads, known_scores=knows_scores(inputs.detect))
     settings = MethodSettings(sort, deepsort, bytetrack, ocsort, flow)
-    tracker = people_tracker(method, settings, learnt, output.seed)
-    if inputs.camera is not None:
-        tracker = MotionCompensated(tracker, inputs.camera)
+    tracker = people_tracker(method, settings, learnt, output.seed, source, inputs.camera)
     log = FrameLog()
     with output.run() as run:
         frames = run.frames(source, record=video.overlay)
@@ -105,6 +103,10 @@ def people(
                 tracker.update(found)
         with run.times.measure(method):
             tracks = [shifted(track, log.frames[0]) for track in tracker.tracks()]
+        if isinstance(tracker, FlowTracker):
+            run.facts["flow"] = tracker.facts()
+            if tracker.duplicates:
+                print(f"{count(tracker.duplicates, 'box', 'boxes')} left out that lay on another")
         if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:
             run.facts["view"] = inputs.detect.summary
             print(f"looked at {inputs.detect.summary}; --view says how many")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, FlowSolution, solve
-from tsuiseki.tracking.association.windows import WindowedFlow
+from tsuiseki.tracking.association.sliding_flow import SlidingFlow
 
 
 def _instance(seed: int) -> tuple[np.ndarray, FlowGraph, int, int]:
@@ -49,7 +49,7 @@ def _part(graph: FlowGraph, frames: np.ndarray, first: int, last: int) -> tuple[
 
 
 def _windowed(
-    frames: np.ndarray, graph: FlowGraph, length: int, flow: WindowedFlow, chunk: int
+    frames: np.ndarray, graph: FlowGraph, length: int, flow: SlidingFlow, chunk: int
 ) -> tuple[FlowSolution, list[int]]:
     """The solution put together from all decisions, and how many detections were kept after each."""
     used, follower = np.zeros(len(graph), dtype=bool), np.full(len(graph), -1)
@@ -72,7 +72,7 @@ def _windowed(
 def test_cost_and_tracks_are_those_of_the_whole_video(seed: int) -> None:
     frames, graph, length, longest = _instance(seed)
     whole = solve(graph)
-    flow = WindowedFlow(overlap=longest + 1, most_entry=3.0)
+    flow = SlidingFlow(overlap=longest + 1, most_saving=3.0)
     pieced, _ = _windowed(frames, graph, length, flow, chunk=1 + seed % 9)
     assert flow.exact
     assert pieced.cost == pytest.approx(whole.cost, abs=2 * len(graph) / SCALE)
@@ -89,7 +89,7 @@ def test_it_is_enough_that_the_optimum_has_no_long_gap(seed: int) -> None:
     linked = whole.follower >= 0
     gaps = frames[whole.follower[linked]] - frames[linked]
     overlap = max(2, int(gaps.max(initial=0)) + 1)
-    pieced, _ = _windowed(frames, graph, length, WindowedFlow(overlap, 3.0), chunk=1 + seed % 5)
+    pieced, _ = _windowed(frames, graph, length, SlidingFlow(overlap, 3.0), chunk=1 + seed % 5)
     assert pieced.cost == pytest.approx(whole.cost, abs=2 * len(graph) / SCALE)
     np.testing.assert_array_equal(pieced.follower, whole.follower)
 
@@ -114,7 +114,7 @@ def _walkers(length: int, people: int, seed: int) -> tuple[np.ndarray, FlowGraph
 
 def test_memory_does_not_grow_with_the_video() -> None:
     frames, graph = _walkers(600, 5, seed=0)
-    flow = WindowedFlow(overlap=4, most_entry=3.0)
+    flow = SlidingFlow(overlap=4, most_saving=3.0)
     pieced, kept = _windowed(frames, graph, 600, flow, chunk=10)
     assert pieced.cost == pytest.approx(solve(graph).cost, abs=2 * len(graph) / SCALE)
     # A frontier of 3 frames holds 15 detections; what is undecided beyond it does not pile up.
@@ -124,7 +124,7 @@ def test_memory_does_not_grow_with_the_video() -> None:
 
 def test_a_bound_on_the_window_is_kept_and_reported() -> None:
     frames, graph, length, longest = _instance(21)
-    flow = WindowedFlow(longest + 1, 3.0, longest=longest + 1)
+    flow = SlidingFlow(longest + 1, 3.0, longest=longest + 1)
     pieced, _ = _windowed(frames, graph, length, flow, chunk=1)
     assert not flow.exact
     assert pieced.cost >= solve(graph).cost - 2 * len(graph) / SCALE
@@ -133,33 +133,33 @@ def test_a_bound_on_the_window_is_kept_and_reported() -> None:
 def test_each_part_of_the_overlap_rule_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     """A plain overlap, with everything before the frontier decided, misses the optimum."""
     monkeypatch.setattr(
-        "tsuiseki.tracking.association.windows._safe_detections",
+        "tsuiseki.tracking.association.sliding_flow._safe_detections",
         lambda *arguments: ~arguments[3],
     )
     missed = 0
     for seed in range(0, 40, 4):
         frames, graph, length, longest = _instance(seed)
-        pieced, _ = _windowed(frames, graph, length, WindowedFlow(longest + 1, 3.0), chunk=1 + seed % 9)
+        pieced, _ = _windowed(frames, graph, length, SlidingFlow(longest + 1, 3.0), chunk=1 + seed % 9)
         missed += pieced.cost > solve(graph).cost + 1e-3
     assert missed > 0
 
 
 def test_broken_order_and_settings_are_refused() -> None:
-    flow = WindowedFlow(3, 1.0)
+    flow = SlidingFlow(3, 1.0)
     one = FlowGraph(*(np.array([v]) for v in (-1.0, 1.0, 1.0)), np.empty(0, int), np.empty(0, int), np.empty(0))
     flow.extend(np.array([5]), one)
     with pytest.raises(ValueError, match="frames after 5"):
         flow.extend(np.array([5]), one)
-    with pytest.raises(ValueError, match="most_entry"):
-        WindowedFlow(3, 0.5).extend(np.array([0]), one)
+    with pytest.raises(ValueError, match="saves at most"):
+        SlidingFlow(3, 0.5).extend(np.array([0]), one)
     with pytest.raises(ValueError, match="overlap"):
-        WindowedFlow(1, 1.0)
+        SlidingFlow(1, 1.0)
     with pytest.raises(ValueError, match="longest"):
-        WindowedFlow(5, 1.0, longest=4)
+        SlidingFlow(5, 1.0, longest=4)
 
 
 def test_empty_windows_pass() -> None:
-    flow = WindowedFlow(2, 1.0)
+    flow = SlidingFlow(2, 1.0)
     flow.extend(np.empty(0, int), FlowGraph(*(np.empty(0),) * 3, np.empty(0, int), np.empty(0, int), np.empty(0)))
     assert len(flow.decide(9).numbers) == 0
     assert len(flow.remainder().numbers) == 0

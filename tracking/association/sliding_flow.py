@@ -12,14 +12,14 @@ overlap alone would not do: a choice between two matchings can hang in the balan
 
 **How it is known that no future can change a detection.** Merge source and sink into a hub; ``y``, the length of the
 shortest path from the hub to a node in the residual network, is an optimal dual solution. All the future can do is to
-pay for units that arrive at frontier nodes v_i: nothing at the least, and at the most what continuing a track saves, a
-track's entry. The dual problem is to maximise a supermodular function under lower bounds on the frontier, so its
-solutions grow with those bounds, and the dual solution that holds in the end lies between ``y`` of the window as it
-is and ``y'`` of the window in which every frontier node is offered the most. The optimum of the whole video differs
-from the window's only along residual paths from the hub to the frontier that are tight under that dual solution.
-Every node of such a path either has ``y < y'``, or is of the frontier, or has a residual arc, tight for some dual
-solution between the two, to a node of the path. The nodes for which none of this holds are safe. Integers make the
-comparisons exact.
+pay for units that arrive at frontier nodes v_i: nothing at the least, and at the most what continuing a track saves: a
+track's entry, less the cheapest transition if that costs less than nothing. The dual problem is to maximise a
+supermodular function under lower bounds on the frontier, so its solutions grow with those bounds, and the dual
+solution that holds in the end lies between ``y`` of the window as it is and ``y'`` of the window in which every
+frontier node is offered the most. The optimum of the whole video differs from the window's only along residual paths
+from the hub to the frontier that are tight under that dual solution. Every node of such a path either has ``y < y'``,
+or is of the frontier, or has a residual arc, tight for some dual solution between the two, to a node of the path. The
+nodes for which none of this holds are safe. Integers make the comparisons exact.
 
 **Memory.** What is kept is the undecided part. Usually that is little more than the frontier, whatever the length of
 the video; people who stay inseparable for long can make it grow. ``longest`` bounds it: a window of more frames is cut,
@@ -58,25 +58,26 @@ class Decision:
     link: FloatArray
 
 
-class WindowedFlow:
+class SlidingFlow:
     """Solves a flow network that arrives piece by piece in the order of the frames.
 
     Args:
         overlap: transitions span fewer frames than this; at least 2.
-        most_entry: the highest entry cost of any detection to come.
+        most_saving: the most that it can save to continue a track: the highest entry cost of any detection to come
+            minus the lowest cost of a transition, if that is negative.
         longest: most frames that may stay undecided; None never cuts.
 
     Raises:
         ValueError: the overlap is too short, or longer than ``longest``.
     """
 
-    def __init__(self, overlap: int, most_entry: float, longest: int | None = None) -> None:
+    def __init__(self, overlap: int, most_saving: float, longest: int | None = None) -> None:
         if overlap < 2:
             raise ValueError(f"expected an overlap of at least 2 frames, got {overlap}")
         if longest is not None and longest < overlap:
             raise ValueError(f"expected longest to be at least the overlap of {overlap} frames, got {longest}")
         self.overlap = overlap
-        self.most_entry = most_entry
+        self.most_saving = most_saving
         self.longest = longest
         self.exact = True
         self._count = 0
@@ -101,12 +102,11 @@ class WindowedFlow:
                 from detections that are decided are left out.
 
         Raises:
-            ValueError: a frame is not later, a transition costs less than 0, or an entry more than ``most_entry``.
+            ValueError: a frame is not later, or continuing a track can save more than ``most_saving``.
         """
         if len(frames) and len(self._frames) and frames.min() <= self._frames.max():
             raise ValueError(f"expected frames after {self._frames.max()}, got {frames.min()}")
-        if (graph.transition < 0).any() or (graph.entry > self.most_entry).any():
-            raise ValueError("expected transitions of cost 0 or more, and no entry above most_entry")
+        self._check(graph)
         old = self._graph
         self._numbers = np.append(self._numbers, np.arange(self._count, self._count + len(frames)))
         self._count += len(frames)
@@ -124,15 +124,44 @@ class WindowedFlow:
             np.append(old.transition, graph.transition[kept]),
         )
 
-    def decide(self, last_frame: int) -> Decision:
+    def replace(self, graph: FlowGraph) -> None:
+        """Take other costs and transitions for the detections that are not decided.
+
+        Args:
+            graph: of the undecided detections; its indices count them.
+
+        Raises:
+            ValueError: the number of detections differs, or continuing a track can save more than ``most_saving``.
+        """
+        if len(graph) != len(self._numbers):
+            raise ValueError(f"expected costs of {len(self._numbers)} detections, got {len(graph)}")
+        self._check(graph)
+        self._graph = graph
+
+    def solution(self) -> FlowSolution:
+        """The cheapest flow as it is if the video ends here; its indices count the undecided detections."""
+        return solve(self._graph, self._inflow)
+
+    def decide_before(self, frame: int) -> Decision:
+        """Decide and forget all detections before a frame, whether the future could change them or not."""
+        solution = solve(self._graph, self._inflow)
+        done = self._frames < frame
+        decision = self._decision(done, solution)
+        self._forget(done, solution)
+        return decision
+
+    def decide(self, last_frame: int, before: int | None = None) -> Decision:
         """Decide and forget what no frame after ``last_frame`` can change.
 
         Args:
             last_frame: the last frame that has come, with or without detections.
+            before: decide nothing from this frame on.
         """
         frontier = self._frames > last_frame + 1 - self.overlap
+        if before is not None:
+            frontier |= self._frames >= before
         solution = solve(self._graph, self._inflow)
-        done = _safe_detections(self._graph, solution, self._inflow, frontier, self.most_entry)
+        done = _safe_detections(self._graph, solution, self._inflow, frontier, self.most_saving)
         done = _with_predecessors(done, solution)
         if self.longest is not None and len(self._frames) and self._undecided_span(done, last_frame) > self.longest:
             self.exact = False
@@ -144,6 +173,11 @@ class WindowedFlow:
     def remainder(self) -> Decision:
         """All that is not decided, as it is if the video ends here; nothing is forgotten."""
         return self._decision(np.ones(len(self._frames), dtype=np.bool_), solve(self._graph, self._inflow))
+
+    def _check(self, graph: FlowGraph) -> None:
+        saving = graph.entry.max(initial=0.0) - min(graph.transition.min(initial=0.0), 0.0)
+        if saving > self.most_saving:
+            raise ValueError(f"expected that continuing a track saves at most {self.most_saving:g}, got {saving:g}")
 
     def _undecided_span(self, done: BoolArray, last_frame: int) -> int:
         return 0 if done.all() else last_frame + 1 - int(self._frames[~done].min())
@@ -188,11 +222,11 @@ def _with_predecessors(done: BoolArray, solution: FlowSolution) -> BoolArray:
 
 
 def _safe_detections(
-    graph: FlowGraph, solution: FlowSolution, inflow: BoolArray, frontier: BoolArray, most_entry: float
+    graph: FlowGraph, solution: FlowSolution, inflow: BoolArray, frontier: BoolArray, most_saving: float
 ) -> BoolArray:
     """``(N,)`` the detections that no future can change (see the module's text)."""
     least = _Residual(graph, solution, inflow)
-    offered = np.where(frontier, np.minimum(graph.exit, -most_entry), graph.exit)
+    offered = np.where(frontier, np.minimum(graph.exit, -most_saving), graph.exit)
     generous = FlowGraph(graph.observation, graph.entry, offered, graph.tail, graph.head, graph.transition)
     most = _Residual(generous, solve(generous, inflow), inflow)
     low, high = least.distances(), most.distances()

@@ -1,0 +1,153 @@
+"""Place and motion along chains of detections: a Kalman filter from either side, over all chains at once.
+
+The state of a chain is (x, y, log width, log height) and its velocity; each coordinate moves by itself with a velocity
+that changes at random (white acceleration). With r the deviation of a measurement, v that of the velocity at the start
+and q the strength of the acceleration, a step of τ seconds is
+
+    P ← F P Fᵀ + q² [[τ³/3, τ²/2], [τ²/2, τ]],    F = [[1, τ], [0, 1]],
+
+and a chain begins with P = diag(r², v²). Places are in heights of the box: a gain depends on ratios of variances only,
+so the means stay in pixels. x and y have the same noise, so three covariances stand for the four coordinates.
+
+Long chains are cut into blocks that are filtered side by side. Each block starts a little earlier than it counts, by
+when the filter has forgotten how it started.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+# Which covariance belongs to x, y, log width and log height.
+GROUPS = np.array([0, 0, 1, 2])
+BLOCK, RUN_UP = 48, 20
+
+
+@dataclass(frozen=True)
+class MotionNoise:
+    """Noise of the filter, for places, log widths and log heights.
+
+    Attributes:
+        measurement: r, heights of the box and logarithms, for a sure box that nothing hides.
+        acceleration: q, of the same a second and the root of a second.
+        velocity: v, of the same a second.
+        unsure: how much further off a box of probability 0 is than one of probability 1, in r.
+        hidden: how much further off a box is that is quite hidden.
+    """
+
+    measurement: tuple[float, float, float] = (0.03, 0.14, 0.05)
+    acceleration: tuple[float, float, float] = (0.246, 0.49, 0.099)
+    velocity: tuple[float, float, float] = (0.75, 0.06, 0.09)
+    unsure: float = 1.5
+    hidden: float = 0.75
+
+    def __post_init__(self) -> None:
+        if min(*self.measurement, *self.acceleration, *self.velocity) <= 0 or min(self.unsure, self.hidden) < 0:
+            raise ValueError("expected measurement, acceleration and velocity above 0, unsure and hidden from 0")
+
+
+@dataclass(frozen=True)
+class Beliefs:
+    """What is known at N detections.
+
+    Attributes:
+        place: ``(N, 4)`` x, y in pixels, log width, log height.
+        velocity: ``(N, 4)`` of the same, a second, as time runs.
+        covariance: ``(N, 3, 3)``: for places, log widths and log heights the variance of the place, the covariance of
+            place and velocity, and the variance of the velocity.
+    """
+
+    place: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """N detections as the filter takes them.
+
+    Attributes:
+        times: ``(N,)`` seconds.
+        places: ``(N, 4)`` x, y in pixels, log width, log height.
+        noise: ``(N,)`` by how much the measurement deviates more than r.
+        wander: ``(N,)`` variance of a place that the camera's motion has added up to, squared heights.
+    """
+
+    times: FloatArray
+    places: FloatArray
+    noise: FloatArray
+    wander: FloatArray
+
+
+def beliefs_along(labels: IntArray, seen: Measurements, noise: MotionNoise) -> tuple[Beliefs, Beliefs]:
+    """What the past of its chain says at each detection, itself included, and what its future says.
+
+    Args:
+        labels: ``(N,)`` number of the chain from 0 on; a detection of -1 is a chain by itself.
+        seen: the detections, in the order of time.
+        noise: of the filter.
+    """
+    count = len(labels)
+    own = np.where(labels < 0, labels.max(initial=-1) + 1 + np.arange(count), labels)
+    order = np.argsort(own, kind="stable")
+    change = own[order[1:]] != own[order[:-1]]
+    ends = np.ones(count, dtype=np.bool_)
+    ends[:-1] = change
+    starts = np.ones(count, dtype=np.bool_)
+    starts[1:] = change
+    past = _scattered(_filtered(starts, order, seen, noise, 1.0), order, 1.0)
+    future = _scattered(_filtered(ends[::-1], order[::-1], seen, noise, -1.0), order[::-1], -1.0)
+    return past, future
+
+
+def _scattered(beliefs: Beliefs, order: IntArray, direction: float) -> Beliefs:
+    """The beliefs in the order of the detections, with time running forwards."""
+    place, velocity, covariance = (
+        np.empty_like(part) for part in (beliefs.place, beliefs.velocity, beliefs.covariance)
+    )
+    place[order], velocity[order], covariance[order] = beliefs.place, direction * beliefs.velocity, beliefs.covariance
+    covariance[:, :, 1] *= direction
+    return Beliefs(place, velocity, covariance)
+
+
+def _filtered(starts: BoolArray, order: IntArray, seen: Measurements, noise: MotionNoise, direction: float) -> Beliefs:
+    """The filter along chains that follow each other in ``order`` and begin where ``starts`` says."""
+    count = len(order)
+    blocks = -(-count // BLOCK)
+    first = np.arange(blocks) * BLOCK - RUN_UP
+    r2, q2, v2 = (np.square(values) for values in (noise.measurement, noise.acceleration, noise.velocity))
+    times, wander = direction * seen.times[order], direction * seen.wander[order]
+    measured, spread = seen.places[order], np.square(seen.noise[order])
+    result = Beliefs(np.zeros((count, 4)), np.zeros((count, 4)), np.zeros((count, 3, 3)))
+    x, v = np.zeros((blocks, 4)), np.zeros((blocks, 4))
+    a, b, c = np.zeros((blocks, 3)), np.zeros((blocks, 3)), np.zeros((blocks, 3))
+    before = np.zeros(blocks, dtype=np.int64)
+    for step in range(BLOCK + RUN_UP):
+        inside = (first + step >= 0) & (first + step < count)
+        now = (first + step).clip(0, count - 1)
+        fresh = (starts[now] | (step == 0) | (first + step <= 0))[:, None]
+        tau = (times[now] - times[before])[:, None]
+        camera = (wander[now] - wander[before]).clip(min=0)[:, None] * [1.0, 0.0, 0.0]
+        before = now
+        # Prediction.
+        x = x + v * tau
+        a = a + 2 * b * tau + c * tau**2 + q2 * tau**3 / 3 + camera
+        b = b + c * tau + q2 * tau**2 / 2
+        c = c + q2 * tau
+        # Update by the measurement.
+        r = r2 * spread[now][:, None]
+        gain_x, gain_v = a / (a + r), b / (a + r)
+        off = measured[now] - x
+        x = np.where(fresh, measured[now], x + gain_x[:, GROUPS] * off)
+        v = np.where(fresh, 0, v + gain_v[:, GROUPS] * off)
+        c = np.where(fresh, v2, c - gain_v * b)
+        b = np.where(fresh, 0, b - gain_x * b)
+        a = np.where(fresh, r, a - gain_x * a)
+        if step >= RUN_UP:
+            rows = now[inside]
+            result.place[rows], result.velocity[rows] = x[inside], v[inside]
+            result.covariance[rows] = np.stack([a, b, c], axis=2)[inside]
+    return result

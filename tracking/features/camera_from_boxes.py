@@ -1,0 +1,146 @@
+"""How a camera moved, from boxes alone: what the boxes of neighbouring frames have in common.
+
+For boxes of one height h a pair of neighbouring frames is explained by a similarity that most of its pairs of boxes
+agree on. Pairs within a height of each other take part, the more alike the more. The first guess is the shift that most
+pairs are near to; then a similarity is fitted by reweighted least squares with the weights
+
+    (w / h²) / (1 + |d − s|² / (k h)²)²,
+
+d the difference of the centres, s what the similarity says of it and k the tolerance: how far people move by themselves
+between two frames. Turning and scaling are held back by a ridge. All pairs of frames are estimated at once.
+
+Fewer than four pairs that agree say nothing: one person who walks looks like a camera that turns. Then the camera is
+taken to go on standing still, or, where it has been moving, the estimate is taken with a deviation as large as itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class CameraFromBoxes:
+    """Settings of the estimate.
+
+    Attributes:
+        reach: how far a box moves between two frames at most, heights.
+        mode: width of the kernel that the first shift is found with, heights a second.
+        tolerance: by how much a pair may differ from the camera's motion, heights a second.
+        rounds: of the reweighted least squares.
+        ridge: how strongly turning and scaling are held back.
+        least: pairs that must agree.
+        moving: shift a second, in heights, from which the camera is said to move.
+    """
+
+    reach: float = 1.0
+    mode: float = 1.5
+    tolerance: float = 0.45
+    rounds: int = 8
+    ridge: float = 0.5
+    least: float = 4.0
+    moving: float = 0.3
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How the camera moved into each of T frames.
+
+    Attributes:
+        similarity: ``(T, 2, 3)`` where pixels of the frame before lie in each.
+        support: ``(T,)`` pairs that agree with it.
+        shift: ``(T,)`` length of the shift in the middle of the boxes, in their heights.
+        deviation: ``(T,)`` of the pairs that agree, heights.
+    """
+
+    similarity: FloatArray
+    support: FloatArray
+    shift: FloatArray
+    deviation: FloatArray
+
+
+def steps_from_boxes(
+    frames: IntArray, boxes: FloatArray, count: int, frame_rate: float, settings: CameraFromBoxes
+) -> Steps:
+    """The steps into the frames 0 to ``count - 1``; into the first there is none.
+
+    Args:
+        frames: ``(N,)`` in [0, count).
+        boxes: ``(N, 4)`` pixels.
+        count: T.
+        frame_rate: frames a second.
+        settings: of the estimate.
+    """
+    steps = Steps(np.tile(np.eye(3)[:2], (count, 1, 1)), np.zeros(count), np.zeros(count), np.zeros(count))
+    every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
+    reach = np.repeat(settings.reach * size[:, 1:], 2, axis=1)
+    i, j = near_pairs(frames, centre, reach, 1, every, every)
+    change = np.log(size[j] / size[i])
+    alike = np.abs(change[:, 1]) < 0.5
+    i, j, change = i[alike], j[alike], change[alike]
+    if len(i) == 0:
+        return steps
+    time, height = frames[j], (size[i, 1] + size[j, 1]) / 2
+    weight = np.exp(-((change[:, 1] / 0.1) ** 2) - (change[:, 0] / 0.2) ** 2)
+    move = centre[j] - centre[i]
+
+    def total(values: FloatArray) -> FloatArray:
+        return np.bincount(time, values, count).astype(np.float64)
+
+    present = np.maximum(total(weight), 1e-12)
+    middle = np.stack([total(weight * centre[i, k]) for k in (0, 1)], axis=1) / present[:, None]
+    place = centre[i] - middle[time]
+    ridge = settings.ridge * total(weight * np.square(place).sum(axis=1)) / present
+    kernel = settings.mode / frame_rate * height
+    scale, turn, shift = np.zeros(count), np.zeros(count), _common_shift(time, move, kernel, weight, count)
+    for _ in range(settings.rounds):
+        off = move - _moves(place, time, scale, turn, shift)
+        squared = np.square(off).sum(axis=1)
+        agree = weight / (1 + squared / np.square(settings.tolerance / frame_rate * height)) ** 2
+        share = agree / np.square(height)
+        mass = total(share) + 1e-12
+        mean_place = np.stack([total(share * place[:, k]) for k in (0, 1)], axis=1) / mass[:, None]
+        mean_move = np.stack([total(share * move[:, k]) for k in (0, 1)], axis=1) / mass[:, None]
+        p, m = place - mean_place[time], move - mean_move[time]
+        spread = total(share * np.square(p).sum(axis=1)) + ridge * mass + 1e-9
+        scale = total(share * (p * m).sum(axis=1)) / spread
+        turn = total(share * (p[:, 0] * m[:, 1] - p[:, 1] * m[:, 0])) / spread
+        # What is subtracted is the move of the mean place under scale and turn.
+        shift = mean_move - _moves(mean_place, np.arange(count), scale, turn, np.zeros((count, 2)))
+    has = total(np.ones(len(time))) > 0
+    matrix = np.stack([np.stack([1 + scale, -turn], 1), np.stack([turn, 1 + scale], 1)], 1)
+    steps.similarity[has, :, :2] = matrix[has]
+    steps.similarity[has, :, 2] = (middle + shift - np.einsum("tij,tj->ti", matrix, middle))[has]
+    steps.support[:] = total(agree)
+    mean_height = total(weight * height) / present
+    steps.shift[has] = (np.hypot(*shift.T) / np.maximum(mean_height, 1e-12))[has]
+    steps.deviation[has] = np.sqrt(total(share * squared) / np.maximum(total(agree), 1e-12))[has]
+    return steps
+
+
+def _moves(place: FloatArray, time: IntArray, scale: FloatArray, turn: FloatArray, shift: FloatArray) -> FloatArray:
+    """``(P, 2)`` how far similarities move places, given relative to the middle of the boxes."""
+    s, r = scale[time], turn[time]
+    return np.asarray(
+        np.stack([s * place[:, 0] - r * place[:, 1], r * place[:, 0] + s * place[:, 1]], axis=1) + shift[time]
+    )
+
+
+def _common_shift(time: IntArray, move: FloatArray, kernel: FloatArray, weight: FloatArray, count: int) -> FloatArray:
+    """``(T, 2)`` of the moves of each frame the one that most others are near to, by their weights."""
+    order = np.argsort(time, kind="stable")
+    bounds = np.searchsorted(time[order], np.arange(count + 1))
+    shift = np.zeros((count, 2))
+    for frame in np.flatnonzero(np.diff(bounds)).tolist():
+        # With very many boxes a sample tells as well.
+        rows = order[bounds[frame] : bounds[frame + 1]]
+        rows = rows[:: max(1, len(rows) // 500)]
+        x, y = move[rows].T
+        width = np.square(kernel[rows])
+        votes = np.exp(-(np.square(x[:, None] - x) + np.square(y[:, None] - y)) / width) @ weight[rows]
+        shift[frame] = move[rows[np.argmax(votes)]]
+    return shift

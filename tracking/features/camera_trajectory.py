@@ -1,0 +1,88 @@
+"""Where the frames of a video lie when the camera moves: the similarities from frame to frame, added up."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+STILL = np.eye(3)
+
+
+class CameraTrajectory:
+    """The steps of a camera, from boxes or from images, and how far each can be trusted.
+
+    Boxes that are taken ``to_first`` lie where the first frame would show them, so that they can be compared as if
+    the camera stood still.
+
+    Args:
+        source: what the steps are estimated from.
+
+    Attributes:
+        unknown: frames whose step nothing told; the camera is taken to stand still there.
+    """
+
+    def __init__(self, source: Literal["boxes", "images"] = "boxes") -> None:
+        self.source = source
+        self.unknown: list[int] = []
+        self._to_now: list[FloatArray] = []
+        self._variance: list[float] = []
+
+    def __len__(self) -> int:
+        return len(self._to_now)
+
+    def copy(self) -> CameraTrajectory:
+        """A copy that goes on by itself."""
+        other = CameraTrajectory(self.source)
+        other.unknown, other._to_now, other._variance = [*self.unknown], [*self._to_now], [*self._variance]
+        return other
+
+    def append(self, step: FloatArray | None, deviation: float = 0.0) -> None:
+        """Add a frame.
+
+        Args:
+            step: ``(2, 3)`` similarity, where pixels of the frame before lie in this one; None where nothing tells.
+            deviation: standard deviation of the place of a box after the step, in heights of the box.
+        """
+        before = self._to_now[-1] if self._to_now else STILL
+        if step is None and self._to_now:
+            self.unknown.append(len(self))
+        still = step is None or np.array_equal(step, STILL[:2])
+        self._to_now.append(before if step is None or still else np.vstack([step, STILL[2]]) @ before)
+        self._variance.append((self._variance[-1] if self._variance else 0.0) + deviation**2)
+
+    def variance(self, frames: IntArray) -> FloatArray:
+        """``(N,)`` variance of the place of a box, in squared heights, that the steps up to ``frames`` add up to."""
+        return np.asarray(self._variance)[frames]
+
+    def to_first(self, boxes: FloatArray, frames: IntArray) -> FloatArray:
+        """``(N, 4)`` boxes of ``(N,)`` frames where the first frame would show them; they stay upright."""
+        return self._moved(boxes, frames, inverse=True)
+
+    def from_first(self, boxes: FloatArray, frames: IntArray) -> FloatArray:
+        """The other way round."""
+        return self._moved(boxes, frames, inverse=False)
+
+    def _moved(self, boxes: FloatArray, frames: IntArray, *, inverse: bool) -> FloatArray:
+        if len(boxes) == 0:
+            return boxes
+        chosen, which = np.unique(frames, return_inverse=True)
+        matrices = np.stack([self._to_now[t] for t in chosen.tolist()])
+        # Boxes of a camera that never moved stay as they are, to the last bit.
+        if (matrices == STILL).all():
+            return boxes
+        return move_boxes(boxes, (np.linalg.inv(matrices) if inverse else matrices)[which, :2])
+
+
+def move_boxes(boxes: FloatArray, similarities: FloatArray) -> FloatArray:
+    """``(N, 4)`` boxes with their centres taken through ``(N, 2, 3)`` similarities and their sizes scaled, not turned.
+
+    >>> move_boxes(np.array([[0.0, 0, 2, 4]]), np.array([[[2.0, 0, 10], [0, 2, 0]]])).tolist()
+    [[10.0, 0.0, 14.0, 8.0]]
+    """
+    centre = (boxes[:, :2] + boxes[:, 2:]) / 2
+    moved = np.einsum("nij,nj->ni", similarities[:, :, :2], centre) + similarities[:, :, 2]
+    half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.linalg.norm(similarities[:, :, 0], axis=1)[:, None]
+    return np.concatenate([moved - half, moved + half], axis=1)
