@@ -10,7 +10,7 @@ d the difference of the centres, s what the similarity says of it and k the tole
 between two frames. Turning and scaling are held back by a ridge. All pairs of frames are estimated at once.
 
 Fewer than four pairs that agree say nothing: one person who walks looks like a camera that turns. Then the camera is
-taken to go on standing still, or, where it has been moving, the estimate is taken with a deviation as large as itself.
+taken to stand still, or, where it has been moving, to move as the few say; the frame counts as unknown.
 """
 
 from __future__ import annotations
@@ -54,13 +54,11 @@ class Steps:
         similarity: ``(T, 2, 3)`` where pixels of the frame before lie in each.
         support: ``(T,)`` pairs that agree with it.
         shift: ``(T,)`` length of the shift in the middle of the boxes, in their heights.
-        deviation: ``(T,)`` of the pairs that agree, heights.
     """
 
     similarity: FloatArray
     support: FloatArray
     shift: FloatArray
-    deviation: FloatArray
 
 
 def steps_from_boxes(
@@ -75,7 +73,7 @@ def steps_from_boxes(
         frame_rate: frames a second.
         settings: of the estimate.
     """
-    steps = Steps(np.tile(np.eye(3)[:2], (count, 1, 1)), np.zeros(count), np.zeros(count), np.zeros(count))
+    steps = Steps(np.tile(np.eye(3)[:2], (count, 1, 1)), np.zeros(count), np.zeros(count))
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
     reach = np.repeat(settings.reach * size[:, 1:], 2, axis=1)
     i, j = near_pairs(frames, centre, reach, 1, every, every)
@@ -118,7 +116,6 @@ def steps_from_boxes(
     steps.support[:] = total(agree)
     mean_height = total(weight * height) / present
     steps.shift[has] = (np.hypot(*shift.T) / np.maximum(mean_height, 1e-12))[has]
-    steps.deviation[has] = np.sqrt(total(share * squared) / np.maximum(total(agree), 1e-12))[has]
     return steps
 
 

@@ -118,7 +118,7 @@ class FlowInput:
         if self.path is not None:
             for frame in range(first, first + count):
                 step = self.path.step(frame)
-                self.camera.append(step, STILL if step is not None or frame == 0 else self._usual_shift())
+                self.camera.append(step, 0.0 if step is not None or frame == 0 else self._usual_shift())
             return
         if self.settings.camera is None:
             for _ in range(count):
@@ -136,9 +136,9 @@ class FlowInput:
         moving = usual * self.frame_rate > settings.moving
         if support >= settings.least:
             self._shifts = [*self._shifts, shift][-round(max(self.frame_rate, 2)) :]
-            self.camera.append(steps.similarity[index], float(steps.deviation[index] / np.sqrt(support)))
+            self.camera.append(steps.similarity[index])
         elif moving and support > 0:
-            self.camera.append(steps.similarity[index], min(usual, shift))
+            self.camera.append(steps.similarity[index])
             self.camera.unknown.append(len(self.camera) - 1)
         else:
             self.camera.append(None, usual if moving else STILL)

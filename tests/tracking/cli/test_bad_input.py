@@ -236,11 +236,11 @@ def test_models_of_another_kind(option: str, other: str, inputs: Any, complaint:
     ("yaml", "line"),
     [
         ("ovrlay: true", "unknown option --ovrlay; did you mean --overlay?"),
-        ("flow:\n  entri: 3", "unknown option --flow.entri; did you mean --flow.entry?"),
+        ("flow:\n  fil: 3", "unknown option --flow.fil; did you mean --flow.fill?"),
         ("seed: lots", "--seed: expected a whole number, got 'lots'"),
         ("method: magic", "--method: expected one of 'flow', 'deepsort', 'sort', 'bytetrack', 'ocsort', got 'magic'"),
-        ("flow:\n  entry: high", "--flow.entry: expected a number, got 'high'"),
-        ("flow: {entry: -1}", "expected finite entry, exit and miss costs of 0 or more"),
+        ("flow:\n  fill: high", "--flow.fill: expected a number, got 'high'"),
+        ("flow: {fill: -1}", "expected min_detections, min_time, fill and settle from 0"),
         ("seed: [1", "expected YAML of options"),
     ],
 )
