@@ -33,7 +33,7 @@ class DetectionCost:
         memory: detections that the fit is made on, the latest.
     """
 
-    offset: float = 3.5
+    offset: float = 3.0
     weight: float = 0.5
     least: float = 0.02
     overlap: float = 0.6
