@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
 from tsuiseki.tracking.association.chain_motion import Measurements, MotionNoise
 from tsuiseki.tracking.association.flow_rounds import Seen
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.association.occlusion import hidden_parts
 from tsuiseki.tracking.association.rows import DetectionRows, rows_of
 from tsuiseki.tracking.association.score_calibration import DetectionCost, ScoreCalibration, borne_out
-from tsuiseki.tracking.features.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
 from tsuiseki.tracking.features.camera_motion import CameraPath
 from tsuiseki.tracking.features.camera_trajectory import CameraTrajectory
 from tsuiseki.tracking.geometry import iou_pairs
