@@ -23,9 +23,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost, priced_pairs
+from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
 from tsuiseki.tracking.association.gating import GateSettings
-from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
+from tsuiseki.tracking.association.pairwise_flow import PairwiseCosts, pairwise_tracks
 from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.trackers.flow import long_tracks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
@@ -290,9 +290,8 @@ def flow_on_floor(
     rows = rows_of(
         [Detections(s, f.detections.scores, f.detections.features) for s, f in zip(squares, found, strict=True)], 0, 0
     )
-    pairs = priced_pairs(rows.frames, rows.boxes, rows.features, gate, transition, 0.1 * min(1.0, 10 * step))
-    graph = build_graph(settings.observation(rows.scores), pairs, settings.entry, settings.entry)
-    labels = track_labels(solve(graph))
+    costs = PairwiseCosts(gate, settings.observation, transition, settings.entry, 0.1 * min(1.0, 10 * step))
+    labels = pairwise_tracks(rows, costs)
     place = np.concatenate([np.arange(len(each.places)) for each in found]).astype(np.int64)
     fewest = max(1, round(settings.min_seconds * frame_rate))
     return [

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.association.pairwise_flow import PairwiseCosts, pairwise_tracks
+from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_people
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
@@ -21,7 +23,7 @@ from tsuiseki.tracking.trackers.fisheye import (
     FloorFlowSettings,
     flow_on_floor,
 )
-from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.trackers.flow import long_tracks
 from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings
 from tsuiseki.tracking.trackers.people import track_people
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
@@ -94,11 +96,12 @@ def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> 
 
 def _image_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
     gate = GateSettings(round(PATIENCE * rate), choice["reach"], 1.0 / rate, 3.0)
-    settings = FlowSettings(
-        gate=gate, split=None, join=None, gaps=None, smoothing=None, min_detections=max(1, round(CONFIRM * rate))
-    )
-    tracker = FlowTracker(settings, observation=DEFAULT_FLOW.observation)
-    return _with_places(track_people((f.detections for f in found), tracker), found)
+    rows = rows_of([f.detections for f in found], 0, 0)
+    labels = pairwise_tracks(rows, PairwiseCosts(gate, DEFAULT_FLOW.observation))
+    pieces = long_tracks(labels, max(1, round(CONFIRM * rate)))
+    scores = np.nan_to_num(rows.scores)
+    tracks = [Track(k, rows.frames[p], rows.boxes[p], scores[p]) for k, p in enumerate(pieces, start=1)]
+    return _with_places(tracks, found)
 
 
 def _floor_flow(by_place: bool) -> Callable[[Sequence[FloorDetections], float, Choice], Any]:
