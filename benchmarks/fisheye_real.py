@@ -3,8 +3,8 @@
 1. Calibration: each board's pose under OCamCalib's lens and under one pinhole fitted to all boards; round trip of the
    lens; its inverse polynomial against the exact root, over every pixel.
 2. Labelled rotated boxes: from the upright box about each, the table of a two-cylinder person under a generic
-   equidistant lens gives a rotated box. The person's height over the camera's is chosen on the even images of a set and
-   reported on the odd ones.
+   equidistant lens gives a rotated box. The person's size over the camera's height is chosen on every other box of an
+   image and reported on the rest.
 3. The detector on the same pictures: AP50 of upright boxes, and of the rotated boxes looked up for them.
 4. The ten frames tracked, by the given boxes and by the detector's.
 
@@ -39,7 +39,7 @@ from tsuiseki.tracking.weights import shipped
 
 # Height of the camera over the floor; only the person's share of it matters in the image.
 CAMERA = 3.0
-HEIGHTS = (0.9, 1.2, 1.5, 1.8)
+HEIGHTS = (1.0, 1.35, 1.7)
 RADII = (0.25, 0.35)
 # Inner corners of the boards.
 PATTERN = (5, 4)
@@ -55,10 +55,9 @@ def main() -> None:
     for path in sorted((options.data / "calibrations").glob("*.txt")):
         lens(path)
     boards(options.data / "ocam-overhead")
-    detector = Detector(options.detector or shipped("detector_ceiling"), 0.05, threads=1)
+    detector = Detector(options.detector or shipped("detector_drone"), 0.05, threads=1)
     for name in ("rotated-boxes", "cepdof-sample"):
-        table = labelled(options.data / name)
-        detected(options.data / name, detector, table)
+        detected(options.data / name, detector, labelled(options.data / name))
     ten_frames(options.data / "cepdof-sample", detector)
 
 
@@ -123,11 +122,11 @@ def _generic(width: int, height: int) -> OmnidirectionalLens:
     return fit_omnidirectional(EquidistantLens(width, height, focal, middle, np.zeros(4)))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _table(width: int, height: int, person: PersonModel) -> PersonTable:
     camera = OmnidirectionalCamera(_generic(width, height), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, CAMERA]))
     reach = 6 * CAMERA
-    grid = GridSettings(pixels=max(width, height) / 200, metres=0.15)
+    grid = GridSettings(pixels=max(width, height) / 120, metres=0.3)
     return build_table(camera, np.array([-reach, -reach, reach, reach]), person, grid)
 
 
@@ -135,38 +134,47 @@ def _picture(folder: Path, name: str) -> ImageArray:
     return np.asarray(cv2.imread(str(folder / "images" / f"{name}.jpg"), cv2.IMREAD_COLOR_RGB), dtype=np.uint8)
 
 
-def labelled(folder: Path) -> PersonTable:
-    """How well the model explains the labels; the table of the chosen person for the first picture's size."""
+def labelled(folder: Path) -> dict[str, PersonTable]:
+    """How well the model explains the labels of each image; the tables of the chosen people."""
     labels = read_rotated_labels(folder / "annotations.json")
-    sizes = {name: _picture(folder, name).shape[:2] for name in labels}
-    names = list(labels)
     people = [PersonModel(height=h, body_radius=r) for h in HEIGHTS for r in RADII]
-    scores = [np.median(np.concatenate([_explained(labels[n], sizes[n], p)[1] for n in names[::2]])) for p in people]
-    person = people[int(np.argmax(scores))]
-    others = [_explained(labels[n], sizes[n], person) for n in names[1::2]]
-    angles, overlaps, radial = (np.concatenate(part) for part in zip(*others, strict=True))
+    tables, errors, overlaps = {}, [], []
+    for name, each in labels.items():
+        height, width = _picture(folder, name).shape[:2]
+        fitted = [np.median(_explained(each, np.s_[::2], (height, width), p)[1]) for p in people]
+        person = people[int(np.argmax(fitted))]
+        angle, overlap, radial = _explained(each, np.s_[1::2], (height, width), person)
+        tables[name] = _table(width, height, person)
+        errors.append(angle)
+        overlaps.append(overlap)
+        if folder.name == "rotated-boxes":
+            print(
+                f"{name}: person of {person.height:g} m, radius {person.body_radius:g} m under {CAMERA:g} m; {len(angle)} "
+                f"other boxes: median angle error {np.median(angle):.1f} deg (the radius's own {np.median(radial):.1f}), "
+                f"median IoU {np.median(overlap):.3f}"
+            )
+    angle, overlap = np.concatenate(errors), np.concatenate(overlaps)
     print(
-        f"{folder.name}: person of {person.height:g} m, radius {person.body_radius:g} m under {CAMERA:g} m, chosen on "
-        f"{len(names[::2])} images; on the other {len(others)} ({len(angles)} boxes) median angle error "
-        f"{np.median(angles):.1f} deg (of the radius itself {np.median(radial):.1f}), "
-        f"median IoU {np.median(overlaps):.3f}"
+        f"{folder.name}, {len(angle)} boxes: angle {np.median(angle):.1f} deg, IoU {np.median(overlap):.3f} (medians)"
     )
-    height, width = sizes[names[0]]
-    return _table(width, height, person)
+    return tables
 
 
-def _explained(labels: RotatedBoxes, size: tuple[int, int], person: PersonModel) -> tuple[FloatArray, ...]:
+def _explained(
+    labels: RotatedBoxes, which: slice, size: tuple[int, int], person: PersonModel
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Angle errors of the looked-up boxes, degrees, their IoU with the labels, and angle errors of the radius."""
     height, width = size
-    rotated, _ = _table(width, height, person).look_up(enclosing(labels.boxes))
-    errors = np.abs(half_turned(rotated[:, 4] - labels.boxes[:, 4]))
-    x, y = (labels.boxes[:, :2] - [width / 2, height / 2]).T
-    radial = np.abs(half_turned(np.arctan2(y, x) + np.pi / 2 - labels.boxes[:, 4]))
-    overlaps = np.array([rotated_iou(r[None], b[None])[0, 0] for r, b in zip(rotated, labels.boxes, strict=True)])
+    boxes = labels.boxes[which]
+    rotated, _ = _table(width, height, person).look_up(enclosing(boxes))
+    errors = np.abs(half_turned(rotated[:, 4] - boxes[:, 4]))
+    x, y = (boxes[:, :2] - [width / 2, height / 2]).T
+    radial = np.abs(half_turned(np.arctan2(y, x) + np.pi / 2 - boxes[:, 4]))
+    overlaps = np.array([rotated_iou(r[None], b[None])[0, 0] for r, b in zip(rotated, boxes, strict=True)])
     return np.degrees(errors), overlaps, np.degrees(radial)
 
 
-def detected(folder: Path, detector: Detector, table: PersonTable) -> None:
+def detected(folder: Path, detector: Detector, tables: dict[str, PersonTable]) -> None:
     """AP50 of the detector, for upright boxes and for those looked up."""
     labels = read_rotated_labels(folder / "annotations.json")
     upright, rotated = {}, {}
@@ -174,7 +182,7 @@ def detected(folder: Path, detector: Detector, table: PersonTable) -> None:
         found = detector.detect([_picture(folder, name)])[0]
         none = np.full(len(found), -1)
         upright[name] = RotatedBoxes(_unturned(found.boxes), none, found.scores)
-        rotated[name] = RotatedBoxes(table.look_up(found.boxes)[0], none, found.scores)
+        rotated[name] = RotatedBoxes(tables[name].look_up(found.boxes)[0], none, found.scores)
     about = {n: RotatedBoxes(_unturned(enclosing(e.boxes)), e.ids, e.scores) for n, e in labels.items()}
     plain, turned = evaluate_rotated(about, upright), evaluate_rotated(labels, rotated)
     print(f"{folder.name}: detector AP50 {plain.average_precision:.3f} upright (best F1 {plain.best_f1:.2f} at "

@@ -9,7 +9,6 @@ from tsuiseki.tracking.errors import RequestError
 
 SHIPPED = {
     "detector": "detector_street.onnx",
-    "detector_ceiling": "detector_ceiling.onnx",
     "appearance": "appearance_people.onnx",
     "affinity": "affinity_people.onnx",
 }
@@ -28,7 +27,6 @@ DRONE = {
 # Where a model is given with an option of another name than its kind.
 OPTIONS = {
     "detector_drone": "detector",
-    "detector_ceiling": "detector",
     "affinity_drone": "affinity",
     "affinity_drone_saf": "affinity",
     "affinity_drone_maf": "affinity-multi",

@@ -63,7 +63,8 @@ def fisheye(
         cameras: cameras.yaml with lens, pose and floor of each camera; tsuiseki calibrate pose writes it.
         method: hungarian decides frame by frame, by looks and then by place; flow links the whole video at the end.
         detections: MOTChallenge detections (det.txt) of each source, separated by commas, instead of a detector.
-        detector: exported detector; by default the shipped detector_ceiling.onnx.
+        detector: exported detector; by default the shipped detector_drone.onnx, which knows people from above but finds
+            few of them in a fisheye picture: train one with configs/detector_ceiling.yaml, or give detections.
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
         crops: what it sees: people turned upright, as on a standing screen without perspective, or as in the image.
         person_height: of the model of a person, metres.
@@ -134,7 +135,7 @@ def _check(score_threshold: float, score_range: tuple[float, float], threads: in
 def _detector(detector: Path | None, score_threshold: float, threads: int) -> Detector:
     from tsuiseki.tracking.features.networks import Detector
 
-    path = chosen("detector_ceiling", detector)
+    path = chosen("detector_drone", detector)
     if path is None:
         raise RequestError("`detector`: expected a detector or `detections`, got none")
     return Detector(path, score_threshold, threads=threads)

@@ -90,7 +90,8 @@ def reproduce(
         seconds: of each sequence at 1 frame a second.
         fast_seconds: of each sequence at 15 frames a second, of the first seed only; 0 leaves them out.
         calibration: lens of the cameras, any that tsuiseki calibrate convert reads; by default an equidistant one.
-        detector: exported detector; by default the shipped one for ceilings.
+        detector: exported detector, such as one of configs/detector_ceiling.yaml; by default the shipped one for people
+            under drones.
         appearance: exported appearance network; by default the shipped one.
         full: 5 seeds of 180 seconds at both rates, as many frames as the thesis has and more.
 
@@ -100,7 +101,7 @@ def reproduce(
     at_least_one(seeds=seeds, seconds=seconds)
     if full:
         seeds, seconds, fast_seconds = 5, 180, 180
-    networks = Networks(detector or shipped("detector_ceiling"), appearance or shipped("appearance_people"))
+    networks = Networks(detector or shipped("detector_drone"), appearance or shipped("appearance_people"))
 
     def seen(room: Room, seed: int, length: int, rate: Literal[1, 15]) -> list[Observed]:
         clips = [Clip(room, seed, camera, length, rate, calibration) for camera in range(CAMERAS)]
