@@ -149,9 +149,9 @@ def labelled(folder: Path) -> dict[str, PersonTable]:
         overlaps.append(overlap)
         if folder.name == "rotated-boxes":
             print(
-                f"{name}: person of {person.height:g} m, radius {person.body_radius:g} m under {CAMERA:g} m; {len(angle)} "
-                f"other boxes: median angle error {np.median(angle):.1f} deg (the radius's own {np.median(radial):.1f}), "
-                f"median IoU {np.median(overlap):.3f}"
+                f"{name}: person of {person.height:g} m, radius {person.body_radius:g} m under {CAMERA:g} m; "
+                f"{len(angle)} other boxes: median angle error {np.median(angle):.1f} deg "
+                f"(the radius's own {np.median(radial):.1f}), median IoU {np.median(overlap):.3f}"
             )
     angle, overlap = np.concatenate(errors), np.concatenate(overlaps)
     print(
