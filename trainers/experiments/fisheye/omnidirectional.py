@@ -78,6 +78,7 @@ def reproduce(
     calibration: Path | None = None,
     detector: Path | None = None,
     appearance: Path | None = None,
+    simulated_detections: bool = False,
     full: bool = False,
 ) -> Outcome:
     """People under ceiling fisheye cameras, at 1 and 15 frames a second: what upright crops and floor places bring.
@@ -93,6 +94,7 @@ def reproduce(
         detector: exported detector, such as one of configs/detector_ceiling.yaml; by default the shipped one for people
             under drones.
         appearance: exported appearance network; by default the shipped one.
+        simulated_detections: draw faulty detections from the truth instead of running a detector.
         full: 5 seeds of 180 seconds at both rates, as many frames as the thesis has and more.
 
     Raises:
@@ -101,7 +103,8 @@ def reproduce(
     at_least_one(seeds=seeds, seconds=seconds)
     if full:
         seeds, seconds, fast_seconds = 5, 180, 180
-    networks = Networks(detector or shipped("detector_drone"), appearance or shipped("appearance_people"))
+    found_by = None if simulated_detections else detector or shipped("detector_drone")
+    networks = Networks(found_by, appearance or shipped("appearance_people"))
 
     def seen(room: Room, seed: int, length: int, rate: Literal[1, 15]) -> list[Observed]:
         clips = [Clip(room, seed, camera, length, rate, calibration) for camera in range(CAMERAS)]
