@@ -80,15 +80,15 @@ class FisheyeSettings:
 
     by_looks: bool = True
     by_place: bool = True
-    feature_gate: float = 0.35
-    reach: float = 0.6
-    speed: float = 1.0
+    feature_gate: float = 0.5
+    reach: float = 0.9
+    speed: float = 1.4
     memory: float = 1.0
     noise: float = 0.15
     update: float = 0.3
     confirm: float = 0.2
     max_age: float = 3.0
-    start_score: float = 0.4
+    start_score: float = 0.3
 
     def __post_init__(self) -> None:
         if not (self.by_looks or self.by_place):

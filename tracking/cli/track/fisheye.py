@@ -43,7 +43,7 @@ def fisheye(
     crops: Literal["upright", "standing", "image"] = "upright",
     person_height: float = 1.7,
     body_radius: float = 0.25,
-    score_threshold: float = 0.4,
+    score_threshold: float = 0.3,
     score_range: tuple[float, float] = (0.0, 1.0),
     resize: Scaling = "no",
     threads: int = 0,
