@@ -32,7 +32,7 @@ def switch_pictures(
         for seed, each in sequences.items():
             for camera, observed in enumerate(each):
                 theirs, ours = (_named(observed, tracks[row][seed][camera]) for row in ("DeepSORT", "both"))
-                spot = _switch({"DeepSORT": theirs, "both": ours}[switching], ours if keeping else None)
+                spot = first_switch({"DeepSORT": theirs, "both": ours}[switching], ours if keeping else None)
                 if spot is not None and name not in pictures:
                     clip = Clip("large", seed, camera, seconds, 1, calibration)
                     pictures[name] = _strip(clip, observed, spot, theirs, ours)
@@ -54,7 +54,7 @@ def _named(observed: Observed, tracks: Sequence[FloorTrack]) -> Named:
     return found
 
 
-def _switch(switching: Named, keeping: Named | None) -> tuple[int, int] | None:
+def first_switch(switching: Named, keeping: Named | None) -> tuple[int, int] | None:
     """Frame and person of a switch between two frames in a row, which ``keeping`` does not have."""
     for frame, person in sorted(switching):
         before = switching.get((frame - 1, person))

@@ -1,0 +1,114 @@
+"""The rows of the omnidirectional experiment on made-up observations, without rendering."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.trackers.fisheye import FloorDetections
+from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.trainers.experiments.fisheye.observations import Observed
+from tsuiseki.trainers.experiments.fisheye.omnidirectional import interval
+from tsuiseki.trainers.experiments.fisheye.pictures import first_switch
+from tsuiseki.trainers.experiments.fisheye.rows import ROWS, each_second, pair_of, run_row, score, select, world_errors
+
+
+def observed(seconds=12, seed=0):
+    """Three people at 1 frame a second: two in the same clothes, metres apart, with errors of 10 cm."""
+    rng = np.random.default_rng(seed)
+    start, velocity = np.array([[0.0, 0.0], [0.0, 4.0], [5.0, 8.0]]), np.array([[0.9, 0.0], [0.8, 0.1], [-0.7, -0.2]])
+    clothes = np.eye(8)[[0, 0, 1]]
+    found, features, places = [], [], []
+    for t in range(seconds):
+        place = start + t * velocity
+        places.append(place)
+        seen = place + rng.normal(0, 0.1, place.shape)
+        corner = 300 + 40 * seen
+        boxes = np.concatenate([corner, corner + np.array([30.0, 60.0])], axis=1)
+        rotated = np.column_stack([corner + np.array([15, 30]), np.full((3, 2), [30, 60]), np.zeros(3)])
+        found.append(FloorDetections(Detections(boxes, np.full(3, 0.8)), rotated, seen))
+        looks = clothes + rng.normal(0, 0.05, (3, 8))
+        features.append(looks / np.linalg.norm(looks, axis=1, keepdims=True))
+    everyone = np.ones(3 * seconds, dtype=np.bool_)
+    boxes = np.concatenate([f.detections.boxes for f in found])
+    truth = GroundTruth(np.repeat(np.arange(seconds), 3), np.tile([1, 2, 3], seconds), boxes, everyone, ~everyone,
+                        np.ones(3 * seconds))  # fmt: skip
+    kinds = dict.fromkeys(("image", "upright", "standing"), features)
+    return Observed(1, found, kinds, truth, np.concatenate(places), {}, 3 * seconds)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_every_row_tracks(row):
+    some = observed()
+    choice = next(row.choices())
+    scores = score([pair_of("a", some, run_row(row, some, choice, 0.1))])
+    assert scores.labelled == 36
+    if row.place == "world":
+        assert scores.id_switches == 0
+        assert scores.mota > 0.9
+
+
+def test_looks_alone_exchange_those_in_the_same_clothes():
+    by_name = {row.name: row for row in ROWS}
+    some = observed()
+    switches = {
+        name: score([pair_of("a", some, run_row(by_name[name], some, choice, 0.1))]).id_switches
+        for name, choice in (
+            ("rectification", {"feature_gate": 0.5}),
+            ("both", {"feature_gate": 0.5, "reach": 0.9, "speed": 1.4}),
+        )
+    }
+    assert switches["both"] == 0
+    assert switches["rectification"] > 0
+
+
+def test_the_best_choice_on_validation_is_taken():
+    row = next(row for row in ROWS if row.name == "world")
+    choice, mota = select(row, [observed()], 0.1)
+    assert mota > 0.9
+    assert set(choice) == {"reach", "speed"}
+
+
+def test_detections_below_the_lowest_score_are_left_out():
+    assert sum(map(len, observed().described("upright", 0.9))) == 0
+
+
+def test_only_frames_with_a_truth_are_scored():
+    track = Track(1, np.arange(31), np.tile([0.0, 0, 9, 9], (31, 1)), np.ones(31))
+    [kept] = each_second([FloorTrack(track, np.zeros((31, 5)), np.zeros((31, 2)))], 15)
+    assert kept.track.frames.tolist() == [0, 1, 2]
+
+
+def test_world_errors_are_those_of_the_places():
+    some = observed()
+    row = next(row for row in ROWS if row.name == "world")
+    errors = world_errors(some, run_row(row, some, {"reach": 0.9, "speed": 1.4}, 0.1))
+    assert len(errors) == 36
+    # The length of a vector of two Gaussian errors of 10 cm has a mean of 12.5 cm.
+    assert np.isclose(errors.mean(), 0.125, atol=0.03)
+
+
+def test_boxes_outside_a_region_do_not_count():
+    some = observed()
+    row = next(row for row in ROWS if row.name == "world")
+    tracks = run_row(row, some, {"reach": 0.9, "speed": 1.4}, 0.1)
+    left = pair_of("a", some, tracks, lambda boxes: boxes[:, 1] < 400)
+    assert 0 < len(left.truth) < 36
+    assert score([left]).mota > 0.9
+
+
+def test_the_interval_of_three():
+    mean, _, high = interval([1.0, 2.0, 3.0])
+    # t of 2 degrees of freedom at 97.5 % is 4.303.
+    assert mean == 2.0
+    assert np.isclose(high - mean, 4.303 / np.sqrt(3), atol=1e-3)
+    assert interval([5.0]) == (5.0, 5.0, 5.0)
+
+
+def test_a_prevented_switch_is_one_that_the_other_does_not_have():
+    theirs = {(0, 1): 4, (1, 1): 4, (2, 1): 7}
+    assert first_switch(theirs, {(0, 1): 1, (1, 1): 1, (2, 1): 1}) == (2, 1)
+    assert first_switch(theirs, theirs) is None
+    assert first_switch(theirs, None) == (2, 1)
