@@ -4,7 +4,7 @@
 
 The peer is SORT of roboflow's ``trackers``; ``pip install trackers`` brings it, and without it only our own trackers
 are timed. The detections are those of walking people, or of MOTChallenge folders given with ``--sequence`` (one after
-the other until there are enough frames). Trackers take turns, repeatedly, and the best turn of each counts: in CPU
+the other until there are enough frames). Trackers take turns, repeatedly, and the best turn of each counts, in CPU
 time of the process, so that a busy machine matters less. Use one thread: ``OMP_NUM_THREADS=1``.
 """
 

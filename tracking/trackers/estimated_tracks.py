@@ -17,7 +17,8 @@ class EstimatedTracks:
     def __init__(self, min_length: int = 1) -> None:
         self.min_length = min_length
         self.frames = 0
-        self._seen: dict[int, int] = {}
+        self._labels = 0
+        self._seen: dict[int, tuple[int, int]] = {}  # which of the labels it is, and in how many frames it was
         self._ids: dict[int, int] = {}
         self._rows: list[tuple[IntArray, IntArray, FloatArray, FloatArray, BoolArray]] = []
 
@@ -35,19 +36,22 @@ class EstimatedTracks:
         seen = np.ones(len(labels), dtype=np.bool_) if observed is None else observed
         self._rows.append((np.full(len(labels), self.frames), labels, boxes, scores, seen))
         self.frames += 1
-        ids = np.array([self._id(label) for label in labels.tolist()], dtype=np.int64)
+        self._number(labels)
+        ids = np.array([self._ids.get(label, 0) for label in labels.tolist()], dtype=np.int64)
         status = np.where(seen, "tracking", "searching")
         return Targets(self.frames - 1, ids, boxes, np.where(seen, scores, 0.0), status).select(ids > 0)
 
-    def _id(self, label: int) -> int:
-        """The id of a label that was seen once more; 0 as long as it has none."""
-        if label not in self._ids:
-            self._seen[label] = self._seen.get(label, 0) + 1
-            if self._seen[label] < self.min_length:
-                return 0
+    def _number(self, labels: IntArray) -> None:
+        """Give ids to labels that were now seen often enough, in the order in which they first appeared."""
+        new = [label for label in labels.tolist() if label not in self._ids]
+        for label in new:
+            first, count = self._seen.get(label, (self._labels, 0))
+            self._labels += count == 0
+            self._seen[label] = first, count + 1
+        believed = [label for label in new if self._seen[label][1] >= self.min_length]
+        for label in sorted(believed, key=self._seen.__getitem__):
             del self._seen[label]
             self._ids[label] = len(self._ids) + 1
-        return self._ids[label]
 
     def forget(self) -> None:
         """Drop the frames so far from `tracks`; ids go on."""
