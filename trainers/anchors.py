@@ -1,8 +1,7 @@
-"""`tsuiseki propose anchors`: anchor sizes for a detector's configuration, fitted to labelled video."""
+"""`tsuiseki train detector --propose-anchors`: anchor sizes for a configuration, fitted to labelled video."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ def anchors_for(
     width: int,
     frames: tuple[int, int] | None = None,
     resize: Resize = "letterbox",
-    per_level: Sequence[int] = (3, 2, 1),
+    per_level: tuple[int, ...] = (3, 2, 1),
     scale: tuple[float, float] = (0.8, 1.5),
     seed: int = 0,
 ) -> str:

@@ -62,9 +62,9 @@ COMMANDS: Tree = {
         "make labelled video with exact truth",
         {
             "street": Command("people on a street before a fixed camera", "simulate", "street"),
-            "sphere": Command("a ball carried through a room before several cameras", "simulate_sphere", "sphere"),
+            "sphere": Command("a ball carried through a room before several cameras", "simulate", "sphere"),
             "blobs": Command("coloured objects over natural clutter", "simulate", "blobs"),
-            "goldfish": Command("fish that bend, or balls that squash", "goldfish", "simulate"),
+            "goldfish": Command("fish that bend, or balls that squash", "simulate", "goldfish"),
             "drone": Command("people who act, before a drone's camera", "simulate", "drone"),
             "fisheye": Command("people in a room, under ceiling fisheye cameras", "simulate", "fisheye"),
         },
@@ -77,7 +77,7 @@ COMMANDS: Tree = {
             "action": Command("what they do", "train", "action", forwarded=True),
             "affinity": Command("whether two detections are the same person", "train", "affinity", forwarded=True),
             "objectness": Command("which boxes look like an object", "train_objectness", "objectness"),
-            "body": Command("a body that bends, from silhouettes", "goldfish", "train_body", ("clips",)),
+            "body": Command("a body that bends, from silhouettes", "train_body", "train_body", ("clips",)),
             "motion": Command(
                 "how a body that bends moves, from its tracks", "deformable", "train_motion", ("tracks",)
             ),

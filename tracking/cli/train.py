@@ -8,12 +8,26 @@ from typing import Any
 from tsuiseki.tracking.cli.extra import needs_train_extra
 from tsuiseki.tracking.cli.parser import parse
 
+PROPOSE = "--propose-anchors"
+
 
 def detector(words: Sequence[str]) -> int:
-    """Fit a person detector to labelled video."""
+    """Fit a person detector to labelled video; with --propose-anchors only print anchors that fit it."""
+    if PROPOSE in words:
+        return _propose_anchors([word for word in words if word != PROPOSE])
     with needs_train_extra():
         from tsuiseki.trainers.fit import fit_detector
     return _fit(fit_detector, words)
+
+
+def _propose_anchors(words: Sequence[str]) -> int:
+    with needs_train_extra():
+        from tsuiseki.trainers.anchors import anchors_for
+
+    def print_anchors(given: Sequence[str]) -> None:
+        print(anchors_for(**parse(f"tsuiseki train detector {PROPOSE}", anchors_for, ("folder",), given)))
+
+    return _fit(print_anchors, words)
 
 
 def appearance(words: Sequence[str]) -> int:

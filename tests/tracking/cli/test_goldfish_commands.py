@@ -39,7 +39,7 @@ def test_the_seed_decides(tmp_path):
         (["--count", "0"], "1 to 5 fish"),
         (["--count", "6", "--body", "ball"], "1 to 5 balls"),
         (["--body", "whale"], "whale"),
-        (["--frames", "0"], "at least one frame"),
+        (["--frames", "0"], "--frames: expected 1 to 1000000, got 0"),
         (["--frame-rate", "0"], "frame rate above 0"),
         (["--width", "100"], "four times as large"),
     ],

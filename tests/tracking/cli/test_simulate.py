@@ -1,0 +1,41 @@
+"""`tsuiseki simulate`: what cannot be drawn is refused in a line, before anything is drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tsuiseki.tracking.cli import main
+
+SCENES = ("street", "blobs", "drone", "goldfish", "sphere")
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_seed_below_nought_is_refused(scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", scene, "--out", str(tmp_path / "clip"), "--seed", "-1"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "tsuiseki: --seed: expected a whole number from 0, got -1"
+    assert not (tmp_path / "clip").exists()
+
+
+@pytest.mark.parametrize("scene", SCENES[:-1])
+@pytest.mark.parametrize(("option", "value"), [("width", "100000"), ("height", "0"), ("frames", "1000000000")])
+def test_sizes_that_no_machine_draws_are_refused(
+    scene: str, option: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", scene, "--out", str(tmp_path / "clip"), f"--{option}", value]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"tsuiseki: --{option}: expected 1 to ")
+    assert line.endswith(f"got {value}")
+
+
+def test_a_clip_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
+    words = ["simulate", "goldfish", "--frames", "2", "--count", "1", "--seed", "3"]
+    first, second = tmp_path / "first" / "clip", tmp_path / "second" / "clip"
+    for folder in (first, second):
+        assert main([*words, "--out", str(folder)]) == 0
+    files = sorted(path.relative_to(first) for path in first.rglob("*") if path.is_file())
+    assert len(files) == 6  # two images, two silhouettes, states.csv and seqinfo.ini
+    for path in files:
+        assert (first / path).read_bytes() == (second / path).read_bytes(), path
