@@ -32,9 +32,8 @@ class FlowSettings:
         join: how tracklets are joined over longer gaps; None leaves them apart.
         min_detections: tracks of fewer detections are dropped.
         min_time: and so are those of fewer than this many seconds of detections.
-        least: mean logit of the probability of a track's detections, under which it is taken for clutter, where the
-            video itself says what scores are worth.
-        least_learnt: the same where learnt prices say it.
+        least: mean logit of the probability of a track's detections, under which it is taken for clutter; only where
+            learnt prices say what scores are worth.
         fill: longest gap that is filled, on a straight line.
         smoothing: how far boxes are smoothed; None reports them as detected.
         chunk: least time between two decisions; None solves all frames at once in the end.
@@ -47,8 +46,7 @@ class FlowSettings:
     join: JoinSettings | None = field(default_factory=JoinSettings)
     min_detections: int = 3
     min_time: float = 0.16
-    least: float = 0.5
-    least_learnt: float = 1.0
+    least: float = 1.0
     fill: float = 2.0
     smoothing: SmoothingSettings | None = field(default_factory=lambda: SmoothingSettings(60.0, 5000.0))
     chunk: float | None = 20.0
@@ -231,7 +229,8 @@ class FlowTracker:
         rate, settings = self._input.frame_rate, self.settings
         gaps = GapSettings(longest=round(settings.fill * rate), support=np.inf, mismatch=np.inf)
         tracks: list[Track] = []
-        least = settings.least if self._observation is None else settings.least_learnt
+        # A video of fast targets bears nothing out, so its own calibration judges no track.
+        least = -np.inf if self._observation is None else settings.least
         probability = self._probability(every.numbers)
         logit = np.log(probability / (1 - probability))
         for piece in long_tracks(labels, settings.fewest(rate)):
