@@ -291,3 +291,46 @@ def test_options_are_refused_for_a_detector_of_this_toolkit():
     shipped = str(resources.files("tsuiseki.tracking") / "weights" / "detector_street.onnx")
     with pytest.raises(RequestError, match="leave the detector options out"):
         open_detector(shipped, options=DetectorOptions(person=0))
+
+
+def test_a_second_input_gets_the_size_that_boxes_are_to_be_in(tmp_path):
+    """RT-DETR's own export asks for it and gives boxes in its pixels."""
+    constants = {
+        "share": (CORNERS[[0, 1, 3]] / SIDES)[None],
+        "twice": np.array([0, 1, 0, 1]),
+        "rows": np.array([1]),
+        "label_values": CLASSES[None, [0, 1, 3]],
+        "score_values": SCORES[None, [0, 1, 3]],
+        "nothing": np.zeros(1, np.float32),
+        "axes": np.array([1, 2, 3]),
+    }
+    nodes = [
+        helper.make_node("Cast", ["orig_target_sizes"], ["sizes"], to=TensorProto.FLOAT),
+        helper.make_node("Gather", ["sizes", "twice"], ["sides"], axis=1),
+        helper.make_node("Unsqueeze", ["sides", "rows"], ["each"]),
+        helper.make_node("Mul", ["share", "each"], ["boxes"]),
+        helper.make_node("Identity", ["label_values"], ["labels"]),
+        helper.make_node("ReduceMean", ["images", "axes"], ["mean"], keepdims=0),
+        helper.make_node("Mul", ["mean", "nothing"], ["zero"]),
+        helper.make_node("Add", ["zero", "score_values"], ["scores"]),
+    ]
+    graph = helper.make_graph(
+        nodes,
+        "rtdetr",
+        [
+            helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, HEIGHT, WIDTH]),
+            helper.make_tensor_value_info("orig_target_sizes", TensorProto.INT64, [1, 2]),
+        ],
+        [
+            helper.make_tensor_value_info("labels", TensorProto.INT64, None),
+            helper.make_tensor_value_info("boxes", TensorProto.FLOAT, None),
+            helper.make_tensor_value_info("scores", TensorProto.FLOAT, None),
+        ],
+        [onnx.numpy_helper.from_array(value, name) for name, value in constants.items()],
+    )
+    path = tmp_path / "rtdetr.onnx"
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9), path)
+    detector = open_detector(path, options=DetectorOptions(person=0))
+    assert detector.layout == "torchvision"
+    found = detector.detect([np.zeros((2 * HEIGHT, 2 * WIDTH, 3), np.uint8)])[0]
+    np.testing.assert_allclose(found.boxes / 2, CORNERS[:2], atol=1e-3)
