@@ -40,7 +40,7 @@ class FrameRange:
         """
         last = length - 1 if self.last is None else self.last
         if self.first >= length or last >= length:
-            raise RequestError(f"expected frames within 1-{length}, got --frames {self}")
+            raise RequestError(f"expected frames within 1-{length}, got `frames` {self}")
         return FrameRange(self.first, last)
 
 
@@ -62,9 +62,9 @@ def parse_frames(text: str | None) -> FrameRange:
         return FrameRange()
     match = re.fullmatch(r"\s*(\d*)\s*-\s*(\d*)\s*", text)
     if match is None or not any(match.groups()):
-        raise RequestError(f"expected --frames FIRST-LAST counted from 1, such as 301-400, got {text!r}")
+        raise RequestError(f"expected `frames` FIRST-LAST counted from 1, such as 301-400, got {text!r}")
     first = int(match[1] or 1) - 1
     last = int(match[2]) - 1 if match[2] else None
     if first < 0 or (last is not None and last < first):
-        raise RequestError(f"expected --frames FIRST-LAST with 1 <= FIRST <= LAST, got {text!r}")
+        raise RequestError(f"expected `frames` FIRST-LAST with 1 <= FIRST <= LAST, got {text!r}")
     return FrameRange(first, last)

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+# Pixels around an image that the crop of a box may span: what detectors say of real people needs far fewer.
+MOST_PIXELS = 2**24
+FARTHEST = 2.0**40
+
 
 def fit_image(image: ImageArray, card: ModelCard) -> tuple[ImageArray, tuple[float, float]]:
     """``image`` at the network's input size, and the scales from image to input pixels in x and y.
@@ -48,8 +52,12 @@ def crop_boxes(image: ImageArray, boxes: FloatArray, height: int, width: int) ->
     """``(N, height, width, 3)`` crops of ``(N, 4)`` boxes, stretched; outside the image its border is repeated."""
     crops = np.empty((len(boxes), height, width, 3), dtype=np.uint8)
     rows, columns = image.shape[:2]
-    corners = np.stack([np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])], axis=1).reshape(-1, 4).astype(int)
+    corners = np.stack([np.floor(boxes[:, :2]), np.ceil(boxes[:, 2:])], axis=1).reshape(-1, 4)
+    corners = np.clip(corners, -FARTHEST, FARTHEST).astype(int)
     for crop, (x1, y1, x2, y2) in zip(crops, corners.tolist(), strict=True):
+        if (max(x2, columns) - min(x1, 0)) * (max(y2, rows) - min(y1, 0)) > MOST_PIXELS + rows * columns:
+            crop[:] = _sampled(image, (x1, y1, x2, y2), height, width)
+            continue
         inner: NDArray[Any] = image[np.clip(y1, 0, rows - 1) : max(y2, 1), np.clip(x1, 0, columns - 1) : max(x2, 1)]
         before_x, before_y = max(-x1, 0), max(-y1, 0)
         after_x, after_y = max(x2 - columns, 0), max(y2 - rows, 0)
@@ -57,6 +65,17 @@ def crop_boxes(image: ImageArray, boxes: FloatArray, height: int, width: int) ->
             inner = cv2.copyMakeBorder(inner, before_y, after_y, before_x, after_x, cv2.BORDER_REPLICATE)
         cv2.resize(inner, (width, height), dst=crop, interpolation=_interpolation(inner, width))
     return crops
+
+
+def _sampled(image: ImageArray, box: tuple[int, int, int, int], height: int, width: int) -> ImageArray:
+    """The crop of a box too large, or too far outside, to be made in full: the nearest pixel at each place."""
+    x1, y1, x2, y2 = box
+    x = x1 + (np.arange(width) + 0.5) * ((x2 - x1) / width)
+    y = y1 + (np.arange(height) + 0.5) * ((y2 - y1) / height)
+    columns, rows = (
+        np.clip(np.floor(at), 0, end - 1).astype(int) for at, end in ((x, image.shape[1]), (y, image.shape[0]))
+    )
+    return np.asarray(image[rows[:, None], columns])
 
 
 def normalise(images: NDArray[np.uint8], card: ModelCard) -> NDArray[np.float32]:

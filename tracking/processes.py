@@ -48,7 +48,9 @@ def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item], together
 def _begin() -> None:
     cv2.setNumThreads(1)
     for number in ENDING:
-        signal.signal(number, _leave)
+        # What the program was started to ignore, in the background say, its processes ignore, too.
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _leave)
 
 
 def _leave(number: int, _: object) -> None:

@@ -18,6 +18,7 @@ from PIL import Image, UnidentifiedImageError
 
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot import IMAGE_SUFFIXES, is_sequence, list_images, read_sequence
+from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import Frame, ImageArray
 
@@ -67,8 +68,8 @@ def open_source(source: str | Path, frames: FrameRange | None = None) -> Source:
     """What ``source`` names, checked before anything is read in full.
 
     Args:
-        source: a video file, a folder of images, a MOTChallenge sequence folder, the number of a webcam, or the
-            address of a stream.
+        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
+            webcam, or the address of a stream.
         frames: the stretch to read; by default all.
 
     Raises:
@@ -257,12 +258,19 @@ def _open_folder(folder: Path, wanted: FrameRange) -> ImageFolder:
         images, name, frame_rate = sequence.images, sequence.name, sequence.frame_rate
         text_length, size = sequence.length, (sequence.width, sequence.height)
     else:
-        images, name, frame_rate = _images_only(folder), folder.resolve().name, DEFAULT_FRAME_RATE
-        text_length, size = 0, (0, 0)
+        images = _of_one_target(folder) or _images_only(folder)
+        name, frame_rate, text_length, size = folder.resolve().name, DEFAULT_FRAME_RATE, 0, (0, 0)
     if images or text_length:
         wanted = wanted.within(len(images) or text_length)
     size = _common_size(images) if images else size
     return ImageFolder(name, frame_rate, images, size, text_length, wanted)
+
+
+def _of_one_target(folder: Path) -> tuple[Path, ...]:
+    """The images of a sequence of OTB, UAV123 or VOT, which lie beside its labels; none where it is something else."""
+    labelled = any(LABEL_NAMES.fullmatch(path.name) for path in folder.iterdir())
+    parts = [list_images(folder / name) for name in IMAGE_FOLDERS]
+    return next((images for images in parts if images), list_images(folder) if labelled else ())
 
 
 def _images_only(folder: Path) -> tuple[Path, ...]:

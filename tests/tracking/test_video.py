@@ -173,5 +173,5 @@ def test_an_image_that_breaks_off_later_fails_the_run(images: Path) -> None:
 
 @pytest.mark.parametrize("text", ["", "a-b", "5", "0-4", "9-2", "1-2-3", "-"])
 def test_a_wrong_stretch_is_refused(text: str) -> None:
-    with pytest.raises(RequestError, match="expected --frames FIRST-LAST"):
+    with pytest.raises(RequestError, match="expected `frames` FIRST-LAST"):
         parse_frames(text)

@@ -46,7 +46,7 @@ def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 
     if len(good) == 0:
         raise RequestError(
             f"expected cameras that can see a ball of {radius:g} m together above z = 0, found no such place; "
-            "check the camera file and the radius, or give --volume"
+            "check the camera file and the radius, or give `volume`"
         )
     step = np.array([axis[1] - axis[0] for axis in axes])
     return np.stack([np.maximum(good.min(axis=0) - step / 2, low), np.minimum(good.max(axis=0) + step / 2, high)])

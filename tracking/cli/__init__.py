@@ -79,7 +79,7 @@ COMMANDS: Tree = {
             "objectness": Command("which boxes look like an object", "train_objectness", "objectness"),
             "body": Command("a body that bends, from silhouettes", "train_body", "train_body", ("clips",)),
             "motion": Command(
-                "how a body that bends moves, from its tracks", "deformable", "train_motion", ("tracks",)
+                "how a body that bends moves, from its tracks", "train_motion", "train_motion", ("tracks",)
             ),
             "affinity-drone": Command("the same, seen from a drone", "train", "affinity_drone", forwarded=True),
         },
@@ -104,11 +104,13 @@ COMMANDS: Tree = {
         "follow something through a video with exported models",
         {
             "people": Command("everyone in view, each with an id", "track.people", "people", ("source",)),
-            "single": Command("one target, from its box in the first frame", "track_single", "single", ("source",)),
-            "sphere": Command("a ball in space, from calibrated cameras", "sphere", "sphere", ("source",)),
+            "single": Command("one target, from its box in the first frame", "track.single", "single", ("source",)),
+            "sphere": Command("a ball in space, from calibrated cameras", "track.sphere", "sphere", ("source",)),
             "drone": Command("people seen from a drone, and what they do", "track.drone", "drone", ("source",)),
             "blobs": Command("objects of a colour, or measured points", "track.blobs", "blobs", ("source",)),
-            "deformable": Command("bodies that bend, such as fish from above", "deformable", "track", ("source",)),
+            "deformable": Command(
+                "bodies that bend, such as fish from above", "track.deformable", "deformable", ("source",)
+            ),
             "fisheye": Command(
                 "people under ceiling cameras, and where on the floor", "track.fisheye", "fisheye", ("source",)
             ),

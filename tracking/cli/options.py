@@ -35,19 +35,14 @@ class Shared:
 
 
 @dataclass(frozen=True)
-class Video(Shared):
-    """What to look at.
+class Overlay(Shared):
+    """Whether to draw.
 
     Attributes:
-        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
-            webcam (0, 1, …) or the address of a stream.
-        frames: track this stretch only, counted from 1 with both ends, such as 301-400.
         overlay: also write a video with the result drawn in.
         overlay_format: of that video; mp4 where OpenCV can write it.
     """
 
-    source: str
-    frames: str | None = None
     overlay: bool = False
     overlay_format: Literal["webm", "mp4"] = "webm"
 
@@ -55,6 +50,20 @@ class Video(Shared):
     def overlay_file(self) -> str:
         """Its name in the output folder."""
         return f"overlay.{self.overlay_format}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Video(Overlay):
+    """What to look at.
+
+    Attributes:
+        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
+            webcam (0, 1, …) or the address of a stream.
+        frames: track this stretch only, counted from 1 with both ends, such as 301-400.
+    """
+
+    source: str
+    frames: str | None = None
 
     def check(self) -> None:
         """See `Shared.check`."""

@@ -239,7 +239,7 @@ class Run:
                 else:
                     self._fail(error)
             elif self._asked and not self._live and not self._reason:
-                self._say(f"interrupted after {self._place()}", 128 + self._asked)
+                self._say("interrupted", 128 + self._asked)
             self._patient = True
             self._record()
         self._report()
@@ -258,7 +258,7 @@ class Run:
                 print(self._summary)
             return
         text = " ".join(self._reason.split())
-        where = "" if "interrupted after" in text else f" up to {self._place()}" if self.count else ""
+        where = f" up to {self._place()}" if self.count else ""
         complain(f"{text}; the partial result{where} is in {self.output.out}, marked in its run.json", self.status)
 
     def _place(self) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion
 from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, FlowName, optical_flow
 from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.preprocessing import FARTHEST, MOST_PIXELS
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 StreamName = Literal["rgb_local", "rgb_global", "flow_local", "flow_global"]
@@ -168,13 +169,21 @@ def crop_squares(image: ImageArray, squares: FloatArray, size: int) -> ImageArra
     fill = RGB_FILL if channels == 3 else (NO_MOTION,) * channels
     crops = np.empty((len(squares), size, size, channels), dtype=np.uint8)
     for crop, square in zip(crops, squares, strict=True):
-        x, y = np.rint(square[:2]).astype(int).tolist()
-        side = max(1, round(float(square[2] - square[0])))
+        x, y = np.rint(np.clip(square[:2], -FARTHEST, FARTHEST)).astype(int).tolist()
+        side = max(1, round(min(float(square[2] - square[0]), FARTHEST)))
         left, top, right, bottom = max(x, 0), max(y, 0), min(x + side, columns), min(y + side, rows)
         if right <= left or bottom <= top:
             crop[:] = fill
             continue
         inner = image[top:bottom, left:right]
+        if side * side > MOST_PIXELS + rows * columns:
+            crop[:] = fill
+            a, b, c, d = (round(v * size / side) for v in (left - x, top - y, right - x, bottom - y))
+            if c > a and d > b:
+                crop[b:d, a:c] = cv2.resize(inner, (c - a, d - b), interpolation=cv2.INTER_AREA).reshape(
+                    d - b, c - a, -1
+                )
+            continue
         if (right - left, bottom - top) != (side, side):
             margins = (top - y, y + side - bottom, left - x, x + side - right)
             inner = _padded(inner, margins, fill)

@@ -103,7 +103,7 @@ def _write(path: Path, observations: list[Observation]) -> None:
         beside.write_bytes(MAGIC + zlib.crc32(body).to_bytes(4, "big") + body)
         beside.replace(path)
     except OSError as error:
-        raise RequestError(f"cannot write to {path.parent}: {error.strerror}; choose another --cache") from error
+        raise RequestError(f"cannot write to {path.parent}: {error.strerror}; choose another `cache`") from error
 
 
 def _read(path: Path, first: int, last: int) -> list[Observation] | None:

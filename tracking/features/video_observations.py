@@ -43,7 +43,7 @@ def video_observations(
         yield from observe(opened.frames(), observers, times)
         return
     if opened.length is None:
-        raise RequestError("--cache: expected a video of known length, such as a folder of images; leave --cache out")
+        raise RequestError("`cache`: expected a video of known length, such as a folder of images; leave `cache` out")
     stretch = opened.frames_wanted.within(opened.length)
     assert stretch.last is not None
     files = opened.images if isinstance(opened, ImageFolder) else (Path(source),)

@@ -133,7 +133,7 @@ def _most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None) -> int:
     most = 1
     for columns in range(2, MOST_COLUMNS + 1):
         x1, y1, x2, y2 = view_of((size[0], size[1]), columns, wanted[1] / wanted[0]).tiles[-1].tolist()
-        if min(wanted[1] / (x2 - x1), wanted[0] / (y2 - y1)) > LARGEST_SCALE:
+        if min(wanted[1] / max(x2 - x1, 1), wanted[0] / max(y2 - y1, 1)) > LARGEST_SCALE:
             break
         most = columns
     return most

@@ -223,7 +223,7 @@ def read_detections(
     if outside.size:
         raise RequestError(
             f"{path}:{lines[outside[0]]}: expected a score in [{score_range[0]:g}, {score_range[1]:g}], got "
-            f"{scores[outside[0]]:g}; give the detector's own range with --score-range"
+            f"{scores[outside[0]]:g}; give the detector's own range with `score_range`"
         )
     _, first = np.unique(np.column_stack([frames, rows[:, 2:7]]), axis=0, return_index=True)
     if len(first) < len(rows):
@@ -238,7 +238,7 @@ def read_detections(
                 "are these the detections of another video?"
             )
         warnings.warn(
-            f"{path}: {np.count_nonzero(~inside)} detections after the video's last frame, {length}, are left out",
+            f"{path}: {np.count_nonzero(~inside)} detection(s) after the video's last frame, {length}, are left out",
             InputWarning,
             stacklevel=2,
         )

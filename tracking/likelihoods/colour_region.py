@@ -91,7 +91,7 @@ def colour_of_box(image: ImageArray, box: FloatArray) -> ColourRange:
     hue, saturation, value = _hsv(image[y1:y2, x1:x2]).reshape(-1, 3).T
     vivid = (saturation > 0.2) & (value > 0.15)
     if vivid.mean() < 0.1:
-        raise RequestError("expected a coloured object in the box, found grey; give --colour as an HSV range instead")
+        raise RequestError("expected a coloured object in the box, found grey; give `colour` as an HSV range instead")
     counts = np.bincount((hue[vivid] // 10).astype(np.int64), minlength=36)
     smooth = counts + np.roll(counts, 1) + np.roll(counts, -1)
     peak = 10.0 * float(np.argmax(smooth)) + 5.0

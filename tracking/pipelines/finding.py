@@ -104,7 +104,7 @@ class PeopleInputs:
         if self.source.length is None and len(self.detect) > last + 1:
             unused = sum(map(len, self.detect[last + 1 :]))
             warnings.warn(
-                f"{unused} detections after the last frame of {self.source.name}, {last + 1}, are left out",
+                f"{unused} detection(s) after the last frame of {self.source.name}, {last + 1}, are left out",
                 InputWarning,
                 stacklevel=2,
             )

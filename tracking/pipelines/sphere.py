@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras
 from tsuiseki.tracking.cameras.volume import common_volume
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.motion_3d import Ballistic, ConstantVelocity, RandomWalk
 from tsuiseki.tracking.likelihoods.background import median_background
@@ -217,7 +218,17 @@ def frame_count(source: Source) -> int:
     """
     if source.live:
         raise RequestError(f"{source.name}: expected recorded videos, for several live cameras share no clock")
-    return source.length if source.length is not None else sum(1 for _ in source.frames())
+    if source.length is not None:
+        return source.length
+    count = 0
+    try:
+        for frame in source.frames():
+            count = frame.index + 1
+    except RunError as error:
+        if not count:
+            raise
+        warnings.warn(f"{error}; it is used up to there", InputWarning, stacklevel=2)
+    return count
 
 
 def checked_frames(source: Source, placed: PlacedCamera) -> Iterator[Frame]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -12,7 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.report.overlay import track_colour
-from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, frame_ticks, seconds_table
+from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, embedded_video, frame_ticks, seconds_table
 from tsuiseki.tracking.types.tracks import ActingTrack
 
 ROW, LEFT, WIDTH = 15, 150, 750
@@ -70,13 +69,7 @@ def action_page(report: ActionReport, video: Path | None, seconds: Mapping[str, 
 def _video(path: Path | None) -> str:
     if path is None:
         return ""
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return (
-        "<section><h2>Tracks and actions</h2>"
-        f'<video controls loop muted playsinline src="data:video/webm;base64,{data}"></video>'
-        f"<p class=note>{BOXES_NOTE}</p>"
-        "</section>"
-    )
+    return f"<section><h2>Tracks and actions</h2>{embedded_video(path, note=BOXES_NOTE)}</section>"
 
 
 def action_timelines(report: ActionReport) -> str:

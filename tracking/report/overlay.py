@@ -17,6 +17,8 @@ TRAIL_SECONDS = 2.0
 DASH = 4
 # Grey levels between two frames that are taken for noise.
 NOISE_LEVELS = 8
+# Shorter side of a picture for which letters of 0.4 times OpenCV's font and lines of a pixel are right.
+PLAIN_SIDE, LETTERS = 540, 0.4
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 Colour = tuple[int, int, int]
@@ -75,7 +77,8 @@ class Overlay:
         recent = slice(np.searchsorted(track.frames, track.frames[row] - self.trail), row + 1)
         boxes = track.boxes[recent]
         feet = np.column_stack([(boxes[:, 0] + boxes[:, 2]) / 2, boxes[:, 3]])
-        cv2.polylines(image, [_pixels(feet)], isClosed=False, color=track_colour(track.id), lineType=cv2.LINE_AA)
+        thin, colour = round(line_unit(image)), track_colour(track.id)
+        cv2.polylines(image, [_pixels(feet)], isClosed=False, color=colour, thickness=thin, lineType=cv2.LINE_AA)
 
 
 def write_overlay(
@@ -118,7 +121,7 @@ def _draw_box(image: ImageArray, track: Track, row: int, caption: str) -> None:
     colour = track_colour(track.id)
     x1, y1, x2, y2 = np.round(track.boxes[row]).astype(int).tolist()
     if track.observed[row]:
-        cv2.rectangle(image, (x1, y1), (x2, y2), colour, 2, cv2.LINE_AA)
+        cv2.rectangle(image, (x1, y1), (x2, y2), colour, round(2 * line_unit(image)), cv2.LINE_AA)
     else:
         corners = ((x1, y1), (x2, y1), (x2, y2), (x1, y2))
         for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
@@ -136,18 +139,27 @@ def _dashed_line(image: ImageArray, start: tuple[int, int], end: tuple[int, int]
     count = max(2, int(np.hypot(*(b - a)) // DASH))
     points = _pixels(a + np.linspace(0, 1, count)[:, None] * (b - a))
     dashes = [points[n : n + 2] for n in range(0, count - 1, 2)]
-    cv2.polylines(image, dashes, isClosed=False, color=colour, thickness=2)
+    cv2.polylines(image, dashes, isClosed=False, color=colour, thickness=round(2 * line_unit(image)))
 
 
 def draw_label(image: ImageArray, text: str, place: tuple[int, int], colour: Colour) -> None:
-    """``text`` on a patch of ``colour`` whose lower left corner is ``place``, moved into the image."""
-    scale = 0.4
-    (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)
-    x = min(max(place[0], 0), image.shape[1] - width - 4)
-    y = min(max(place[1], height + 4), image.shape[0] - 1)
-    cv2.rectangle(image, (x, y - height - 4), (x + width + 3, y), colour, cv2.FILLED)
-    dark = np.dot(colour, (0.299, 0.587, 0.114)) < 128
-    cv2.putText(image, text, (x + 2, y - 3), FONT, scale, (255, 255, 255) if dark else (0, 0, 0), lineType=cv2.LINE_AA)
+    """``text`` on a patch of ``colour`` whose lower left corner is ``place``, moved into the image.
+
+    Letters and lines grow with pictures above `PLAIN_SIDE`.
+    """
+    unit = line_unit(image)
+    scale, pad = LETTERS * unit, round(2 * unit)
+    (width, height), _ = cv2.getTextSize(text, FONT, scale, round(unit))
+    x = min(max(place[0], 0), image.shape[1] - width - 2 * pad)
+    y = min(max(place[1], height + 2 * pad), image.shape[0] - 1)
+    cv2.rectangle(image, (x, y - height - 2 * pad), (x + width + 2 * pad - 1, y), colour, cv2.FILLED)
+    ink = (255, 255, 255) if np.dot(colour, (0.299, 0.587, 0.114)) < 128 else (0, 0, 0)
+    cv2.putText(image, text, (x + pad, y - pad - 1), FONT, scale, ink, round(unit), lineType=cv2.LINE_AA)
+
+
+def line_unit(image: ImageArray) -> float:
+    """How many pixels a thin line has: 1 up to `PLAIN_SIDE`, and in proportion beyond."""
+    return max(1.0, float(min(image.shape[:2])) / PLAIN_SIDE)
 
 
 def _pixels(points: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> IntArray:

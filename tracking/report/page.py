@@ -16,6 +16,7 @@ from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
 from tsuiseki.tracking.evaluation.table import COLUMNS, cells
 from tsuiseki.tracking.report.overlay import track_colour
 from tsuiseki.tracking.report.plots import comparison_figure, count_figure, inline_svg
+from tsuiseki.tracking.report.webm import video_type
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -137,13 +138,16 @@ def _glossary() -> str:
 def _overlay(report: Report) -> str:
     if report.overlay is None:
         return ""
-    video = base64.b64encode(report.overlay.read_bytes()).decode("ascii")
-    name = escape(report.methods[-1].name)
-    return _section(
-        f"Tracks by {report.methods[-1].name}",
-        f'<video controls loop muted playsinline aria-label="Tracks by {name}" src="data:video/webm;base64,{video}">'
-        f"</video><p class=note>{escape(report.overlay_note)}</p>",
-    )
+    heading = f"Tracks by {report.methods[-1].name}"
+    return _section(heading, embedded_video(report.overlay, heading, report.overlay_note))
+
+
+def embedded_video(path: Path, label: str = "", note: str = "") -> str:
+    """HTML of a video that is inside the page, with what it shows and a note below it, where given."""
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    named = f' aria-label="{escape(label)}"' if label else ""
+    below = f"<p class=note>{escape(note)}</p>" if note else ""
+    return f'<video controls loop muted playsinline{named} src="data:{video_type(path)};base64,{data}"></video>{below}'
 
 
 def _timelines(report: Report) -> str:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import Path
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.types import FloatArray, ImageArray, Position
+from tsuiseki.tracking.report.overlay import without_flicker
+from tsuiseki.tracking.report.webm import VideoWriter
+from tsuiseki.tracking.trackers.sphere_run import SphereLog
+from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Position
 
 STATUS_COLOURS = {"tracking": (40, 230, 90), "searching": (255, 190, 40), "lost": (255, 70, 60)}
 POINTS, DASH = 48, 3
 # Fractions of a pixel that OpenCV draws to.
 SHIFT = 4
+TRAIL_MOMENTS = 30
 FONT, SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 
 
@@ -60,3 +67,34 @@ def _fixed(points: FloatArray) -> NDArray[np.int32]:
 
 def _whole(point: FloatArray) -> tuple[int, int]:
     return round(float(point[0] - 0.5)), round(float(point[1] - 0.5))
+
+
+def write_sphere_overlay(
+    path: Path,
+    frames: Iterable[Frame],
+    frame_rate: float,
+    log: SphereLog,
+    camera: PinholeCamera,
+    radius: float,
+    view: int,
+) -> None:
+    """Write the video of one camera with the ball's outline, up to the last frame that was used.
+
+    Raises:
+        RunError: the video breaks off, or cannot be written.
+    """
+    at = {m.frames[view]: k for k, m in enumerate(log.moments) if m.frames[view] is not None}
+    points = np.array([p.point for p in log.positions])
+    last = max((frame for frame in at if frame is not None), default=-1)
+    shown: ImageArray | None = None
+    with VideoWriter(path, frame_rate) as writer:
+        for frame in frames:
+            if frame.index > last:
+                break
+            shown = without_flicker(frame.image, shown)
+            moment = at.get(frame.index)
+            if moment is None:
+                writer.write(shown)
+                continue
+            trail = points[max(moment - TRAIL_MOMENTS, 0) : moment + 1]
+            writer.write(draw_sphere(shown, camera, log.positions[moment], radius, view, trail))

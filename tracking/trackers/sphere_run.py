@@ -72,7 +72,7 @@ def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
     shown = ",".join(f"{v:g}" for v in position)
     behind = [placed.name for placed, depth in zip(cameras, depths, strict=True) if depth <= 0]
     if behind and seen < 2:
-        raise RequestError(f"expected the ball before the cameras, but {shown} lies behind {behind[0]}; check --start")
+        raise RequestError(f"expected the ball before the cameras, but {shown} lies behind {behind[0]}; check `start`")
     if seen < 2:
         raise RequestError(f"expected a start that two cameras see, but {shown} is in {seen} of {len(cameras)} images")
 
@@ -89,7 +89,7 @@ def check_lengths(times: Sequence[FloatArray], names: Sequence[str]) -> None:
     if ends[last] - ends[first] > SLACK_FRAMES * step + 1e-9:
         raise RequestError(
             f"expected videos of one length, but {names[first]} ends at {ends[first]:.2f} s and {names[last]} at "
-            f"{ends[last]:.2f} s; say how they lie in time with --timestamps or --offsets"
+            f"{ends[last]:.2f} s; say how they lie in time with `timestamps` or `offsets`"
         )
 
 
@@ -141,7 +141,7 @@ def run_sphere(
         log.positions.append(info.position)
         log.moments.append(moment)
     if not log.positions:
-        raise RunError("expected frames of two videos at about one time, got none; check --offsets or --timestamps")
+        raise RunError("expected frames of two videos at about one time, got none; check `offsets` or `timestamps`")
     return log
 
 

@@ -152,9 +152,9 @@ def test_detections_after_the_end_are_left_out_and_told(
     words = ["track", "people", str(getattr(inputs, source)), "--method", "sort", "--detections", str(file)]
     assert main([*words, "--out", str(tmp_path / "o")]) == 0
     assert [line for line in capsys.readouterr().err.splitlines() if line.startswith("tsuiseki:")] == [
-        f"tsuiseki: note: {file}: 2 detections after the video's last frame, 12, are left out"
+        f"tsuiseki: note: {file}: 2 detection(s) after the video's last frame, 12, are left out"
         if source == "images"
-        else "tsuiseki: note: 2 detections after the last frame of v.webm, 12, are left out"
+        else "tsuiseki: note: 2 detection(s) after the last frame of v.webm, 12, are left out"
     ]
 
 
@@ -275,4 +275,4 @@ def test_an_output_folder_full_of_results(inputs: Any, tmp_path: Path, complaint
     out = tmp_path / "o"
     assert main([*inputs.words(), "--out", str(out)]) == 0
     line = complaint([*inputs.words(), "--out", str(out)], 2)
-    assert "already holds run.json, tracks.txt; choose another folder or add --overwrite" in line
+    assert "already holds report.html, run.json, tracks.txt; choose another folder or add --overwrite" in line

@@ -44,7 +44,7 @@ def test_a_clip_is_tracked_by_what_was_learnt(clip, motion, tmp_path):
     (truth,) = read_states(clip / "states.csv", FIELDS)
     assert np.linalg.norm(track.states[:, :2] - truth.states[:, :2], axis=1).max() < 10.0
     run = json.loads((out / "run.json").read_text())
-    assert run["settings"]["frame_rate"] == 15.0
+    assert run["facts"]["frame_rate"] == 15.0
     assert run["frames"]["frame"] == list(range(1, 31))
     assert len(run["frames"]["score_1"]) == 30
     assert set(run["seconds"]) == {"edges", "particles"}

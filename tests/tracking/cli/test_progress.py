@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import io
-import signal
-import threading
 
 import pytest
 
 from tsuiseki.tracking.cli import progress as module
-from tsuiseki.tracking.cli.interrupt import graceful_interrupt
 from tsuiseki.tracking.cli.progress import progress
 
 
@@ -33,30 +30,3 @@ def test_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch, total: int | None)
     monkeypatch.setenv("TERM", "xterm")
     assert list(progress(iter("abc"), "working", total)) == ["a", "b", "c"]
     assert "working" in terminal.getvalue()
-
-
-def test_the_first_interrupt_asks_and_the_second_interrupts() -> None:
-    before = signal.getsignal(signal.SIGINT)
-    with graceful_interrupt() as interrupt:
-        seen = []
-        for number in interrupt.until_asked(range(10)):
-            seen.append(number)
-            if number == 3:
-                signal.raise_signal(signal.SIGINT)
-        assert seen == [0, 1, 2, 3]
-        with pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_other_threads_are_left_alone() -> None:
-    asked = []
-
-    def work() -> None:
-        with graceful_interrupt() as interrupt:
-            asked.append(interrupt.asked)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert asked == [False]

@@ -71,7 +71,7 @@ def test_an_offset_shifts_one_video_against_the_other(film, track):
         ([], {"sources": ("camera1", "camera2", "camera1")}, "got 3 videos and 2 cameras"),
         ([], {"radius": "0"}, "--radius: expected metres above 0"),
         (["--start", "9,0,1"], {}, "lies behind camera1"),
-        (["--volume", "0,0,0,1,1,0"], {}, "--volume: expected two corners that differ"),
+        (["--volume", "0,0,0,1,1,0"], {}, "--volume: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2"),
         (["--offsets", "0"], {}, "--offsets: expected 2 values"),
         (["--particles", "3"], {}, "--particles: expected at least 10"),
         (["--backgrounds", "a.png,b.png"], {}, "--backgrounds: expected only with --likelihood background"),

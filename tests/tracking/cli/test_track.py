@@ -44,7 +44,7 @@ def test_a_person_is_tracked_from_any_source_by_any_method(
     check_result(tmp_path / "o", 0, 11)
     record = run_record(tmp_path / "o")
     assert record["partial"] is False
-    assert record["files"] == ["tracks.txt"]
+    assert record["files"] == ["report.html", "tracks.txt"]
     assert record["frames"]["frame"] == list(range(1, 13))
     assert record["frames"]["detections"] == record["frames"]["people"] == [1] * 12
     assert record["settings"]["method"] == method
@@ -74,13 +74,18 @@ def test_a_stretch_keeps_its_frame_numbers(inputs: Any, tmp_path: Path, source: 
 def test_the_overlay_has_the_frames_of_the_stretch(inputs: Any, tmp_path: Path) -> None:
     assert main([*inputs.words(), "--frames", "3-10", "--overlay", "--out", str(tmp_path / "o")]) == 0
     assert len(list(open_source(tmp_path / "o" / "overlay.webm").frames())) == 8
-    assert run_record(tmp_path / "o")["files"] == ["overlay.webm", "tracks.txt"]
+    assert run_record(tmp_path / "o")["files"] == ["overlay.webm", "report.html", "tracks.txt"]
 
 
 def test_a_stream_is_recorded_for_its_overlay(inputs: Any, tmp_path: Path) -> None:
     assert main([*inputs.words(f"file://{inputs.video}"), "--overlay", "--out", str(tmp_path / "o")]) == 0
     check_result(tmp_path / "o", 0, 11)
-    assert sorted(p.name for p in (tmp_path / "o").iterdir()) == ["overlay.webm", "run.json", "tracks.txt"]
+    assert sorted(p.name for p in (tmp_path / "o").iterdir()) == [
+        "overlay.webm",
+        "report.html",
+        "run.json",
+        "tracks.txt",
+    ]
     assert len(list(open_source(tmp_path / "o" / "overlay.webm").frames())) == 12
 
 
@@ -102,20 +107,17 @@ def test_options_come_from_yaml(inputs: Any, tmp_path: Path) -> None:
 
 
 class Interrupting(Detector):
-    """Presses Ctrl-C while it works on the fifth frame, and once more on a later one."""
-
-    again_at = -1
+    """Presses Ctrl-C while it works on the ninth frame."""
 
     def detect(self, images: Any) -> list[Detections]:
         self.seen: int = getattr(self, "seen", 0) + len(images)
-        if self.seen in (5, self.again_at):
+        if self.seen == 9:
             signal.raise_signal(signal.SIGINT)
         found: list[Detections] = super().detect(images)
         return found
 
 
-def interrupt(monkeypatch: pytest.MonkeyPatch, again_at: int = -1) -> None:
-    monkeypatch.setattr(Interrupting, "again_at", again_at)
+def interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tsuiseki.tracking.features.networks.Detector", Interrupting)
 
 
@@ -125,14 +127,16 @@ def test_ctrl_c_keeps_the_finished_frames_and_marks_them(
     interrupt(monkeypatch)
     out = tmp_path / "o"
     assert main([*inputs.words(), "--batch-size", "1", "--overlay", "--out", str(out)]) == 130
-    check_result(out, 0, 4)
     record = run_record(out)
     assert record["partial"] is True
-    assert record["frames"]["frame"] == [1, 2, 3, 4, 5]
-    assert sorted(p.name for p in out.iterdir()) == ["run.json", "tracks.txt"]
+    last = record["frames"]["frame"][-1]
+    # Detection runs some frames ahead of linking.
+    assert 5 <= last <= 9
+    check_result(out, 0, last - 1)
+    assert sorted(p.name for p in out.iterdir()) == ["report.html", "run.json", "tracks.txt"]
     lines = capsys.readouterr().err.splitlines()
     assert [line for line in lines if line.startswith("tsuiseki:")] == [
-        f"tsuiseki: interrupted after frame 5; the partial result is in {out}, marked in its run.json"
+        f"tsuiseki: interrupted; the partial result up to frame {last} is in {out}, marked in its run.json"
     ]
 
 

@@ -6,8 +6,17 @@ import itertools
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from tsuiseki.tracking.report.overlay import NOISE_LEVELS, Overlay, track_colour, without_flicker, write_overlay
+from tsuiseki.tracking.report.overlay import (
+    NOISE_LEVELS,
+    Overlay,
+    draw_label,
+    line_unit,
+    track_colour,
+    without_flicker,
+    write_overlay,
+)
 from tsuiseki.tracking.types import Frame, ImageArray, Track
 from tsuiseki.tracking.video import open_source
 
@@ -82,3 +91,12 @@ def test_noise_stands_still_and_movement_does_not() -> None:
     moved[10:20, 30:40] = True
     np.testing.assert_array_equal(calm[~moved], before[~moved])
     np.testing.assert_array_equal(without_flicker(after, None), after)
+
+
+def test_letters_and_lines_grow_with_the_picture() -> None:
+    small, large = np.zeros((270, 480, 3), np.uint8), np.zeros((2160, 3840, 3), np.uint8)
+    for image in (small, large):
+        draw_label(image, "12", (20, image.shape[0] - 20), (255, 255, 255))
+    heights = [int(image.any(axis=(1, 2)).sum()) for image in (small, large)]
+    assert heights[1] == pytest.approx(4 * heights[0], abs=8)
+    assert (line_unit(small), line_unit(large)) == (1.0, 4.0)

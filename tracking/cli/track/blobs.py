@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Preset = Literal["calibrated", "paper", "single"]
 Method = Literal["labelled", "phd"]
+SIZE = (32.0, 32.0)
 Followed: TypeAlias = "tuple[list[Track], dict[str, list[Any]]]"
 
 
@@ -31,7 +32,7 @@ def blobs(
     preset: Preset = "calibrated",
     method: Method = "labelled",
     particles: int = 500,
-    size: tuple[float, float] = (32.0, 32.0),
+    size: tuple[float, float] = SIZE,
     smallest: float = 12.0,
     detection: float = 0.85,
     clutter: float = 1.0,
@@ -67,6 +68,11 @@ def blobs(
     if sum(choice is not None for choice in (colour, colour_box, detections)) != 1:
         raise RequestError("expected one of `colour`, `colour_box` and `detections`")
     source = video.open(images=detections is None)
+    width, height = _extent(source)
+    if not (0 < size[0] <= max(width, SIZE[0]) and 0 < size[1] <= max(height, SIZE[1])):
+        raise RequestError(
+            f"`size`: expected at most the {width:g}x{height:g} pixels of a frame, got {size[0]:g},{size[1]:g}"
+        )
     with output.run() as run:
         if detections is None:
             wanted = _colour(source, colour, colour_box)
@@ -97,18 +103,14 @@ def _expected(counts: Sequence[float], preset: Preset) -> str:
 
 
 def _colour(source: Source, named: str | None, box: tuple[float, float, float, float] | None) -> ColourRange:
-    import numpy as np
+    from tsuiseki.tracking.pipelines.blobs import chosen_colour
 
-    from tsuiseki.tracking.likelihoods.colour_region import colour_of_box, parse_colour
-
-    if named is not None:
-        return parse_colour(named)
-    assert box is not None
+    if box is None:
+        return chosen_colour(source, named or "")
     x, y, width, height = box
     if width <= 0 or height <= 0:
         raise RequestError(f"`colour_box`: expected X,Y,W,H with a width and height above 0, got {box}")
-    first = next(iter(source.frames()))
-    return colour_of_box(first.image, np.array([x, y, x + width, y + height]))
+    return chosen_colour(source, (x, y, x + width, y + height))
 
 
 def _follow_colour(

@@ -44,7 +44,7 @@ def people(
     """Track the people in a video: each gets a number that stays.
 
     Without further options the people are found, described and linked by the models that ship with the toolkit.
-    DIR gets tracks.txt (MOTChallenge text), run.json and, with --overlay, overlay.webm.
+    DIR gets tracks.txt (MOTChallenge text), report.html, run.json and, with --overlay, overlay.webm.
 
     Args:
         method: sort follows positions; bytetrack, through low scores, too; ocsort, through gaps; deepsort compares
@@ -76,6 +76,7 @@ def people(
     from tsuiseki.tracking.pipelines.finding import PeopleInputs, threads_of_a_call
     from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
     from tsuiseki.tracking.report.overlay import write_overlay
+    from tsuiseki.tracking.report.people import PeopleReport, people_page
     from tsuiseki.tracking.trackers.flow import FlowTracker
     from tsuiseki.tracking.trackers.run import FrameLog, shifted
 
@@ -112,10 +113,14 @@ def people(
             print(f"looked at {inputs.detect.summary}; --view says how many")
         run.columns = log.columns(tracks)
         run.write("tracks.txt", lambda path: write_tracks(path, tracks))
+        drawn = None
         if video.overlay:
-            run.draw(
+            drawn = run.draw(
                 video.overlay_file, lambda path: write_overlay(path, run.replay(source), tracks, source.frame_rate)
             )
+        seconds, facts = run.times.seconds, {"method": method, "source": video.source}
+        page = people_page(PeopleReport(source.name, tracks, log.frames, source.frame_rate, drawn, seconds, facts))
+        run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         who, length = count(len(tracks), "person", "people"), count(run.count, "frame", "frames")
         run.done(f"{who} in {length}: {output.out / 'tracks.txt'}")
     return run.status

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.trackers.single.interface import TargetState
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
@@ -170,7 +171,13 @@ class Mil:
         _seed_opencv(self._rng)
         self._tracker = cv2.TrackerMIL.create()
         self._box = np.asarray(box, dtype=np.float64)
-        self._tracker.init(np.ascontiguousarray(image[..., ::-1]), _whole_window(self._box, image))
+        try:
+            self._tracker.init(np.ascontiguousarray(image[..., ::-1]), _whole_window(self._box, image))
+        except cv2.error as error:
+            raise RequestError(
+                f"`box`: expected a box with room around it, which MIL needs in an image of {image.shape[1]}x"
+                f"{image.shape[0]}, got {', '.join(f'{v:g}' for v in self._box)}; choose another method"
+            ) from error
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""

@@ -61,13 +61,13 @@ def check_start(box: FloatArray, image: ImageArray) -> FloatArray:
     x, y, w, h = map(float, (*box[:2], *(box[2:] - box[:2])))
     shown = f"x {x:g}, y {y:g}, width {w:g}, height {h:g}"
     if not np.isfinite(box).all() or w <= 0 or h <= 0:
-        raise RequestError(f"--box: expected a positive width and height, got {shown}")
+        raise RequestError(f"`box`: expected a positive width and height, got {shown}")
     if w < 2 or h < 2:
-        raise RequestError(f"--box: expected at least 2 x 2 pixels, got {shown}")
+        raise RequestError(f"`box`: expected at least 2 x 2 pixels, got {shown}")
     if w > width or h > height:
-        raise RequestError(f"--box: expected a box that fits into the {width}x{height} image, got {shown}")
+        raise RequestError(f"`box`: expected a box that fits into the {width}x{height} image, got {shown}")
     if x + w <= 0 or y + h <= 0 or x >= width or y >= height:
-        raise RequestError(f"--box: expected a box inside the {width}x{height} image, got {shown}")
+        raise RequestError(f"`box`: expected a box inside the {width}x{height} image, got {shown}")
     return box
 
 
@@ -86,7 +86,7 @@ def follow_target(frames: Iterable[Frame], box: FloatArray, tracker: SingleTrack
             if (frame.image == frame.image[0, 0]).all():
                 raise RequestError(
                     f"frame {frame.index + 1}: expected a picture of the target, got one colour everywhere; "
-                    "start at a later frame with --frames"
+                    "start at a later frame with `frames`"
                 )
             tracker.start(frame.image, box)
             yield Estimate(frame.index, box, CERTAIN, "tracking")

@@ -1,0 +1,129 @@
+"""`tsuiseki track sphere`: where a ball is in space, from two or more calibrated cameras."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tsuiseki.tracking.cli.options import Overlay, SeededOutput
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.pipelines.sphere import LikelihoodName, MotionName, SphereSettings
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.cli.run import Run
+    from tsuiseki.tracking.pipelines.sphere import SphereRun
+    from tsuiseki.tracking.trackers.sphere_run import SphereLog
+
+
+def sphere(
+    source: list[str],
+    cameras: Path,
+    radius: float,
+    output: SeededOutput,
+    drawing: Overlay,
+    start: tuple[float, float, float] | None = None,
+    spread: float = 0.05,
+    volume: tuple[float, float, float, float, float, float] | None = None,
+    particles: int = 500,
+    motion: MotionName = "constant-velocity",
+    agitation: float | None = None,
+    floor: float = 0.0,
+    bounce: float = 0.75,
+    likelihood: LikelihoodName = "contour",
+    backgrounds: list[Path] | None = None,
+    offsets: list[float] | None = None,
+    timestamps: list[Path] | None = None,
+    tolerance: float | None = None,
+    truth: Path | None = None,
+) -> int:
+    """Follow a ball of known radius in space.
+
+    DIR gets track3d.csv, path.png, report.html, run.json and, with --overlay, overlay1.webm and so on with the ball's
+    outline.
+
+    Args:
+        source: two or more videos or folders of images, in the order of the cameras; folders run at the frame_rate in
+            cameras.yaml, else at 25 frames/s.
+        cameras: cameras.yaml with one entry per video; tsuiseki calibrate points writes it.
+        radius: of the ball, metres.
+        start: X,Y,Z of the ball in the first frame, metres; by default the volume is searched.
+        spread: standard deviation of the start, metres.
+        volume: X1,Y1,Z1,X2,Y2,Z2 of the box in which the ball is searched, metres; by default where two cameras can
+            see it.
+        particles: how many; more are more exact and slower.
+        motion: how the ball moves: with a velocity, by random steps as in the paper, or in free flight with bounces.
+        agitation: how restless the motion is: change of velocity in one second, m/s (random walk: of position, m);
+            by default 1.5 (random walk 0.15, ballistic 1).
+        floor: height of the floor off which a ballistic ball bounces, metres.
+        bounce: speed after a bounce over the speed before, 0 to 1.
+        likelihood: the ball's outline, or the difference from the background.
+        backgrounds: one picture of the empty scene per video, separated by commas; by default the median of the video.
+        offsets: time of each video's first frame, seconds, separated by commas; wins over cameras.yaml.
+        timestamps: one text file per video with the time of each frame, separated by commas.
+        tolerance: frames of different videos within so many seconds count as taken together; by default a quarter of
+            the shortest time between frames.
+        truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
+    """
+    import numpy as np
+
+    from tsuiseki.tracking.formats.track3d import read_path3d, write_track3d
+    from tsuiseki.tracking.pipelines.sphere import sphere_run
+    from tsuiseki.tracking.report.space_plots import path_figure
+    from tsuiseki.tracking.report.sphere_page import sphere_page
+
+    if volume is not None and not all(low < high for low, high in zip(volume[:3], volume[3:], strict=True)):
+        shown = ",".join(f"{value:g}" for value in volume)
+        raise RequestError(f"`volume`: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2, Y1 < Y2 and Z1 < Z2, got {shown}")
+    settings = SphereSettings(spread, particles, motion, agitation, floor, bounce, likelihood, tolerance)
+    true_path = None if truth is None else read_path3d(truth)
+    corners = None if volume is None else np.array(volume).reshape(2, 3)
+    chosen = sphere_run(
+        source,
+        cameras,
+        radius,
+        start=start,
+        volume=corners,
+        settings=settings,
+        backgrounds=backgrounds,
+        offsets=offsets,
+        timestamps=timestamps,
+    )
+    rng = np.random.default_rng(output.seed)
+    with output.run() as run:
+        log = chosen.run(rng, run.times, lambda items: run.steps(items, total=max(map(len, chosen.stamps))))
+        run.columns = _columns(log)
+        run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
+        plot = path_figure(log.positions, chosen.placed, true_path)
+        run.write("path.png", lambda path: plot.savefig(path, dpi=120, facecolor="white"))
+        videos = _overlays(run, drawing, chosen, log, radius) if drawing.overlay else []
+        page = sphere_page(log, chosen.placed, radius, true_path, videos, run.times.seconds, output.given.settings)
+        run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
+        found = sum(p.status == "tracking" for p in log.positions)
+        run.done(f"ball known in {found} of {len(log.positions)} moments: {output.out / 'track3d.csv'}")
+    return run.status
+
+
+def _columns(log: SphereLog) -> dict[str, list[Any]]:
+    return {
+        "time": [round(p.time, 6) for p in log.positions],
+        "score": [round(p.score, 4) for p in log.positions],
+        "status": [p.status for p in log.positions],
+        "open": [[round(float(v), 3) for v in p.open] for p in log.positions],
+        "frame_of_each_video": [[None if f is None else f + 1 for f in m.frames] for m in log.moments],
+    }
+
+
+def _overlays(run: Run, drawing: Overlay, chosen: SphereRun, log: SphereLog, radius: float) -> list[Path | None]:
+    """A video for each camera."""
+    from tsuiseki.tracking.report.sphere import write_sphere_overlay
+
+    def draw(view: int, path: Path) -> None:
+        source, camera = chosen.sources[view], chosen.placed[view]
+        rate = camera.frame_rate or source.frame_rate
+        frames = run.watched(source.frames(), f"drawing {camera.name}", source.length)
+        write_sphere_overlay(path, frames, rate, log, camera.camera, radius, view)
+
+    with run.times.measure("overlay"):
+        names = [f"overlay{view + 1}.{drawing.overlay_format}" for view in range(len(chosen.sources))]
+        return [run.draw(name, partial(draw, view)) for view, name in enumerate(names)]

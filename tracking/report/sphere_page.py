@@ -1,0 +1,101 @@
+"""`report.html` of a ball in space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.files import PlacedCamera
+from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
+from tsuiseki.tracking.report.page import PAGE, STYLE, embedded_video
+from tsuiseki.tracking.report.plots import inline_svg
+from tsuiseki.tracking.report.space_plots import deviation_figure, path_figure
+from tsuiseki.tracking.trackers.sphere_run import SphereLog
+from tsuiseki.tracking.types import STATUSES, Position
+from tsuiseki.tracking.types.tracks import Path3D
+
+
+def sphere_page(
+    log: SphereLog,
+    cameras: Sequence[PlacedCamera],
+    radius: float,
+    truth: Path3D | None,
+    videos: Sequence[Path | None],
+    seconds: Mapping[str, float],
+    settings: Mapping[str, Any],
+) -> str:
+    """The page as HTML, self-contained.
+
+    Args:
+        log: what was found.
+        cameras: that looked.
+        radius: of the ball, m.
+        truth: the true path, where it is known.
+        videos: overlays, one a camera, where there is one.
+        seconds: per stage of the run.
+        settings: of the run, plain values.
+    """
+    positions = log.positions
+    sections = [
+        ("What was found", _summary(log, cameras, seconds) + _errors(positions, truth)),
+        ("Path", inline_svg(lambda ink: path_figure(positions, cameras, truth, ink), "path") + NOTE),
+        ("Uncertainty over time", inline_svg(lambda ink: deviation_figure(positions, truth, ink), "uncertainty")),
+    ]
+    sections += [(f"Overlay of {cameras[k].name}", embedded_video(video)) for k, video in enumerate(videos) if video]
+    facts = {name: str(value) for name, value in settings.items() if value is not None}
+    listing = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in facts.items())
+    sections.append(("How it was made", f"<dl>{listing}</dl>"))
+    body = "\n".join(f"<section><h2>{escape(title)}</h2>{text}</section>" for title, text in sections)
+    introduction = f"A ball of {100 * radius:g} cm radius followed by {len(cameras)} cameras."
+    return PAGE.format(title="Ball in space", introduction=introduction, style=STYLE, sections=body)
+
+
+NOTE = (
+    "<p class=note>Dots are estimates, coloured by status; pale ellipses hold the ball with 95 % by the filter's own "
+    "account; triangles are the cameras.</p>"
+)
+
+
+def _summary(log: SphereLog, cameras: Sequence[PlacedCamera], seconds: Mapping[str, float]) -> str:
+    count = len(log.positions)
+    rows = [("Moments", str(count)), ("Duration", f"{log.positions[-1].time - log.positions[0].time:.2f} s")]
+    rows += [(status, f"{sum(p.status == status for p in log.positions)}") for status in STATUSES]
+    rows.append(("Searches of the volume", str(len(log.searches))))
+    for view, placed in enumerate(cameras):
+        frames = sum(m.frames[view] is not None for m in log.moments)
+        seen = sum(
+            p.open[view] > 0.5 for p, m in zip(log.positions, log.moments, strict=True) if m.frames[view] is not None
+        )
+        rows.append((f"{placed.name}: frames, of them with the ball", f"{frames}, {seen}"))
+    rows.append(("Filter, a moment", f"{1000 * seconds.get('filter', 0.0) / count:.1f} ms"))
+    return _table(rows)
+
+
+def _errors(positions: Sequence[Position], truth: Path3D | None) -> str:
+    if truth is None:
+        return ""
+    track = Path3D(np.array([p.time for p in positions]), np.array([p.point for p in positions]))
+    away = distance_to_position(track, truth)
+    rows = []
+    for name, values in (
+        ("Distance to the true position", away[np.isfinite(away)]),
+        ("Distance to the true path", distance_to_path(track.points, truth.points)),
+    ):
+        if len(values):
+            s = distance_scores(values)
+            rows.append(
+                (
+                    f"{name}: mean, maximum, deviation",
+                    f"{100 * s.mean:.2f}, {100 * s.maximum:.2f}, {100 * s.deviation:.2f} cm",
+                )
+            )
+    return _table(rows)
+
+
+def _table(rows: Sequence[tuple[str, str]]) -> str:
+    cells = "".join(f"<tr><th scope=row>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows)
+    return f'<div class="wide"><table><tbody>{cells}</tbody></table></div>'
