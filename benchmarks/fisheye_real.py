@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
-from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, PersonTable, build_table
-from tsuiseki.tracking.cameras.pose import locate_over_floor
+from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, PersonTable, build_table, stand
+from tsuiseki.tracking.cameras.pose import locate_over_floor, pose_at
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated, rotated_iou
@@ -33,6 +33,7 @@ from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.features.networks import Appearance, Detector
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, enclosing, half_turned, read_rotated_labels
 from tsuiseki.tracking.pipelines.ceiling import CeilingView
+from tsuiseki.tracking.report.floor import corners
 from tsuiseki.tracking.trackers.fisheye import FisheyeSettings, FisheyeTracker
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
@@ -50,7 +51,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path("../shared/data/fisheye"))
     parser.add_argument("--detector", type=Path, default=None)
+    parser.add_argument("--overhead", type=Path, default=None, help="draw the model over a still into this file")
+    parser.add_argument("--blank", action="store_true", help="and leave the still out")
     options = parser.parse_args()
+    if options.overhead is not None:
+        overhead(options.data / "ocam-overhead", options.overhead, blank=options.blank)
+        return
     cv2.setNumThreads(1)
     for path in sorted((options.data / "calibrations").glob("*.txt")):
         lens(path)
@@ -224,6 +230,26 @@ def ten_frames(folder: Path, detector: Detector) -> None:
 def _stood(boxes: FloatArray) -> FloatArray:
     """``(N, 4)`` x1, y1, x2, y2 of rotated boxes before they are turned."""
     return np.concatenate([boxes[:, :2] - boxes[:, 2:4] / 2, boxes[:, :2] + boxes[:, 2:4] / 2], axis=1)
+
+
+def overhead(folder: Path, out: Path, *, blank: bool) -> None:
+    """Somebody who stands and somebody on a chair, placed by hand, as cylinders with upright and rotated boxes."""
+    wide = read_lens(folder / "calib_results.txt").resized(1280, 720, "widen")
+    camera = pose_at(OmnidirectionalCamera(wide, np.eye(3), np.zeros(3)), 2.6)
+    picture = cv2.imread(str(folder / "data" / "12may16" / "2016-05-13-033831.jpg"))
+    if blank:
+        picture[:] = 250
+        cv2.circle(picture, tuple(np.round(wide.centre).astype(int).tolist()), 500, (235, 235, 235), -1)
+    for place, person in (((-0.31, -0.09), PersonModel(1.72)), ((0.38, 0.05), PersonModel(1.2, 0.28))):
+        upright, rotated = stand(camera, np.array(place), np.array([-3.0, -3.0, 3.0, 3.0]), person)
+        points = camera.project(person.outline() + np.append(place, 0.0))[0].reshape(4, -1, 2)
+        box = np.round(corners(rotated[None])[0]).astype(np.int32)
+        low, high = np.round(upright.reshape(2, 2)).astype(int).tolist()
+        cv2.polylines(picture, list(np.round(points).astype(np.int32)), True, (160, 110, 0), 2, cv2.LINE_AA)
+        cv2.rectangle(picture, tuple(low), tuple(high), (0, 0, 220), 2)
+        cv2.polylines(picture, [box], True, (0, 160, 0), 2, cv2.LINE_AA)
+        cv2.line(picture, tuple(box[2].tolist()), tuple(box[3].tolist()), (0, 160, 0), 5)
+    cv2.imwrite(str(out), picture[:, 130:1150])
 
 
 if __name__ == "__main__":

@@ -149,11 +149,7 @@ def build_table(
         RequestError: the camera hangs no higher than the person, or sees nobody on this floor.
     """
     person, grid = person or PersonModel(), grid or GridSettings()
-    if camera.position[2] <= person.height:
-        raise RequestError(
-            f"expected a camera above the person of {person.height:g} m, got one at a height of "
-            f"{camera.position[2]:g} m; check the pose, or the person's height"
-        )
+    _check_height(camera, person)
     feet = _foot_positions(camera, floor, grid)
     upright, rotated, feet = outlines(camera, feet, person, grid.inside)
     if not len(feet):
@@ -184,6 +180,39 @@ def outlines(
     upright = np.concatenate([np.clip(low, 0, limit), np.clip(high, 0, limit)], axis=1)
     rotated = _smallest_boxes(outline.astype(np.float32), head - foot, foot - _below(camera))
     return upright, rotated, feet[seen]
+
+
+def stand(
+    camera: FloorCamera, place: FloatArray, floor: FloatArray, person: PersonModel | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Upright box ``(4,)`` and rotated box ``(5,)`` of one person who stands at ``place`` ``(2,)``, metres.
+
+    Raises:
+        RequestError: the place is not on the floor ``(4,)``, the camera hangs no higher than the person, or a part of
+            the person is beyond the rim.
+    """
+    person = person or PersonModel()
+    if not ((place >= floor[:2]) & (place <= floor[2:])).all():
+        raise RequestError(
+            f"expected a foot position on the floor {floor.tolist()}, got {np.asarray(place).tolist()}; move it, or give "
+            "a larger floor"
+        )
+    _check_height(camera, person)
+    upright, rotated, _ = outlines(camera, np.asarray(place, dtype=np.float64)[None], person)
+    if not len(upright):
+        raise RequestError(
+            f"expected a person wholly within the lens's rim, got one at {np.asarray(place).tolist()} who is partly "
+            "beyond it; move it nearer to the camera"
+        )
+    return upright[0], rotated[0]
+
+
+def _check_height(camera: FloorCamera, person: PersonModel) -> None:
+    if camera.position[2] <= person.height:
+        raise RequestError(
+            f"expected a camera above the person of {person.height:g} m, got one at a height of "
+            f"{camera.position[2]:g} m; check the pose, or the person's height"
+        )
 
 
 def _below(camera: FloorCamera) -> FloatArray:

@@ -16,6 +16,7 @@ from tsuiseki.tracking.cameras.person_model import (
     cached_table,
     headed,
     outlines,
+    stand,
 )
 from tsuiseki.tracking.cameras.pose import pose_at
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -95,6 +96,26 @@ def test_tables_are_kept_by_camera_and_person(tmp_path):
 def test_a_camera_no_higher_than_the_person_is_refused():
     with pytest.raises(RequestError, match=r"above the person of 1\.7 m"):
         build_table(pose_at(CAMERA, 1.7), FLOOR)
+
+
+def test_one_who_stands_by_hand():
+    upright, rotated = stand(CAMERA, np.array([2.0, 1.0]), FLOOR)
+    both = outlines(CAMERA, np.array([[2.0, 1.0]]), PersonModel())
+    assert np.array_equal(upright, both[0][0])
+    assert np.array_equal(rotated, both[1][0])
+
+
+@pytest.mark.parametrize(
+    ("camera", "place", "message"),
+    [
+        (CAMERA, [5.0, 1.0], "on the floor"),
+        (replace(CAMERA, lens=replace(LENS, field=0.8)), [2.9, 0.0], "within the lens's rim"),
+        (pose_at(CAMERA, 1.2), [0.5, 0.0], "above the person"),
+    ],
+)
+def test_one_who_cannot_stand_there_is_refused(camera, place, message):
+    with pytest.raises(RequestError, match=message):
+        stand(camera, np.array(place), FLOOR)
 
 
 def test_people_partly_beyond_the_rim_are_left_out():
