@@ -194,8 +194,8 @@ def stand(
     person = person or PersonModel()
     if not ((place >= floor[:2]) & (place <= floor[2:])).all():
         raise RequestError(
-            f"expected a foot position on the floor {floor.tolist()}, got {np.asarray(place).tolist()}; move it, or give "
-            "a larger floor"
+            f"expected a foot position on the floor {floor.tolist()}, got {np.asarray(place).tolist()}; move it, or "
+            "give a larger floor"
         )
     _check_height(camera, person)
     upright, rotated, _ = outlines(camera, np.asarray(place, dtype=np.float64)[None], person)

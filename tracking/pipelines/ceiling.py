@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,7 +13,7 @@ from tsuiseki.tracking.features.networks import Describe
 from tsuiseki.tracking.formats.rotated import enclosing
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import FloorDetections
-from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 
 Crops = Literal["image", "upright", "standing"]
 # Height and width of a crop, pixels: what the shipped appearance network takes.
@@ -91,11 +90,3 @@ def as_unturned(boxes: FloatArray) -> FloatArray:
     """``(N, 5)`` rotated boxes of angle 0 from ``(N, 4)`` x1, y1, x2, y2."""
     centre, size = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
     return np.concatenate([centre, size, np.zeros((len(boxes), 1))], axis=1)
-
-
-def floor_stream(
-    frames: Iterable[tuple[Frame, Detections]], view: CeilingView, times: StageTimes
-) -> Iterator[tuple[Frame, FloorDetections]]:
-    """Frames with the people found in them, located and described."""
-    for frame, found in frames:
-        yield frame, view.describe(frame.image, view.locate(found, times), times)

@@ -35,7 +35,6 @@ from tsuiseki.trainers.experiments.fisheye.pictures import switch_pictures
 from tsuiseki.trainers.experiments.fisheye.rows import (
     ROWS,
     Choice,
-    Row,
     pair_of,
     run_row,
     score,
@@ -311,8 +310,3 @@ def _notes(values: Mapping[str, Any]) -> list[str]:
                     f"({low:.1f} to {high:.1f}{bar})"
                 )
     return notes
-
-
-def rows_by_name() -> dict[str, Row]:
-    """All rows."""
-    return {row.name: row for row in ROWS}
