@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, TypeVar
 
 from tsuiseki.tracking.cli.options import SeededOutput, Shared
@@ -126,6 +127,40 @@ def drone(
         look_alikes=look_alikes,
     )
     write_drone(output.out, settings, output.seed, output.overwrite, watch=clip.watch, layout=layout)
+    clip.report(output)
+
+
+def fisheye(
+    output: SeededOutput,
+    clip: Clip = Clip(900, 1280, 960),
+    room: Literal["large", "small"] = "large",
+    frame_rate: float = 15.0,
+    people: int = 6,
+    repeated: float = 0.5,
+    calibration: Path | None = None,
+) -> None:
+    """Make a clip of people in a room under two fisheye cameras on its ceiling, with their boxes and places.
+
+    DIR gets camera1 and camera2, MOTChallenge sequences with img1, gt/gt.txt and gt/world.csv (frame, id, x, y in
+    metres), the ids the same in both, and cameras.yaml for tsuiseki track fisheye.
+
+    Args:
+        out: folder for the clip.
+        room: large is 8 by 16 m, small 4 by 9 m.
+        frame_rate: frames per second.
+        people: who wander about.
+        repeated: share of people who wear the clothes of another, or nearly.
+        calibration: lens of the cameras, enlarged to fill the images; by default an equidistant one.
+    """
+    from tsuiseki.datamodules.scenes.rooms.ceiling import SIZES, RoomSettings
+    from tsuiseki.datamodules.scenes.rooms.files import write_room
+    from tsuiseki.tracking.cameras.lens_files import read_lens
+
+    settings = RoomSettings(
+        **dataclasses.asdict(clip), size=SIZES[room], frame_rate=frame_rate, people=people, repeated=repeated
+    )
+    lens = None if calibration is None else read_lens(calibration)
+    write_room(output.out, settings, output.seed, lens, output.overwrite, watch=clip.watch)
     clip.report(output)
 
 

@@ -12,7 +12,7 @@ import yaml
 from tsuiseki.tracking.cli import main
 
 LENS = "2 -100 0\n2 150 60\n120 160\n1 0 0\n240 320\n"
-ROOM = ["--room", "small", "--people", "3", "--seconds", "2", "--frame-rate", "2", "--width", "320", "--height", "240"]
+ROOM = ["--room", "small", "--people", "3", "--frames", "4", "--frame-rate", "2", "--width", "320", "--height", "240"]
 
 
 @pytest.fixture(scope="module")
