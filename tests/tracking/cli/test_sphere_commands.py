@@ -74,7 +74,7 @@ def test_an_offset_shifts_one_video_against_the_other(film, track):
         (["--volume", "0,0,0,1,1,0"], {}, "--volume: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2"),
         (["--offsets", "0"], {}, "--offsets: expected 2 values"),
         (["--particles", "3"], {}, "--particles: expected at least 10"),
-        (["--backgrounds", "a.png,b.png"], {}, "--backgrounds: expected only with --likelihood background"),
+        (["--backgrounds", "a.png,b.png"], {}, "--backgrounds: expected only with the likelihood background"),
         (["--truth", "nowhere.csv"], {}, "nowhere.csv: expected a CSV file"),
         (["--motion", "flying"], {}, "--motion: expected one of"),
     ],
