@@ -118,6 +118,8 @@ def test_int8_says_what_it_costs(
     module = load_module(ActionTraining, trained / "out/checkpoints/last.ckpt")
     # A clip in which everybody is out of view all the time adds nothing.
     shutil.copytree(acting_clips / "validation/validation-0", tmp_path / "empty")
+    information = tmp_path / "empty/seqinfo.ini"
+    information.write_text(re.sub(r"(?m)^name=.*$", "name=empty", information.read_text()))
     labels = tmp_path / "empty/gt/actions.txt"
     labels.write_text(re.sub(r"^(\d+(?: \d+){5}) 0", r"\1 1", labels.read_text(), flags=re.MULTILINE))
     crops = labelled_crops([acting_clips / "validation", tmp_path / "empty"], module)
