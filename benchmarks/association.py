@@ -2,10 +2,10 @@
 
     python benchmarks/association.py [--frames 5500] [--people 7] [--repeat 5] [--sequence FOLDER ...]
 
-The peer is SORT of roboflow's ``trackers``; ``pip install trackers`` brings it, and without it only our own trackers
-are timed. The detections are those of walking people, or of MOTChallenge folders given with ``--sequence`` (one after
-the other until there are enough frames). Trackers take turns, repeatedly, and the best turn of each counts, in CPU
-time of the process, so that a busy machine matters less. Use one thread: ``OMP_NUM_THREADS=1``.
+The peers are those of roboflow's ``trackers``; ``pip install trackers`` brings them, and without it only our own
+trackers are timed. The detections are those of walking people, or of MOTChallenge folders given with ``--sequence``
+(one after the other until there are enough frames). Trackers take turns, repeatedly, and the best turn of each counts:
+in CPU time of the process, so that a busy machine matters less. Use one thread: ``OMP_NUM_THREADS=1``.
 """
 
 from __future__ import annotations
@@ -15,12 +15,16 @@ import itertools
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 from walkers import machine, walking_people
 
 from tsuiseki.tracking.formats.mot import find_sequences, read_detections
 from tsuiseki.tracking.trackers.base import PeopleTracker
+from tsuiseki.tracking.trackers.bytetrack import ByteTrack
 from tsuiseki.tracking.trackers.deepsort import DeepSort
+from tsuiseki.tracking.trackers.ocsort import OcSort
 from tsuiseki.tracking.trackers.sort import Sort
 from tsuiseki.tracking.types import Detections
 
@@ -37,10 +41,11 @@ def main() -> None:
     turns: dict[str, Callable[[], float]] = {
         "tsuiseki SORT": lambda: _time_ours(Sort(), video),
         "tsuiseki DeepSORT, no features": lambda: _time_ours(DeepSort(), video),
+        "tsuiseki ByteTrack": lambda: _time_ours(ByteTrack(), video),
+        "tsuiseki OC-SORT": lambda: _time_ours(OcSort(), video),
     }
-    peer = _peer(video)
-    if peer is not None:
-        turns["roboflow trackers SORT"] = peer
+    peers = _peers(video)
+    turns |= peers
     best = dict.fromkeys(turns, float("inf"))
     for _ in range(settings.repeat):
         for name, turn in turns.items():
@@ -50,7 +55,7 @@ def main() -> None:
     print(f"{'tracker':32s}{'frames/s':>10s}{'times SORT':>12s}")
     for name, seconds in best.items():
         print(f"{name:32s}{len(video) / seconds:10.0f}{best['tsuiseki SORT'] / seconds:12.2f}")
-    if peer is None:
+    if not peers:
         print("no peer in this run: pip install trackers")
 
 
@@ -70,24 +75,25 @@ def _time_ours(tracker: PeopleTracker, video: list[Detections]) -> float:
     return time.process_time() - start
 
 
-def _peer(video: list[Detections]) -> Callable[[], float] | None:
-    """Times the peer on the same detections, in its own type made beforehand."""
+def _peers(video: list[Detections]) -> dict[str, Callable[[], float]]:
+    """Times the peers on the same detections, in their own type made beforehand; none where they are not installed."""
     try:
         import supervision
-        from trackers import SORTTracker
+        from trackers import ByteTrackTracker, OCSORTTracker, SORTTracker
     except ImportError:
-        return None
+        return {}
     theirs = [supervision.Detections(xyxy=found.boxes, confidence=found.scores) for found in video]
+    warnings.filterwarnings("ignore")
 
-    def turn() -> float:
-        tracker = SORTTracker()
+    def turn(make: Callable[[], Any]) -> float:
+        tracker = make()
         start = time.process_time()
         for found in theirs:
             tracker.update(found)
         return time.process_time() - start
 
-    warnings.filterwarnings("ignore")
-    return turn
+    makers = {"SORT": SORTTracker, "ByteTrack": ByteTrackTracker, "OC-SORT": OCSORTTracker}
+    return {f"roboflow trackers {name}": partial(turn, make) for name, make in makers.items()}
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -36,6 +36,7 @@ class Source(Protocol):
     Attributes:
         name: for people to read.
         frame_rate: frames per second.
+        rate_missing: what should say the rate, such as ``seqinfo.ini``, does not, and 25 are taken.
         length: number of frames of the whole video; None where only playing it tells.
         live: it cannot be played again, and ends when the user says so.
         frames_wanted: the stretch that `frames` gives.
@@ -46,6 +47,8 @@ class Source(Protocol):
     def name(self) -> str: ...
     @property
     def frame_rate(self) -> float: ...
+    @property
+    def rate_missing(self) -> bool: ...
     @property
     def length(self) -> int | None: ...
     @property
@@ -64,19 +67,24 @@ class Source(Protocol):
         ...
 
 
-def open_source(source: str | Path, frames: FrameRange | None = None) -> Source:
+def open_source(source: str | Path, frames: FrameRange | None = None, frame_rate: float | None = None) -> Source:
     """What ``source`` names, checked before anything is read in full.
 
     Args:
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
             webcam, or the address of a stream.
         frames: the stretch to read; by default all.
+        frame_rate: frames a second, instead of what the source says.
 
     Raises:
         RequestError: there is no such thing, it cannot be read, it has no frame, its images differ in size, or
             the stretch lies beyond it.
     """
-    wanted = frames or FrameRange()
+    opened = _opened(source, frames or FrameRange())
+    return opened if frame_rate is None else replace(opened, frame_rate=frame_rate, rate_missing=False)
+
+
+def _opened(source: str | Path, wanted: FrameRange) -> ImageFolder | VideoFile | LiveSource:
     text, path = str(source), Path(source)
     if path.is_dir():
         return _open_folder(path, wanted)
@@ -100,6 +108,7 @@ class ImageFolder:
     text_length: int
     frames_wanted: FrameRange
     live: bool = False
+    rate_missing: bool = False
 
     @property
     def has_images(self) -> bool:
@@ -133,6 +142,7 @@ class VideoFile:
     live: bool = False
     length: int | None = None
     has_images: bool = True
+    rate_missing: bool = False
 
     @classmethod
     def open(cls, path: Path, wanted: FrameRange) -> VideoFile:
@@ -143,7 +153,7 @@ class VideoFile:
         capture = cv2.VideoCapture(str(path))
         try:
             readable = capture.isOpened()
-            frame_rate = _frame_rate(capture)
+            rate = _stated_rate(capture)
             promised = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT))) if readable else 0
             if not readable or not capture.grab():
                 found = "no frame in it" if readable else "something else"
@@ -152,7 +162,7 @@ class VideoFile:
             capture.release()
         if promised and max(wanted.first, wanted.last or 0) >= promised + _slack(promised):
             wanted.within(promised)
-        return cls(path, path.name, frame_rate, promised, wanted)
+        return cls(path, path.name, rate or DEFAULT_FRAME_RATE, promised, wanted, rate_missing=rate is None)
 
     @property
     def slack(self) -> float:
@@ -202,6 +212,7 @@ class LiveSource:
     live: bool = True
     length: int | None = None
     has_images: bool = True
+    rate_missing: bool = False
 
     @classmethod
     def open(cls, address: int | str, name: str, wanted: FrameRange) -> LiveSource:
@@ -210,7 +221,7 @@ class LiveSource:
         try:
             if not capture.isOpened():
                 raise RequestError(f"expected pictures from {name}, got none; is it connected, and free?")
-            return cls(address, name, _frame_rate(capture), wanted)
+            return cls(address, name, _stated_rate(capture) or DEFAULT_FRAME_RATE, wanted)
         finally:
             capture.release()
 
@@ -257,13 +268,15 @@ def _open_folder(folder: Path, wanted: FrameRange) -> ImageFolder:
         sequence = read_sequence(folder)
         images, name, frame_rate = sequence.images, sequence.name, sequence.frame_rate
         text_length, size = sequence.length, (sequence.width, sequence.height)
+        rate_missing = sequence.rate_missing
     else:
         images = _of_one_target(folder) or _images_only(folder)
         name, frame_rate, text_length, size = folder.resolve().name, DEFAULT_FRAME_RATE, 0, (0, 0)
+        rate_missing = False  # nobody expects a folder of images to say
     if images or text_length:
         wanted = wanted.within(len(images) or text_length)
     size = _common_size(images) if images else size
-    return ImageFolder(name, frame_rate, images, size, text_length, wanted)
+    return ImageFolder(name, frame_rate, images, size, text_length, wanted, rate_missing=rate_missing)
 
 
 def _of_one_target(folder: Path) -> tuple[Path, ...]:
@@ -314,9 +327,9 @@ def _slack(promised: int) -> float:
     return max(3.0, 0.02 * promised)
 
 
-def _frame_rate(capture: cv2.VideoCapture) -> float:
+def _stated_rate(capture: cv2.VideoCapture) -> float | None:
     rate = float(capture.get(cv2.CAP_PROP_FPS))
-    return rate if math.isfinite(rate) and 0 < rate <= 1000 else DEFAULT_FRAME_RATE
+    return rate if math.isfinite(rate) and 0 < rate <= 1000 else None
 
 
 def _retrieve(capture: cv2.VideoCapture, what: str) -> ImageArray:

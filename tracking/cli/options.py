@@ -5,13 +5,14 @@ A command takes such a dataclass as a parameter; the parser makes its fields opt
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.output import check_output_file, check_output_folder, output_file
 
@@ -60,28 +61,39 @@ class Video(Overlay):
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
             webcam (0, 1, …) or the address of a stream.
         frames: track this stretch only, counted from 1 with both ends, such as 301-400.
+        fps: frames a second, where the source does not say or is wrong; by default what it says, or 25.
     """
 
     source: str
     frames: str | None = None
+    fps: float | None = None
 
     def check(self) -> None:
         """See `Shared.check`."""
         parse_frames(self.frames)
+        if self.fps is not None and not 0 < self.fps <= 1000:
+            raise RequestError(f"`fps`: expected frames a second above 0 and up to 1000, got {self.fps:g}")
 
-    def open(self, *, images: bool = False, replayable: bool = False) -> Source:
+    def open(self, *, images: bool = False, replayable: bool = False, timed: bool = False) -> Source:
         """The source, checked.
 
         Args:
             images: refuse a sequence that is text only.
             replayable: refuse a webcam or stream.
+            timed: the result depends on the frame rate, so say where it is not known.
 
         Raises:
             RequestError: see `open_source`; or there is nothing to draw the overlay on.
         """
         from tsuiseki.tracking.video import open_source
 
-        opened = open_source(self.source, parse_frames(self.frames))
+        opened = open_source(self.source, parse_frames(self.frames), self.fps)
+        if timed and opened.rate_missing:
+            warnings.warn(
+                f"{opened.name} does not say its frame rate: {opened.frame_rate:g} a second are taken; give `fps`",
+                InputWarning,
+                stacklevel=2,
+            )
         if images and not opened.has_images:
             raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
         if replayable and opened.live:

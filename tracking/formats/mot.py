@@ -18,7 +18,7 @@ import configparser
 import itertools
 import re
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -48,6 +48,7 @@ class Sequence:
         width: of the images, pixels; 0 where unknown.
         height: likewise.
         images: one path a frame, empty where the sequence is text only.
+        rate_missing: ``seqinfo.ini`` does not say the frame rate, and 25 are taken.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Sequence:
     width: int
     height: int
     images: tuple[Path, ...]
+    rate_missing: bool = False
 
     @property
     def ground_truth_path(self) -> Path:
@@ -107,6 +109,7 @@ def read_sequence(folder: str | Path) -> Sequence:
         width=int(_number(info, "imWidth", 0, folder)),
         height=int(_number(info, "imHeight", 0, folder)),
         images=images,
+        rate_missing="frameRate" not in info,
     )
 
 
@@ -197,55 +200,80 @@ def write_ground_truth(path: Path, truth: GroundTruth) -> None:
 
 
 def read_detections(
-    path: str | Path, length: int | None = None, score_range: tuple[float, float] = (0.0, 1.0)
+    path: str | Path, length: int | None = None, score_range: tuple[float, float] | None = None
 ) -> list[Detections]:
     """The detections in a ``det.txt``, one `Detections` a frame; frames without any are empty.
 
+    What can be mended is, and an `InputWarning` says so: rows out of the order of the frames are sorted; a heading,
+    boxes without an area, detections that stand in the file twice, and those after the end of the video are left out.
+
     Args:
-        path: rows ``frame, -1, x, y, width, height, score, …``; those out of the order of the frames are sorted, a
-            heading and detections after the video's end are left out, each with an `InputWarning`.
+        path: rows ``frame, -1, x, y, width, height, score, …``.
         length: number of frames of the video; by default up to the last frame that has a detection.
-        score_range: smallest and largest score to expect. Some detectors score outside [0, 1]: say so.
+        score_range: smallest and largest score to expect; by default any finite number.
 
     Raises:
-        RequestError: the file is missing or malformed, rows are repeated, all beyond the video, or have a score outside
-            the range.
+        RequestError: the file is missing or malformed, its rows are all beyond the video, or have a score outside the
+            range.
+    """
+    return read_classed_detections(path, length, score_range)[0]
+
+
+def read_classed_detections(
+    path: str | Path, length: int | None = None, score_range: tuple[float, float] | None = None
+) -> tuple[list[Detections], list[IntArray]]:
+    """The detections in a ``det.txt``, and ``(N,)`` the classes in column 8 of those of each frame.
+
+    The class is -1 where the file has no column 8 or nothing in it. Arguments and errors are those of
+    `read_detections`.
     """
     path = Path(path)
-    rows, lines = _read_rows(path, {7, 8, 9, 10}, "detections")
-    frames = rows[:, 0].astype(np.int64) - 1
-    scores = rows[:, 6]
-    if np.any(np.diff(frames) < 0):
-        warnings.warn(f"{path}: its rows are not in the order of the frames; sorted", InputWarning, stacklevel=2)
-        order = np.argsort(frames, kind="stable")
-        rows, lines, frames, scores = rows[order], lines[order], frames[order], scores[order]
+    rows, lines = _read_rows(path, {7, 8, 9, 10}, "detections", flat=True)
+    if np.any(np.diff(rows[:, 0]) < 0):
+        warnings.warn(f"{path}: its rows are not in the order of the frames; sorted", InputWarning, stacklevel=3)
+        order = np.argsort(rows[:, 0], kind="stable")
+        rows, lines = rows[order], lines[order]
+    if score_range is not None:
+        _refuse_scores_outside(path, rows[:, 6], lines, score_range)
+    rows = rows[_used(path, rows, lines, length)]
+    frames, boxes, scores = rows[:, 0].astype(np.int64) - 1, _boxes(rows), rows[:, 6]
+    classes = rows[:, 7].astype(np.int64) if rows.shape[1] > 7 else np.full(len(rows), -1)
+    last = int(frames[-1]) + 1 if len(frames) else 0
+    starts = np.searchsorted(frames, np.arange((last if length is None else length) + 1))
+    spans, nothing = list(itertools.pairwise(starts)), Detections.empty()
+    found = [Detections(boxes[a:b], scores[a:b]) if b > a else nothing for a, b in spans]
+    return found, [classes[a:b] for a, b in spans]
+
+
+def _refuse_scores_outside(path: Path, scores: FloatArray, lines: IntArray, score_range: tuple[float, float]) -> None:
     outside = np.flatnonzero((scores < score_range[0]) | (scores > score_range[1]))
     if outside.size:
         raise RequestError(
             f"{path}:{lines[outside[0]]}: expected a score in [{score_range[0]:g}, {score_range[1]:g}], got "
             f"{scores[outside[0]]:g}; give the detector's own range with `score_range`"
         )
-    _, first = np.unique(np.column_stack([frames, rows[:, 2:7]]), axis=0, return_index=True)
-    if len(first) < len(rows):
-        line = lines[np.setdiff1d(np.arange(len(rows)), first)[0]]
-        raise RequestError(f"{path}:{line}: this detection stands in the file twice; remove the repeated row")
-    boxes = _boxes(rows)
-    if length is not None and frames[-1] >= length:
-        inside = frames < length
-        if not inside.any():
-            raise RequestError(
-                f"{path}:{lines[0]}: detection for frame {frames[0] + 1}, but the video has {length} frames; "
-                "are these the detections of another video?"
-            )
-        warnings.warn(
-            f"{path}: {np.count_nonzero(~inside)} detection(s) after the video's last frame, {length}, are left out",
-            InputWarning,
-            stacklevel=2,
+
+
+def _used(path: Path, rows: FloatArray, lines: IntArray, length: int | None) -> BoolArray:
+    """``(N,)`` the detections that are of use; what is left out is told."""
+    if length is not None and rows[0, 0] > length:
+        raise RequestError(
+            f"{path}:{lines[0]}: detection for frame {rows[0, 0]:g}, but the video has {length} frames; "
+            "are these the detections of another video?"
         )
-        frames, boxes, scores = frames[inside], boxes[inside], scores[inside]
-    starts = np.searchsorted(frames, np.arange((int(frames[-1]) + 1 if length is None else length) + 1))
-    nothing = Detections.empty()
-    return [Detections(boxes[a:b], scores[a:b]) if b > a else nothing for a, b in itertools.pairwise(starts)]
+    again = np.ones(len(rows), dtype=np.bool_)
+    again[np.unique(np.column_stack([rows[:, 0], rows[:, 2:8]]), axis=0, return_index=True)[1]] = False
+    flat = (rows[:, 4:6] == 0).any(axis=1)
+    late = np.zeros(len(rows), np.bool_) if length is None else rows[:, 0] > length
+    for which, what in (
+        (flat, "without an area, the first in line {line},"),
+        (again & ~flat, "repeated in the file, the first in line {line},"),
+        (late, f"after the video's last frame, {length},"),
+    ):
+        if which.any():
+            told = what.format(line=lines[np.argmax(which)])
+            warnings.warn(f"{path}: {which.sum()} detection(s) {told} are left out", InputWarning, stacklevel=4)
+    return np.asarray(~(again | flat | late), dtype=np.bool_)
 
 
 def write_detections(path: Path, detections: Iterable[Detections]) -> None:
@@ -283,18 +311,18 @@ def read_tracks(path: str | Path) -> list[Track]:
     return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p]) for p in pieces]
 
 
-def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
-    """Write ``tracks`` as a result file, ordered by frame, then id."""
+def write_tracks(path: str | Path, tracks: Iterable[Track], class_of: Callable[[int], int] = lambda _: -1) -> None:
+    """Write ``tracks`` as a result file, ordered by frame, then id; column 8 is the class of an id, -1 for none."""
     path = Path(path)
     rows = [
-        (frame, track.id, box, score)
+        (frame, track.id, box, score, class_of(track.id))
         for track in tracks
         for frame, box, score in zip(
             track.frames.tolist(), _file_boxes(track.boxes), track.scores.tolist(), strict=True
         )
     ]
     rows.sort(key=lambda row: row[:2])
-    path.write_text("".join(f"{f + 1},{i},{b},{s:.4f},-1,-1,-1\n" for f, i, b, s in rows), encoding="utf-8")
+    path.write_text("".join(f"{f + 1},{i},{b},{s:.4f},{c},-1,-1\n" for f, i, b, s, c in rows), encoding="utf-8")
 
 
 def _read_info(path: Path) -> dict[str, str]:
@@ -329,8 +357,11 @@ def _frame_rate(info: dict[str, str], folder: Path) -> float:
     return rate
 
 
-def _read_rows(path: Path, columns: set[int], what: str) -> tuple[FloatArray, IntArray]:
-    """The numbers of a text file, ``(N, columns)``, checked row by row, and the line ``(N,)`` that each stands in."""
+def _read_rows(path: Path, columns: set[int], what: str, flat: bool = False) -> tuple[FloatArray, IntArray]:
+    """The numbers of a text file, ``(N, columns)``, checked row by row, and the line ``(N,)`` that each stands in.
+
+    With ``flat`` boxes may be without width or height.
+    """
     if not path.is_file():
         raise RequestError(f"expected {what} at {path}, found no such file")
     try:
@@ -356,7 +387,7 @@ def _read_rows(path: Path, columns: set[int], what: str) -> tuple[FloatArray, In
         rows = np.array(cells, dtype=np.float64)
     except ValueError as error:
         raise RequestError(f"{path}: expected rows of numbers: {error}") from error
-    _refuse_impossible(path, rows, lines)
+    _refuse_impossible(path, rows, lines, flat)
     return rows, lines
 
 
@@ -365,9 +396,9 @@ def _is_heading(line: str) -> bool:
     return bool(re.match(r"[\s\"]*(?!nan\b|inf\b)[A-Za-z_]", line, re.IGNORECASE))
 
 
-def _refuse_impossible(path: Path, rows: FloatArray, lines: IntArray) -> None:
+def _refuse_impossible(path: Path, rows: FloatArray, lines: IntArray, flat: bool) -> None:
     not_finite = ~np.isfinite(rows).all(axis=1)
-    no_area = (rows[:, 4] <= 0) | (rows[:, 5] <= 0)
+    no_area = (rows[:, 4:6] < 0).any(axis=1) | (not flat) & (rows[:, 4:6] == 0).any(axis=1)
     no_frame = (rows[:, 0] < 1) | (rows[:, 0] != np.floor(rows[:, 0])) | (rows[:, 0] > LAST_FRAME)
     for bad, expected in (
         (not_finite, "finite numbers"),

@@ -40,7 +40,7 @@ class Finds(Protocol):
     @property
     def score_threshold(self) -> float: ...
     @property
-    def score_range(self) -> tuple[float, float]: ...
+    def score_range(self) -> tuple[float, float] | None: ...
     @property
     def batch_size(self) -> int: ...
     @property
@@ -58,7 +58,7 @@ class Finding:
         detections: see `given_detections`.
         detector: see `as_detector`.
         score_threshold: of a detector that is read from a file, in [0, 1].
-        score_range: smallest and largest score that the rows of a file of detections may have.
+        score_range: smallest and largest score that the rows of a file of detections may have; None is any.
         batch_size: frames of one call of the detector.
         threads: CPU threads of the networks; 0 takes all.
     """
@@ -66,7 +66,7 @@ class Finding:
     detections: GivenDetections | None = None
     detector: DetectorLike | None = None
     score_threshold: float = 0.3
-    score_range: tuple[float, float] = (0.0, 1.0)
+    score_range: tuple[float, float] | None = None
     batch_size: int = 4
     threads: int = 0
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
+
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_motion import CameraPath
 from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
@@ -16,10 +18,10 @@ from tsuiseki.tracking.features.networks import Appearance, Describe, Detect, De
 from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike, as_describer, as_detector
 from tsuiseki.tracking.features.streaming import stream, workers_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector
-from tsuiseki.tracking.formats.mot import read_detections
+from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.types import Detections, Frame
+from tsuiseki.tracking.types import Detections, Frame, IntArray
 from tsuiseki.tracking.video import Source
 from tsuiseki.tracking.weights import shipped
 
@@ -59,7 +61,7 @@ class PeopleInputs:
     def needs_images(self) -> bool:
         """Whether the frames themselves must be decoded."""
         looked_at = self.describe is not None or self.camera is not None or not isinstance(self.detect, Sequence)
-        return looked_at or self.source.length is None
+        return looked_at or (self.source.length is None and self.source.has_images)
 
     def found(
         self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
@@ -77,8 +79,8 @@ class PeopleInputs:
             yield from ((frame.index, found) for frame, found in self.looked_at(frames, times))
             return
         assert isinstance(self.detect, Sequence)
-        assert self.source.length is not None
-        wanted = self.source.frames_wanted.within(self.source.length)
+        # A sequence that is text only, and does not say how long it is, ends with its detections.
+        wanted = self.source.frames_wanted.within(self.source.length or len(self.detect))
         assert wanted.last is not None
         for index in range(wanted.first, wanted.last + 1):
             yield index, self.detect[index] if index < len(self.detect) else Detections.empty()
@@ -116,14 +118,14 @@ def threads_of_a_call(source: Source, threads: int) -> int:
 
 
 def given_detections(
-    given: GivenDetections, source: Source, score_range: tuple[float, float] = (0.0, 1.0)
+    given: GivenDetections, source: Source, score_range: tuple[float, float] | None = None
 ) -> list[Detections]:
     """Detections that are there already, up to the end of the video as far as it is known.
 
     Args:
         given: a file (MOTChallenge ``det.txt``), or one entry a frame.
         source: the video.
-        score_range: smallest and largest score that the rows of a file may have.
+        score_range: smallest and largest score that the rows of a file may have; by default any.
 
     Raises:
         RequestError: see `read_detections` and `as_detections`; or the video is shorter.
@@ -136,7 +138,21 @@ def given_detections(
             )
         return [as_detections(entry) for entry in given]
     # The header of a video file only estimates its length: what is too much shows when the video has ended.
-    return read_detections(given, source.length, score_range)
+    found, classes = read_classed_detections(given, source.length, score_range)
+    if len(named := classes_of(classes)) > 1:
+        shown = ",".join(map(str, named))
+        warnings.warn(
+            f"{given}: detections of the classes {shown} are tracked as one; give `classes` to track each apart",
+            InputWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+def classes_of(classes: Iterable[IntArray]) -> list[int]:
+    """The classes that there are among those of every frame; -1 is none."""
+    every = np.concatenate([np.empty(0, np.int64), *classes])
+    return [int(number) for number in np.unique(every[every >= 0])]
 
 
 def people_detect(
@@ -145,7 +161,7 @@ def people_detect(
     detector: DetectorLike | None,
     default: Path,
     score_threshold: float = 0.3,
-    score_range: tuple[float, float] = (0.0, 1.0),
+    score_range: tuple[float, float] | None = None,
     threads: int = 0,
 ) -> Detect | list[Detections]:
     """The given detections, or what finds people.

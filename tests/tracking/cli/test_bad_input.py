@@ -96,9 +96,6 @@ SOURCES: dict[str, tuple[Make, int, str]] = {
 DETECTIONS: dict[str, tuple[str, int, str]] = {
     "negative size": ("1,-1,9,9,-16,32,0.9\n", 2, "expected a box with a positive width and height"),
     "NaN": ("1,-1,nan,9,16,32,0.9\n", 2, "expected finite numbers"),
-    "score outside": ("1,-1,9,9,16,32,7\n", 2, "expected a score in [0, 1], got 7"),
-    "unsorted": (rows(2, 1), 2, "expected rows in the order of the frames"),
-    "repeated": (rows(1, 1), 2, "stands in the file twice"),
     "frame 0": (rows(0), 2, "whole frame number from 1"),
     "too few columns": ("1,-1,9,9\n", 2, "numbers separated by commas, got 4"),
     "no numbers": ("1,-1,a,9,16,32,0.9\n", 2, "expected rows of numbers"),

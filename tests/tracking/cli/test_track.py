@@ -63,6 +63,63 @@ def test_given_detections_need_no_network_and_no_images(inputs: Any, tmp_path: P
     assert (tmp_path / "text" / "tracks.txt").read_text() == (tmp_path / "images" / "tracks.txt").read_text()
 
 
+@pytest.fixture
+def text_only(tmp_path: Path) -> Path:
+    """A sequence of labels and detections of two classes that cross, without seqinfo.ini and images."""
+    folder = tmp_path / "text-only"
+    (folder / "gt").mkdir(parents=True)
+    (folder / "gt" / "gt.txt").write_text("1,1,1,1,40,100,1,-1,-1,-1\n")
+    spots = [(t, number, 5 * t if number == 1 else 5 * (40 - t)) for t in range(1, 41) for number in (1, 3)]
+    lines = [f"{t},-1,{x},1,40,100,0.95,{number},-1,-1" for t, number, x in spots if t != 20]
+    (folder / "det.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def notes(text: str) -> list[str]:
+    return [line.removeprefix("tsuiseki: note: ") for line in text.splitlines() if line.startswith("tsuiseki: note: ")]
+
+
+def test_classes_are_tracked_apart(text_only: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["track", "people", str(text_only), "--detections", str(text_only / "det.txt"), "--method", "sort"]
+    assert main([*words, "--fps", "10", "--classes", "1,3", "--out", str(tmp_path / "apart")]) == 0
+    assert notes(capsys.readouterr().err) == []
+    rows = [line.split(",") for line in (tmp_path / "apart" / "tracks.txt").read_text().splitlines()]
+    assert {(row[1], row[7]) for row in rows} == {("1", "1"), ("2", "3")}
+    assert {int(row[0]) for row in rows} == {*range(1, 41)} - {20}
+    assert main([*words, "--fps", "10", "--classes", "3", "--frames", "5-30", "--out", str(tmp_path / "one")]) == 0
+    rows = [line.split(",") for line in (tmp_path / "one" / "tracks.txt").read_text().splitlines()]
+    assert {(row[1], row[7]) for row in rows} == {("1", "3")}
+    assert [int(row[0]) for row in rows] == [t for t in range(5, 31) if t != 20]
+
+
+def test_what_a_sequence_does_not_say_is_told(
+    text_only: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = text_only / "det.txt"
+    words = ["track", "people", str(text_only), "--detections", str(file), "--method", "sort"]
+    assert main([*words, "--out", str(tmp_path / "o")]) == 0
+    assert notes(capsys.readouterr().err) == [
+        "text-only does not say its frame rate: 25 a second are taken; give --fps",
+        f"{file}: detections of the classes 1,3 are tracked as one; give --classes to track each apart",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--classes", "2"], "--classes: expected classes of"),
+        (["--fps", "0"], "--fps: expected frames a second above 0"),
+        (["--classes", "one"], "--classes: "),
+    ],
+)
+def test_wrong_classes_and_rates(
+    words: list[str], line: str, text_only: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["track", "people", str(text_only), "--detections", str(text_only / "det.txt"), "--method", "sort"]
+    assert main([*given, *words, "--out", str(tmp_path / "o")]) == 2
+    assert line in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("source", ["video", "images"])
 def test_a_stretch_keeps_its_frame_numbers(inputs: Any, tmp_path: Path, source: str) -> None:
     words = inputs.words(getattr(inputs, source))

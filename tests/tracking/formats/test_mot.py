@@ -9,6 +9,7 @@ from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot import (
     find_sequences,
+    read_classed_detections,
     read_detections,
     read_ground_truth,
     read_sequence,
@@ -166,9 +167,8 @@ def test_broken_ground_truth_is_refused_in_one_line(tmp_path, text, message):
         ("9,-1,1,1,5,5,0.5", "video has 4 frames"),
         ("1,-1,1,1,-5,5,0.5", "positive width and height"),
         ("1,-1,1,nan,5,5,0.5", "finite"),
-        ("1,-1,1,1,5,5,1.5", "--score-range"),
+        ("1,-1,1,1,5,5,inf", "finite"),
         ("1e18,-1,1,1,5,5,0.5", "a whole frame number from 1 to 10000000"),
-        ("1,-1,1,1,5,5,0.5\n1,-1,1,1,5,5,0.5", ":2: this detection stands in the file twice"),
     ],
 )
 def test_broken_detections_are_refused_in_one_line(tmp_path, text, message):
@@ -198,7 +198,7 @@ def test_a_mark_before_the_first_character_is_passed_over(tmp_path):
 def test_errors_name_the_line_of_the_file_below_a_heading(tmp_path):
     text = "frame,id,x,y,w,h,score\n2,-1,2,1,5,5,0.5\n1,-1,2,1,5,5,7\n"
     with pytest.warns(InputWarning), pytest.raises(RequestError, match=":3: expected a score"):
-        read_detections(write(tmp_path, text, "det.txt"))
+        read_detections(write(tmp_path, text, "det.txt"), score_range=(0, 1))
 
 
 def test_a_frame_rate_of_nothing_is_refused(tmp_path):
@@ -209,8 +209,37 @@ def test_a_frame_rate_of_nothing_is_refused(tmp_path):
 
 
 def test_a_detector_may_score_in_its_own_range(tmp_path):
-    found = read_detections(write(tmp_path, "1,-1,1,1,5,5,37.5", "det.txt"), score_range=(-10, 100))
-    assert found[0].scores.tolist() == [37.5]
+    path = write(tmp_path, "1,-1,1,1,5,5,37.5", "det.txt")
+    for score_range in (None, (-10, 100)):
+        assert read_detections(path, score_range=score_range)[0].scores.tolist() == [37.5]
+    with pytest.raises(RequestError, match=r":1: expected a score in \[0, 1\], got 37.5; .* `score_range`"):
+        read_detections(path, score_range=(0, 1))
+
+
+def test_detections_of_no_use_are_left_out_and_told(tmp_path):
+    """One twice, two without an area; the same box of another score or another class is another detection."""
+    lines = ["1,-1,1,1,5,5,0.5,1,-1,-1", "1,-1,1,1,5,5,0.6,1,-1,-1", "1,-1,1,1,5,5,0.5,2,-1,-1"]
+    lines += [
+        "2,-1,9,9,0,5,0.5,1,-1,-1",
+        "2,-1,9,9,5,5,0.5,1,-1,-1",
+        "2,-1,9,9,5,5,0.5,1,-1,-1",
+        "4,-1,9,9,5,0,0.5,1,-1,-1",
+    ]
+    with pytest.warns(InputWarning) as told:
+        found = read_detections(write(tmp_path, "\n".join(lines), "det.txt"), length=4)
+    assert [len(frame) for frame in found] == [3, 1, 0, 0]
+    texts = [str(one.message) for one in told]
+    assert "2 detection(s) without an area, the first in line 4, are left out" in texts[0]
+    assert "1 detection(s) repeated in the file, the first in line 6, are left out" in texts[1]
+
+
+def test_classes_stand_in_column_8(tmp_path):
+    path = write(tmp_path, "1,-1,1,1,5,5,0.5,3,-1,-1\n1,-1,9,1,5,5,0.5,1,-1,-1\n3,-1,1,1,5,5,0.5,1,-1,-1", "det.txt")
+    found, classes = read_classed_detections(path, 4)
+    assert [one.tolist() for one in classes] == [[3, 1], [], [1], []]
+    assert [len(one) for one in found] == [2, 0, 1, 0]
+    _, classes = read_classed_detections(write(tmp_path, "1,-1,1,1,5,5,0.5", "det.txt"))
+    assert classes[0].tolist() == [-1]
 
 
 def test_real_sequences_are_read(data_folder):

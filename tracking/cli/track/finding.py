@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from tsuiseki.tracking.features.foreign_options import DetectorOptions
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.features.networks import Detect
-    from tsuiseki.tracking.types import Detections
+    from tsuiseki.tracking.types import Detections, IntArray
     from tsuiseki.tracking.video import Source
 
 
@@ -25,7 +26,7 @@ class Finding(Shared):
         detections: MOTChallenge detections (det.txt) to use instead of a detector.
         detector: exported detector; by default the shipped one.
         score_threshold: the detector keeps what scores at least this, from 0 to 1.
-        score_range: smallest and largest score that the rows of --detections may have.
+        score_range: smallest and largest score that the rows of --detections may have; by default any.
         batch_size: frames of one call of the detector.
         threads: CPU cores of the networks, which work on several frames at a time; 0 takes all.
     """
@@ -33,7 +34,7 @@ class Finding(Shared):
     detections: Path | None = None
     detector: Path | None = None
     score_threshold: float = 0.3
-    score_range: tuple[float, float] = (0.0, 1.0)
+    score_range: tuple[float, float] | None = None
     batch_size: int = 4
     threads: int = 0
 
@@ -48,6 +49,28 @@ class Finding(Shared):
             raise RequestError(f"`threads`: expected 0 or more, got {self.threads}")
         if self.detections is not None and self.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
+
+    def classed(self, source: Source, wanted: Sequence[int]) -> tuple[list[Detections], list[IntArray]]:
+        """The given detections, and their classes.
+
+        Args:
+            source: the video.
+            wanted: classes that must be among them.
+
+        Raises:
+            RequestError: no detections are given, or there is none of a class.
+        """
+        from tsuiseki.tracking.formats.mot import read_classed_detections
+        from tsuiseki.tracking.pipelines.finding import classes_of
+
+        if self.detections is None:
+            raise RequestError("expected `classes` with `detections`, whose column 8 they stand in, got no detections")
+        found, classes = read_classed_detections(self.detections, source.length, self.score_range)
+        there = classes_of(classes)
+        if missing := [number for number in wanted if number not in there]:
+            named = ", ".join(map(str, there)) or "none"
+            raise RequestError(f"`classes`: expected classes of {self.detections} ({named}), got {missing[0]}")
+        return found, classes
 
     def detect(
         self,
@@ -80,7 +103,7 @@ class Finding(Shared):
         return found if wanted == (1, None) else ViewedDetector(found, wanted)
 
 
-def check_score_range(score_range: tuple[float, float]) -> None:
+def check_score_range(score_range: tuple[float, float] | None) -> None:
     """Refuse a range that no score lies in."""
-    if score_range[0] >= score_range[1]:
+    if score_range is not None and score_range[0] >= score_range[1]:
         raise RequestError(f"`score_range`: expected SMALLEST,LARGEST, got {score_range[0]:g},{score_range[1]:g}")

@@ -18,6 +18,8 @@ from tsuiseki.tracking.trackers.sort import SortSettings
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.features.networks import Describe
+    from tsuiseki.tracking.trackers.base import PeopleTracker
+    from tsuiseki.tracking.types import IntArray
     from tsuiseki.tracking.video import Source
 
 DEFAULT = MethodSettings()
@@ -35,6 +37,7 @@ def people(
     appearance_options: AppearanceOptions = APPEARANCE,
     affinity: Path | None = None,
     moving_camera: bool = False,
+    classes: list[int] | None = None,
     sort: SortSettings = DEFAULT.sort,
     deepsort: DeepSortSettings = DEFAULT.deepsort,
     bytetrack: ByteTrackSettings = DEFAULT.bytetrack,
@@ -61,6 +64,8 @@ def people(
         affinity: exported link costs for flow; by default the shipped affinity_people.onnx after a detector, and
             hand-set costs after --detections, whose scores it does not know; none takes hand-set costs always.
         moving_camera: estimate how the camera moves and link people as if it stood still.
+        classes: track the rows of --detections of these classes (column 8), each class apart, such as 1,3; tracks.txt
+            then has the class in column 8. By default all rows, as one class.
         seed: of random numbers; kept in run.json, for the methods here draw none.
         sort: settings of --method sort.
         deepsort: settings of --method deepsort.
@@ -77,16 +82,22 @@ def people(
     from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.report.people import PeopleReport, people_page
+    from tsuiseki.tracking.trackers.by_class import ByClass
     from tsuiseki.tracking.trackers.flow import FlowTracker
     from tsuiseki.tracking.trackers.run import FrameLog, shifted
 
-    source = video.open()
+    source = video.open(timed=True)
     if moving_camera and not source.has_images:
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
     call = threads_of_a_call(source, finding.threads)
+    kinds: list[IntArray] = []
+    if classes is None:
+        detect = finding.detect(source, "detector", detector_options, view, call)
+    else:
+        detect, kinds = finding.classed(source, classes)
     inputs = PeopleInputs(
         source,
-        finding.detect(source, "detector", detector_options, view, call),
+        detect,
         _describer(source, method, appearance, call, appearance_options),
         finding.batch_size,
         CameraPath() if moving_camera else None,
@@ -94,7 +105,12 @@ def people(
     )
     learnt = people_affinity(method, affinity, finding.threads, known_scores=knows_scores(inputs.detect))
     settings = MethodSettings(sort, deepsort, bytetrack, ocsort, flow)
-    tracker = people_tracker(method, settings, learnt, output.seed, source, inputs.camera)
+
+    def make() -> PeopleTracker:
+        return people_tracker(method, settings, learnt, output.seed, source, inputs.camera)
+
+    tracker = make() if classes is None else ByClass(make, kinds[source.frames_wanted.first :], classes)
+    class_of = tracker.class_of if isinstance(tracker, ByClass) else lambda _: -1
     log = FrameLog()
     with output.run() as run:
         frames = run.frames(source, record=video.overlay)
@@ -112,7 +128,7 @@ def people(
             run.facts["view"] = inputs.detect.summary
             print(f"looked at {inputs.detect.summary}; --view says how many")
         run.columns = log.columns(tracks)
-        run.write("tracks.txt", lambda path: write_tracks(path, tracks))
+        run.write("tracks.txt", lambda path: write_tracks(path, tracks, class_of))
         drawn = None
         if video.overlay:
             drawn = run.draw(
