@@ -75,14 +75,14 @@ def steps_from_boxes(
     """
     steps = Steps(np.tile(np.eye(3)[:2], (count, 1, 1)), np.zeros(count), np.zeros(count))
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
-    reach = np.repeat(settings.reach * size[:, 1:], 2, axis=1)
+    reach = np.repeat(settings.reach * size.max(axis=1)[:, None], 2, axis=1)
     i, j = near_pairs(frames, centre, reach, 1, every, every)
     change = np.log(size[j] / size[i])
     alike = np.abs(change[:, 1]) < 0.5
     i, j, change = i[alike], j[alike], change[alike]
     if len(i) == 0:
         return steps
-    time, height = frames[j], (size[i, 1] + size[j, 1]) / 2
+    time, height = frames[j], (size[i].max(axis=1) + size[j].max(axis=1)) / 2
     weight = np.exp(-((change[:, 1] / 0.1) ** 2) - (change[:, 0] / 0.2) ** 2)
     move = centre[j] - centre[i]
 

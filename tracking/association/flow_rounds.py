@@ -43,7 +43,7 @@ class RoundSettings:
     ends: float = 0.3
     rounds: int = 5
     keep: float = 0.5
-    dearest: float = 25.0
+    dearest: float = 14.0
     averaged: float = 0.7
 
     def __post_init__(self) -> None:
@@ -102,10 +102,10 @@ class Links:
 
 def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost) -> Pairs:
     """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
-    centre, height = centres(seen.boxes), sizes(seen.boxes)[:, 1]
+    centre, side = centres(seen.boxes), sizes(seen.boxes).max(axis=1)
     pairs = []
     for gap in range(shortest, longest + 1):
-        reach = cost.limits(height, gap / seen.frame_rate)
+        reach = cost.limits(side, gap / seen.frame_rate)
         i, j = near_pairs(seen.frames, centre, reach, gap, tails, heads)
         alike = np.abs(seen.measured.places[j, 3] - seen.measured.places[i, 3]) < cost.size
         pairs.append((i[alike], j[alike]))

@@ -35,7 +35,7 @@ class LinkCost:
         appearance: weight of the cosine distance of two appearance features, and of two averaged along tracks.
         neutral: cosine distance that speaks neither for nor against, taken also where it is not known; likewise two.
         most_learnt: learnt costs count for no more than this, either way.
-        reach: differences of centres in x and in y that are considered, heights of the earlier box.
+        reach: differences of centres in x and in y that are considered, longer sides of the earlier box.
         speed: what is added to them every second.
         size: largest difference of log heights that is considered.
     """
@@ -57,9 +57,9 @@ class LinkCost:
         if min(self.reach) <= 0 or min(self.speed) < 0:
             raise ValueError(f"expected reach above 0 and speed from 0, got {self.reach} and {self.speed}")
 
-    def limits(self, heights: FloatArray, seconds: float) -> FloatArray:
-        """``(N, 2)`` largest differences of centres in pixels, after a gap, for boxes of ``(N,)`` heights."""
-        return heights[:, None] * (np.array(self.reach) + np.array(self.speed) * seconds)
+    def limits(self, sides: FloatArray, seconds: float) -> FloatArray:
+        """``(N, 2)`` largest differences of centres in pixels, after a gap, for boxes of ``(N,)`` longer sides."""
+        return sides[:, None] * (np.array(self.reach) + np.array(self.speed) * seconds)
 
     def waiting(self, seconds: FloatArray, one_frame: float, hidden: FloatArray) -> FloatArray:
         """``(P,)`` what the time between two detections costs in which the person was not detected."""
@@ -91,7 +91,8 @@ class LinkCost:
         r2, q2, v2 = (
             np.square(values) for values in (self.motion.measurement, self.motion.acceleration, self.motion.velocity)
         )
-        height = np.exp((past.place[i, 3] + future.place[j, 3]) / 2)
+        # The longer side, so that a car is as large as it is long; of people it is the height.
+        side = np.exp((past.place[i, 2:].max(axis=1) + future.place[j, 2:].max(axis=1)) / 2)
         cost = np.zeros(len(i))
         for group in range(3):
             a, b, c = past.covariance[i, group].T
@@ -103,7 +104,7 @@ class LinkCost:
             bb, cc = b + c * seconds + q * seconds**2 / 2 + later_b, c + q * seconds + later_c
             determinant = aa * cc - bb**2
             for k in np.flatnonzero(group == GROUPS):
-                unit = height if group == 0 else 1.0
+                unit = side if group == 0 else 1.0
                 speed = past.velocity[i, k]
                 apart = (past.place[i, k] + speed * seconds - future.place[j, k]) / unit
                 turn = (speed - future.velocity[j, k]) / unit

@@ -64,7 +64,7 @@ def borne_out(
     before, after = np.zeros(len(frames), np.bool_), np.zeros(len(frames), np.bool_)
     if len(frames) == 0:
         return before, after
-    every, centre, height = np.arange(len(frames)), centres(boxes), sizes(boxes)[:, 1:]
+    every, centre, height = np.arange(len(frames)), centres(boxes), sizes(boxes).max(axis=1)[:, None]
     slack = settings.speed * max(0.0, 1 / frame_rate - 1 / 30) * height
     i, j = near_pairs(frames, centre, np.repeat(0.5 * height + slack, 2, axis=1), 1, every, every)
     move = centre[i] - centre[j]
