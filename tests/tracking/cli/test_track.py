@@ -264,7 +264,7 @@ def test_every_command_has_help(words: list[str], capsys: pytest.CaptureFixture[
     assert "--config" in text
 
 
-TRACKED = "people, single, sphere, drone, blobs, deformable"
+TRACKED = "people, single, sphere, drone, blobs, deformable, fisheye"
 
 
 @pytest.mark.parametrize(
