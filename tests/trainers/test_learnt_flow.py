@@ -36,7 +36,8 @@ def test_learnt_costs_reach_their_bars(data_folder: Path, tmp_path: Path, featur
         found[k].with_features(appearance.describe(read_image(sequence.images[k]), found[k].boxes))
         for k in range(FIRST, LAST + 1)
     ]
-    tracks = track_people(described, FlowTracker(transition=affinity, observation=affinity.observation))
+    tracker = FlowTracker(None, affinity, affinity.observation, frame_rate=sequence.frame_rate)
+    tracks = track_people(described, tracker)
     truth = read_ground_truth(sequence.ground_truth_path).between(FIRST, LAST)
     scores = evaluate_sequence(truth, [shifted(track, FIRST) for track in tracks])
     assert scores.hota >= 0.58
