@@ -53,7 +53,7 @@ KNOWN = {
     "MOT17-02": (0.614, 0.878), "MOT17-05": (0.814, 0.964), "MOT17-10": (0.736, 0.949), "MOT17-13": (0.822, 0.975),
     "ADL-Rundle-6-first": (0.668, 0.725), "ADL-Rundle-8": (0.502, 0.655), "ETH-Bahnhof": (0.728, 0.635),
     "ETH-Pedcross2": (0.582, 0.792), "ETH-Sunnyday": (0.841, 0.718), "Venice-2": (0.457, 0.598),
-    "KITTI cars": (0.883, 0.538), "KITTI pedestrians": (0.636, 0.085), "MOT17 val-half": (0.706, 0.927),
+    "MOT17 val-half": (0.706, 0.927),
 }  # fmt: skip
 
 
