@@ -80,7 +80,9 @@ def parse_view(text: str) -> tuple[int, int | None] | None:
     match = re.fullmatch(r"(\d+)(?:x(\d+))?", text)
     counts = [int(x) for x in match.groups() if x is not None] if match else []
     if not counts or not all(1 <= n <= MOST_COLUMNS for n in counts):
-        raise RequestError(f"view: expected auto, tiles across such as 2, or across and down such as 3x2, got {text!r}")
+        raise RequestError(
+            f"`view`: expected auto, tiles across such as 2, or across and down such as 3x2, got {text!r}"
+        )
     return counts[0], counts[1] if len(counts) == 2 else None
 
 
