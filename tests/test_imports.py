@@ -32,7 +32,9 @@ TORCH_FREE = ("tracking", "datamodules/readers", "datamodules/scenes")
 
 
 def source_files(folder: str) -> list[Path]:
-    return sorted((REPOSITORY / folder).rglob("*.py"))
+    found = sorted((REPOSITORY / folder).rglob("*.py"))
+    assert found, f"nothing to look at in {folder}"
+    return found
 
 
 def imported_modules(path: Path) -> set[str]:

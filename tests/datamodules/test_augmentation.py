@@ -53,11 +53,14 @@ def test_without_changes_the_image_stays() -> None:
 )
 def test_boxes_follow_the_pixels(change: dict[str, float]) -> None:
     settings = dataclasses.replace(STILL, smallest=0, **change)  # type: ignore[arg-type]
+    seen = 0
     for seed in range(12):
         result = augment(np.random.default_rng(seed), example(), SIZE, settings, fill())
+        seen += int((~result.ignored).sum())
         for box in result.boxes[~result.ignored]:
             # Interpolation blurs an edge over a pixel to each side.
             assert np.abs(red_box(result.image) - box).max() <= 1.5
+    assert seen > 6
 
 
 def test_the_middle_follows_rotation_and_shear() -> None:

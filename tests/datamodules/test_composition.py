@@ -96,7 +96,9 @@ def test_other_clothes_keep_the_silhouette() -> None:
 
 
 def test_generated_people_fill_their_labels() -> None:
-    for person in generate_people(np.random.default_rng(1), 6):
+    people = generate_people(np.random.default_rng(1), 6)
+    assert len(people) == 6
+    for person in people:
         rows = np.flatnonzero((person.pixels[..., 3] > 100).any(axis=1))
         height = person.box[3] - person.box[1]
         assert rows[-1] - rows[0] + 1 == pytest.approx(height, rel=0.1)

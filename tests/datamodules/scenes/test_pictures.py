@@ -66,15 +66,18 @@ def test_look_alikes_share_most_of_their_clothes() -> None:
 
 
 def test_training_scenes_hold_their_promises() -> None:
+    counts = []
     for seed in range(6):
         image, boxes, visibility = random_training_scene(np.random.default_rng(seed), SMALL)
         assert image.shape == (120, 160, 3)
         assert image.dtype == np.uint8
         assert len(boxes) == len(visibility) <= 5
+        counts.append(len(boxes))
         assert (boxes[:, :2] >= 0).all()
         assert (boxes[:, 2:] <= [160, 120]).all()
         assert (boxes[:, 2:] > boxes[:, :2]).all()
         assert ((visibility > 0) & (visibility <= 1)).all()
+    assert max(counts) > 1
 
 
 def test_training_scenes_follow_the_seed() -> None:

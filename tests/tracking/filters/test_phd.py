@@ -158,6 +158,7 @@ def test_odd_scans_make_no_nan(kind, births, scan, clutter):
     chosen = (PhdFilter if kind == "phd" else LabelledMultiBernoulliFilter)(model(clutter), births, 50)
     with np.errstate(invalid="raise"):
         infos = run(chosen, [*measurements, scan, scan])
+    assert any(len(info.estimates) for info in infos)
     for info in infos:
         assert np.isfinite(info.expected_count)
         assert np.isfinite(info.estimates.states).all()
@@ -220,6 +221,7 @@ def test_same_seed_same_estimates():
     _, measurements = simulate(8, 5)
     for kind in (PhdFilter, LabelledMultiBernoulliFilter):
         first, second = (run(kind(model(), PLACES, 100), measurements, 7)[-1].estimates for _ in range(2))
+        assert len(first)
         np.testing.assert_array_equal(first.states, second.states)
         np.testing.assert_array_equal(first.ids, second.ids)
 

@@ -68,6 +68,7 @@ def test_points_come_in_the_forms_of_detections_too() -> None:
     half = np.array(PointSettings().box) / 2
     boxes = [np.hstack([p - half, p + half]) for p in points()]
     as_points = track_points(points(), (320, 240))
+    assert len(as_points) == 2
     for form in (boxes, [Detections(b, np.ones(2)) for b in boxes], [b.tolist() for b in boxes]):
         for a, b in zip(as_points, track_points(form, (320, 240)), strict=True):
             np.testing.assert_allclose(a.boxes, b.boxes)

@@ -114,6 +114,7 @@ def test_frames_that_wait_for_an_answer_get_it_at_the_end(street: Path) -> None:
     late = list(follow_people(street, Late(), detections=given))  # type: ignore[arg-type]
     now = list(follow_people(street, "sort", detections=given))
     assert [frame.index for frame, _ in late] == [frame.index for frame, _ in now]
+    assert any(len(people) for _, people in now)
     for (_, a), (_, b) in zip(late, now, strict=True):
         assert a.frame == b.frame
         seen = b.of_status("tracking")

@@ -101,6 +101,7 @@ def test_where_nobody_is_missed_nothing_changes() -> None:
     clip = draw(5, jerk=2)
     seen = clip.seen({})
     plain, with_bridges = looked_at(clip, seen, None, 0), looked_at(clip, seen, BridgingSettings(), 0)
+    assert len(plain) == len(seen)
     for a, b in zip(plain, with_bridges, strict=True):
         assert b.detections is a.detections
 

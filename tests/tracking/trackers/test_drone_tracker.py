@@ -73,6 +73,7 @@ def test_asking_in_between_changes_nothing() -> None:
         asked.update(found, said)
         if number % 25 == 0:
             asked.tracks()
+    assert quiet.tracks()
     for a, b in zip(asked.tracks(), quiet.tracks(), strict=True):
         np.testing.assert_array_equal(a.boxes, b.boxes)
 
@@ -98,7 +99,7 @@ def test_a_moving_camera_is_taken_out() -> None:
         still.update(found, said)
         moving.update(Detections(boxes, found.scores, found.features), said, step if number else None)
     expected, got = still.tracks(), moving.tracks()
-    assert len(expected) == len(got)
+    assert len(expected) == len(got) > 0
     for a, b in zip(expected, got, strict=True):
         seen = move_boxes(a.boxes, np.stack(paths)[a.frames])
         np.testing.assert_allclose(b.boxes, seen, atol=1e-6)

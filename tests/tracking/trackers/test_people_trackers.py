@@ -98,6 +98,7 @@ def test_same_input_same_tracks_and_own_ids(make: Callable[[], PeopleTracker]) -
     for found in video:
         one.update(found)
         two.update(found)
+    assert one.tracks()
     for a, b in zip(one.tracks(), two.tracks(), strict=True):
         assert a.id == b.id
         np.testing.assert_array_equal(a.boxes, b.boxes)
@@ -121,6 +122,7 @@ def test_asking_for_tracks_early_changes_nothing(make: Callable[[], PeopleTracke
         quiet.update(found)
         asked.update(found)
         asked.tracks()
+    assert quiet.tracks()
     for a, b in zip(quiet.tracks(), asked.tracks(), strict=True):
         np.testing.assert_array_equal(a.frames, b.frames)
         np.testing.assert_allclose(a.boxes, b.boxes)
@@ -175,6 +177,7 @@ def test_what_no_detector_scored_counts_as_seen_with_score_0(make: Callable[[], 
     video, _ = crowd(np.random.default_rng(4), 3, 12)
     unscored = [replace(d, scores=np.full(len(d), np.nan)) if n == 8 else d for n, d in enumerate(video)]
     tracks = track_people(unscored, make())
+    assert len(tracks) == 3
     for track, scored in zip(tracks, track_people(video, make()), strict=True):
         np.testing.assert_array_equal(track.boxes, scored.boxes)
         np.testing.assert_array_equal(track.scores, np.where(track.frames == 8, 0, scored.scores))
@@ -214,6 +217,7 @@ def test_sort_lifecycle() -> None:
 def test_sliding_flow_is_the_flow(seed: int) -> None:
     video, _ = crowd(np.random.default_rng(20 + seed), 6, 150, miss=0.2, clutter=0.5, noise=2.0)
     whole = track_people(video, FlowTracker(FlowSettings(chunk=None)))
+    assert whole
     sliding = FlowTracker(FlowSettings(chunk=0.5 + seed))
     for a, b in zip(whole, track_people(video, sliding), strict=True):
         np.testing.assert_array_equal(a.frames, b.frames)
@@ -224,7 +228,9 @@ def test_sliding_flow_is_the_flow(seed: int) -> None:
 def test_flow_fills_gaps_and_says_so() -> None:
     video, _ = crowd(np.random.default_rng(30), 3, 40, noise=0.5)
     video[15:19] = [Detections.empty()] * 4
-    for track in track_people(video, FlowTracker()):
+    tracks = track_people(video, FlowTracker())
+    assert len(tracks) == 3
+    for track in tracks:
         assert track.frames.tolist() == list(range(40))
         assert np.flatnonzero(~track.observed).tolist() == [15, 16, 17, 18]
     plain = FlowSettings(fill=0.0, smoothing=None)

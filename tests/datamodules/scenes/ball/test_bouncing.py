@@ -66,7 +66,9 @@ def test_balls_never_gain_energy(ways):
 
 
 def test_the_body_fits_the_drawing():
-    for frame in list(ball_frames(BouncingBallSettings(frames=60), seed=3))[::4]:
+    frames = list(ball_frames(BouncingBallSettings(frames=60), seed=3))
+    assert len(frames) == 60
+    for frame in frames[::4]:
         own = silhouette_of(frame.silhouettes, 1).astype(np.uint8) * 255
         distance = cv2.distanceTransform(255 - cv2.Canny(own, 100, 200), cv2.DIST_L2, 5)
         at = np.clip(np.floor(Ball().contour(frame.states)[0]).astype(int), 0, [639, 479])

@@ -29,6 +29,7 @@ def images(scene):
 def test_cameras_are_those_of_the_experiment():
     cameras = ball_cameras(6)
     truth = make_scene(CarriedBallSettings(frames=100, samples=1), SEED).truth
+    assert len(cameras) == 6
     for camera in cameras:
         assert (camera.width, camera.height) == (800, 600)
         assert 2 * np.degrees(np.arctan(400 / camera.focal[0])) == pytest.approx(60.0)

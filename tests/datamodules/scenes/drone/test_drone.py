@@ -84,14 +84,15 @@ def test_all_twelve_actions_are_performed():
     seen: set[str] = set()
     for seed in range(6):
         performance = gather(np.random.default_rng(seed), 9, 200, 30.0, arena, np.empty((0, 3)))
-        seen |= {a for p in performance.performers for m in p.moments for a in m.activity.actions}
+        seen |= {a for p in performance.performers for m in p.states for a in m.activity.actions}
     assert seen == set(OKUTAMA_ACTIONS)
 
 
 def test_nobody_jumps():
     performance = gather(np.random.default_rng(1), 8, 240, 30.0, np.array([[0.0, 0], [6, 5]]), np.empty((0, 3)))
+    assert len(performance.performers) == 8
     for performer in performance.performers:
-        path = np.array([m.position for m in performer.moments])
+        path = np.array([m.position for m in performer.states])
         assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.2  # 6 m/s
 
 

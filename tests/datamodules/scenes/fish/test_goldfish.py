@@ -30,7 +30,9 @@ def test_contours_of_exact_states_lie_on_the_drawn_outlines(clip):
     """Drawing and body share no code. A fin is 10 pixels wide, so that its middle is 5 from an edge."""
     body = Goldfish()
     for frame in clip[::3]:
-        for k, contour in enumerate(body.contour(frame.states)):
+        contours = body.contour(frame.states)
+        assert len(contours) == 3
+        for k, contour in enumerate(contours):
             own = silhouette_of(frame.silhouettes, k + 1).astype(np.uint8) * 255
             distance = cv2.distanceTransform(255 - cv2.Canny(own, 100, 200), cv2.DIST_L2, 5)
             at = np.floor(contour).astype(int)

@@ -76,6 +76,7 @@ def test_both_cameras_agree_on_ids_and_places(drawn):
     clip, _, (_, first) = drawn
     second = draw_room_frame(clip, view_room(clip, 1), 12)[1]
     shared = set(first.ids.tolist()) & set(second.ids.tolist())
+    assert shared
     for number in shared:
         assert np.allclose(first.places[first.ids == number], second.places[second.ids == number])
 
