@@ -17,11 +17,11 @@ from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.camera_trajectory import CameraTrajectory
 from tsuiseki.tracking.features.networks import Appearance, Detector
-from tsuiseki.tracking.features.observation_cache import file_digest
-from tsuiseki.tracking.features.observations import Observation, Observers
-from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.formats.mot import find_sequences, read_detections, read_ground_truth
 from tsuiseki.tracking.output import check_output_file
+from tsuiseki.tracking.pipelines.observation_cache import file_digest
+from tsuiseki.tracking.pipelines.observations import Observation, Observers
+from tsuiseki.tracking.pipelines.video_observations import video_observations
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.affinity import (

@@ -11,7 +11,7 @@ from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.association.affinity import FEATURE_SETS
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_trajectory import move_boxes
-from tsuiseki.tracking.features.observations import Observation
+from tsuiseki.tracking.pipelines.observations import Observation
 from tsuiseki.tracking.trackers.drone import DroneTracker
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth

@@ -12,11 +12,11 @@ from pathlib import Path
 from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.action import averaged
-from tsuiseki.tracking.features.observations import Observation, observe
 from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.pipelines.drone_models import DroneMethod, DroneModels, Finding, prices_of
 from tsuiseki.tracking.pipelines.finding import GivenDetections
+from tsuiseki.tracking.pipelines.observations import Observation, observe
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker

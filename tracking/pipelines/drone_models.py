@@ -15,10 +15,10 @@ from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks import Detect
-from tsuiseki.tracking.features.observation_cache import file_digest
-from tsuiseki.tracking.features.observations import Observers
 from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike, as_describer
 from tsuiseki.tracking.pipelines.finding import NONE, GivenDetections, people_detect
+from tsuiseki.tracking.pipelines.observation_cache import file_digest
+from tsuiseki.tracking.pipelines.observations import Observers
 from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
 from tsuiseki.tracking.trackers.given import as_detections, read_given_tracks

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.action_refinement import RefinementSettings
-from tsuiseki.tracking.features.observations import Observation, Observers, observe
 from tsuiseki.tracking.geometry import centres, iou_pairs
+from tsuiseki.tracking.pipelines.observations import Observation, Observers, observe
 from tsuiseki.tracking.trackers.bridging import Bridge, BridgingSettings
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray

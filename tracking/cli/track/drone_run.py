@@ -7,12 +7,12 @@ from pathlib import Path
 
 from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.cli.run import Run, frames_expected
-from tsuiseki.tracking.features.observations import Observation, observe
-from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.pipelines.drone import DroneResult, link
 from tsuiseki.tracking.pipelines.drone_models import DroneMethod, DroneModels
+from tsuiseki.tracking.pipelines.observations import Observation, observe
+from tsuiseki.tracking.pipelines.video_observations import video_observations
 from tsuiseki.tracking.report.actions import ActionReport, action_page, captions_of
 from tsuiseki.tracking.report.overlay import write_overlay
 from tsuiseki.tracking.trackers.drone import DroneSettings

@@ -18,9 +18,6 @@ from tsuiseki.tracking.evaluation.action_pairs import LabelledActions, read_labe
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks import Appearance, Detector
-from tsuiseki.tracking.features.observation_cache import file_digest
-from tsuiseki.tracking.features.observations import Observation, Observers
-from tsuiseki.tracking.features.video_observations import video_observations
 from tsuiseki.tracking.formats.mot import (
     read_detections,
     read_ground_truth,
@@ -28,6 +25,9 @@ from tsuiseki.tracking.formats.mot import (
     read_tracks,
     write_detections,
 )
+from tsuiseki.tracking.pipelines.observation_cache import file_digest
+from tsuiseki.tracking.pipelines.observations import Observation, Observers
+from tsuiseki.tracking.pipelines.video_observations import video_observations
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.trackers.given import as_detections
 from tsuiseki.tracking.types import IntArray

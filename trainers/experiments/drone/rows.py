@@ -15,7 +15,7 @@ from tsuiseki.tracking.evaluation.action import ActionScores, evaluate_actions
 from tsuiseki.tracking.evaluation.action_pairs import action_rows, join_action_rows
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_people
 from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
-from tsuiseki.tracking.features.observations import Observation
+from tsuiseki.tracking.pipelines.observations import Observation
 from tsuiseki.tracking.trackers.deepsort import DeepSort
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Track

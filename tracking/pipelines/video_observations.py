@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.observation_cache import cached_observations, files_key
-from tsuiseki.tracking.features.observations import Observation, Observers, observe
 from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.pipelines.observation_cache import cached_observations, files_key
+from tsuiseki.tracking.pipelines.observations import Observation, Observers, observe
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.video import ImageFolder, open_source
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.observations import Observation
+from tsuiseki.tracking.pipelines.observations import Observation
 from tsuiseki.tracking.types import Detections
 
 CHUNK = 100
