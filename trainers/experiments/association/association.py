@@ -200,8 +200,7 @@ def _loss_tables(bench: Bench, one: Measured, gap: float) -> list[Table]:
     rows = [result for result in one.results if result.name == UNFILLED]
     for what in REPAIRS:
         sums = [bench.store.recall(repaired_sums, c, t, what) for c, t in zip(one.clips, kept, strict=True)]
-        without = what.startswith("false")
-        rows.append(Result(f"… without {what}" if without else f"… with the right {what}", np.array(sums)))
+        rows.append(Result("… with the right links" if what == "links" else f"… without {what}", np.array(sums)))
     rows += [_right(bench, one.clips, seconds, filled=False) for seconds in (0.0, 0.4, gap)]
     rows += [_right(bench, one.clips, gap, filled=True)]
     counts = [bench.store.recall(counted_links, c, t) for c, t in zip(one.clips, kept, strict=True)]

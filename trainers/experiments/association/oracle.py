@@ -5,7 +5,8 @@ the scores; a box on nobody is false. The right links join the boxes of one iden
 long as the gap between two of them is not too long.
 
 `repaired` mends one kind of error of a result and leaves the rest as it is, so the gain in scores says what that kind
-costs: links from one frame to the next, links over longer gaps, false boxes, false tracks.
+costs: all wrong and missed links, false boxes, false tracks. Links of one length cannot be mended alone, since one that
+is set right contradicts others that are not; `link_counts` says how many of each length are missed and wrong.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray,
 from tsuiseki.tracking.types.labels import GroundTruth
 
 NOBODY, IGNORED = -1, -2
-Repair = Literal["links of one frame", "longer links", "all links", "false boxes", "false tracks"]
+Repair = Literal["links", "false boxes", "false tracks"]
 REPAIRS: tuple[Repair, ...] = get_args(Repair)
 # Upper ends of the bins of gaps in which links are counted, seconds; the first is that of one frame to the next.
 GAP_BINS = (0.4, 0.8, 2.0)
@@ -147,8 +148,8 @@ def repaired(tracks: Sequence[Track], truth: GroundTruth, what: Repair) -> list[
     Args:
         tracks: the result.
         truth: the labels.
-        what: links of one frame, longer links or all are replaced by the right ones wherever they meet somebody; false
-            boxes are those on nobody; a track is false if more than half of its boxes are.
+        what: links are replaced by the right ones wherever they meet somebody; false boxes are those on nobody; a track
+            is false if more than half of its boxes are.
     """
     nodes = _boxes(tracks, truth)
     if what in ("false boxes", "false tracks"):
@@ -157,23 +158,9 @@ def repaired(tracks: Sequence[Track], truth: GroundTruth, what: Repair) -> list[
             _, members = np.unique(nodes.ids, return_inverse=True)
             nobody = (np.bincount(members, nobody) > 0.5 * np.bincount(members))[members]
         return _tracks(nodes, nodes.ids, ~nobody)
-    chosen = _mended(nodes, what)
-    return _tracks(nodes, _chains(len(nodes.frames), chosen), np.ones(len(nodes.frames), dtype=np.bool_))
-
-
-def _mended(nodes: _Boxes, what: Repair) -> IntArray:
-    """Links: the right ones of the kind that is mended, ours of the other kind where they do not contradict those."""
-
-    def is_kind(links: IntArray) -> BoolArray:
-        short = np.equal(nodes.gaps(links), 1)
-        every = np.ones(len(links), dtype=np.bool_)
-        return short if what == "links of one frame" else ~short if what == "longer links" else every
-
-    right = nodes.right[is_kind(nodes.right)]
-    kept = nodes.ours[~is_kind(nodes.ours) | (nodes.agree(nodes.ours) & (nodes.owners[nodes.ours[:, 0]] < 0))]
-    taken_from, taken_to = np.zeros(len(nodes.frames), np.bool_), np.zeros(len(nodes.frames), np.bool_)
-    taken_from[right[:, 0]], taken_to[right[:, 1]] = True, True
-    return np.concatenate([right, kept[~taken_from[kept[:, 0]] & ~taken_to[kept[:, 1]]]])
+    among_nobody = nodes.ours[(nodes.owners[nodes.ours] < 0).all(axis=1)]
+    chains = _chains(len(nodes.frames), np.concatenate([nodes.right, among_nobody]))
+    return _tracks(nodes, chains, np.ones(len(nodes.frames), dtype=np.bool_))
 
 
 def _chains(count: int, links: IntArray) -> IntArray:
