@@ -88,16 +88,18 @@ class Links:
         head: ``(P,)`` of the later ones.
         cost: ``(P,)``.
         along: ``(P,)`` whether they have been priced along tracks, and not as pairs only.
+        hidden: ``(P,)`` share of the person hidden in the middle of the gap, which no round changes.
     """
 
     tail: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     head: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     cost: FloatArray = field(default_factory=lambda: np.empty(0))
     along: BoolArray = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
+    hidden: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def select(self, which: BoolArray | IntArray) -> Links:
         """The links at a mask or at indices."""
-        return Links(self.tail[which], self.head[which], self.cost[which], self.along[which])
+        return Links(self.tail[which], self.head[which], self.cost[which], self.along[which], self.hidden[which])
 
 
 def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost) -> Pairs:
@@ -122,10 +124,11 @@ def priced(
     dearest: float,
     transition: TransitionCost | None = None,
     looks: tuple[FloatArray, FloatArray] | None = None,
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """The links that cost no more than ``dearest``: indices of their detections, and their costs.
+    hidden: FloatArray | None = None,
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Which links cost no more than ``dearest``, what they cost, and how much of the person is hidden in between.
 
-    Learnt costs of pairs, where there are any, speak in place of the appearance. ``looks`` are the mean features of the
+    ``hidden`` is what is known of that before, NaN where nothing is; None where nothing is known of any link. Learnt costs of pairs, where there are any, speak in place of the appearance. ``looks`` are the mean features of the
     past and of the future of each detection along its track; without them single detections are compared.
     """
     one_frame = 1 / seen.frame_rate
@@ -145,9 +148,10 @@ def priced(
     # What hides a person is looked at only where it matters.
     least = total + cost.waiting(seconds, one_frame, np.ones(len(i)))
     kept = np.flatnonzero(least < dearest)
-    i, j, total, seconds = i[kept], j[kept], total[kept], seconds[kept]
-    hidden = hidden_between(i, j, seen.frames, seen.image, seen.size)
-    return i, j, total + cost.waiting(seconds, one_frame, hidden)
+    covered = np.full(len(kept), np.nan) if hidden is None else hidden[kept]
+    asked = np.isnan(covered)
+    covered[asked] = hidden_between(i[kept[asked]], j[kept[asked]], seen.frames, seen.image, seen.size)
+    return kept, total[kept] + cost.waiting(seconds[kept], one_frame, covered), covered
 
 
 def near_ends(seen: Seen, labels: IntArray, seconds: float) -> tuple[IntArray, IntArray]:
@@ -214,14 +218,18 @@ def repriced(
     tails, heads = near_ends(seen, labels, settings.ends)
     tails, heads = tails[free[tails]], heads[free[heads]]
     more = candidates(seen, tails, heads, 1, gaps(settings.window, seen.frame_rate), cost)
-    old = np.searchsorted(seen.numbers, links.tail), np.searchsorted(seen.numbers, links.head)
-    key = np.unique(joined([old, more])[0] * len(seen) + joined([old, more])[1])
-    i, j, new = priced(seen, key // len(seen), key % len(seen), past, future, cost, settings.dearest, transition, looks)
-    order = np.argsort(old[0] * len(seen) + old[1])
-    known = (old[0] * len(seen) + old[1])[order]
-    if len(known):
-        place = np.searchsorted(known, i * len(seen) + j).clip(max=len(known) - 1)
-        again = known[place] == i * len(seen) + j
-        before = order[place[again]]
-        new[again] += np.where(links.along[before], settings.keep, 0) * (links.cost[before] - new[again])
-    return Links(seen.numbers[i], seen.numbers[j], new, np.ones(len(i), dtype=np.bool_))
+    old = np.searchsorted(seen.numbers, links.tail) * len(seen) + np.searchsorted(seen.numbers, links.head)
+    key = np.sort(np.append(old, more[0] * len(seen) + more[1]))
+    key = key[np.diff(key, prepend=-1) > 0]
+    before, hidden = np.full(len(key), -1), np.full(len(key), np.nan)
+    place = np.searchsorted(key, old)
+    before[place], hidden[place] = np.arange(len(old)), links.hidden
+    i, j = np.divmod(key, max(len(seen), 1))
+    kept, new, hidden = priced(
+        seen, i, j, past, future, cost, settings.dearest, transition, looks=looks, hidden=hidden
+    )
+    before = before[kept]
+    again = before >= 0
+    before = before[again]
+    new[again] += np.where(links.along[before], settings.keep, 0) * (links.cost[before] - new[again])
+    return Links(seen.numbers[i[kept]], seen.numbers[j[kept]], new, np.ones(len(kept), dtype=np.bool_), hidden)

@@ -101,8 +101,9 @@ class FlowWindow:
         longest = gaps(min(rounds.near, rounds.window), seen.frame_rate)
         i, j = candidates(seen, free, fresh, 1, longest, self.costs.link)
         past, future = beliefs_along(np.full(len(seen), -1), seen.measured, self.costs.link.motion)
-        i, j, cost = priced(seen, i, j, past, future, self.costs.link, rounds.dearest, self._transition)
-        found = Links(seen.numbers[i], seen.numbers[j], cost, np.zeros(len(i), dtype=np.bool_))
+        kept, cost, hidden = priced(seen, i, j, past, future, self.costs.link, rounds.dearest, self._transition)
+        tail, head = seen.numbers[i[kept]], seen.numbers[j[kept]]
+        found = Links(tail, head, cost, np.zeros(len(kept), dtype=np.bool_), hidden)
         self._links = joined_links(self._links, found)
 
     def solve(self, observation: FloatArray) -> None:
@@ -252,4 +253,5 @@ def joined_links(one: Links, other: Links) -> Links:
         np.append(one.head, other.head),
         np.append(one.cost, other.cost),
         np.append(one.along, other.along),
+        np.append(one.hidden, other.hidden),
     )

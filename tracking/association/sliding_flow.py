@@ -86,6 +86,7 @@ class SlidingFlow:
         self._inflow = np.empty(0, dtype=np.bool_)
         nothing, none = np.empty(0), np.empty(0, dtype=np.int64)
         self._graph = FlowGraph(nothing, nothing, nothing, none, none, nothing)
+        self._solution: FlowSolution | None = None
 
     @property
     def undecided(self) -> IntArray:
@@ -107,7 +108,7 @@ class SlidingFlow:
         if len(frames) and len(self._frames) and frames.min() <= self._frames.max():
             raise ValueError(f"expected frames after {self._frames.max()}, got {frames.min()}")
         self._check(graph)
-        old = self._graph
+        old, self._solution = self._graph, None
         self._numbers = np.append(self._numbers, np.arange(self._count, self._count + len(frames)))
         self._count += len(frames)
         self._frames = np.append(self._frames, frames)
@@ -136,15 +137,17 @@ class SlidingFlow:
         if len(graph) != len(self._numbers):
             raise ValueError(f"expected costs of {len(self._numbers)} detections, got {len(graph)}")
         self._check(graph)
-        self._graph = graph
+        self._graph, self._solution = graph, None
 
     def solution(self) -> FlowSolution:
         """The cheapest flow as it is if the video ends here; its indices count the undecided detections."""
-        return solve(self._graph, self._inflow)
+        if self._solution is None:
+            self._solution = solve(self._graph, self._inflow)
+        return self._solution
 
     def decide_before(self, frame: int) -> Decision:
         """Decide and forget all detections before a frame, whether the future could change them or not."""
-        solution = solve(self._graph, self._inflow)
+        solution = self.solution()
         done = self._frames < frame
         decision = self._decision(done, solution)
         self._forget(done, solution)
@@ -160,7 +163,7 @@ class SlidingFlow:
         frontier = self._frames > last_frame + 1 - self.overlap
         if before is not None:
             frontier |= self._frames >= before
-        solution = solve(self._graph, self._inflow)
+        solution = self.solution()
         done = _safe_detections(self._graph, solution, self._inflow, frontier, self.most_saving)
         done = _with_predecessors(done, solution)
         if self.longest is not None and len(self._frames) and self._undecided_span(done, last_frame) > self.longest:
@@ -172,7 +175,7 @@ class SlidingFlow:
 
     def remainder(self) -> Decision:
         """All that is not decided, as it is if the video ends here; nothing is forgotten."""
-        return self._decision(np.ones(len(self._frames), dtype=np.bool_), solve(self._graph, self._inflow))
+        return self._decision(np.ones(len(self._frames), dtype=np.bool_), self.solution())
 
     def _check(self, graph: FlowGraph) -> None:
         saving = graph.entry.max(initial=0.0) - min(graph.transition.min(initial=0.0), 0.0)
@@ -190,7 +193,7 @@ class SlidingFlow:
         return Decision(self._numbers[done], used, following, cost, solution.link[done])
 
     def _forget(self, done: BoolArray, solution: FlowSolution) -> None:
-        graph = self._graph
+        graph, self._solution = self._graph, None
         self._inflow[solution.follower[done & (solution.follower >= 0)]] = True
         rest = ~done
         position = np.cumsum(rest) - 1
