@@ -128,8 +128,12 @@ def priced(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Which links cost no more than ``dearest``, what they cost, and how much of the person is hidden in between.
 
-    ``hidden`` is what is known of that before, NaN where nothing is; None where nothing is known of any link. Learnt costs of pairs, where there are any, speak in place of the appearance. ``looks`` are the mean features of the
+    Learnt costs of pairs, where there are any, speak in place of the appearance. ``looks`` are the mean features of the
     past and of the future of each detection along its track; without them single detections are compared.
+
+    Returns:
+        ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden: from ``hidden``, ``(P,)`` with NaN
+        where not known, or computed.
     """
     one_frame = 1 / seen.frame_rate
     seconds = np.asarray((seen.frames[j] - seen.frames[i]) * one_frame, dtype=np.float64)
@@ -225,9 +229,7 @@ def repriced(
     place = np.searchsorted(key, old)
     before[place], hidden[place] = np.arange(len(old)), links.hidden
     i, j = np.divmod(key, max(len(seen), 1))
-    kept, new, hidden = priced(
-        seen, i, j, past, future, cost, settings.dearest, transition, looks=looks, hidden=hidden
-    )
+    kept, new, hidden = priced(seen, i, j, past, future, cost, settings.dearest, transition, looks=looks, hidden=hidden)
     before = before[kept]
     again = before >= 0
     before = before[again]

@@ -21,6 +21,7 @@ from tsuiseki.tracking.types import FloatArray, IntArray
 
 # However well two chains fit, a link is worth no more: a track's end may always be bought.
 MOST_WORTH = 15.0
+PAIRS_AT_ONCE = 8192
 
 
 @dataclass(frozen=True)
@@ -88,27 +89,42 @@ class LinkCost:
             seconds: ``(P,)`` between the two.
             wander: ``(P,)`` variance that the camera's motion adds in between, squared heights.
         """
+        cost = np.empty(len(i))
+        for start in range(0, len(i), PAIRS_AT_ONCE):
+            part = slice(start, start + PAIRS_AT_ONCE)
+            cost[part] = self._mismatch(past, future, i[part], j[part], seconds[part], wander[part])
+        return np.asarray(np.maximum(cost, -MOST_WORTH))
+
+    def _mismatch(
+        self, past: Beliefs, future: Beliefs, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
+    ) -> FloatArray:
+        """`mismatch` without its bound, of as many pairs as the processor holds close by."""
         r2, q2, v2 = (
             np.square(values) for values in (self.motion.measurement, self.motion.acceleration, self.motion.velocity)
         )
+        # A column at a time lies together in memory.
+        place, later_place = past.place[i].T.copy(), future.place[j].T.copy()
+        velocity, later_velocity = past.velocity[i].T.copy(), future.velocity[j].T.copy()
+        covariance = past.covariance[i].reshape(-1, 9).T.copy().reshape(3, 3, -1)
+        later_covariance = future.covariance[j].reshape(-1, 9).T.copy().reshape(3, 3, -1)
         # The longer side, so that a car is as large as it is long; of people it is the height.
-        side = np.exp((past.place[i, 2:].max(axis=1) + future.place[j, 2:].max(axis=1)) / 2)
-        cost = np.zeros(len(i))
+        side = np.exp((np.maximum(*place[2:]) + np.maximum(*later_place[2:])) / 2)
+        # One logarithm of products instead of one for each coordinate.
+        fit, volume = np.ones(len(i)), np.ones(len(i))
         for group in range(3):
-            a, b, c = past.covariance[i, group].T
-            later_a, later_b, later_c = future.covariance[j, group].T
+            a, b, c = covariance[group]
+            later_a, later_b, later_c = later_covariance[group]
             q = q2[group]
-            aa = a + 2 * b * seconds + c * seconds**2 + q * seconds**3 / 3 + later_a
+            aa = a + seconds * (2 * b + seconds * (c + seconds * (q / 3))) + later_a
             if group == 0:
                 aa = aa + wander
-            bb, cc = b + c * seconds + q * seconds**2 / 2 + later_b, c + q * seconds + later_c
+            bb, cc = b + seconds * (c + seconds * (q / 2)) + later_b, c + q * seconds + later_c
             determinant = aa * cc - bb**2
             for k in np.flatnonzero(group == GROUPS):
                 unit = side if group == 0 else 1.0
-                speed = past.velocity[i, k]
-                apart = (past.place[i, k] + speed * seconds - future.place[j, k]) / unit
-                turn = (speed - future.velocity[j, k]) / unit
+                apart = (place[k] + velocity[k] * seconds - later_place[k]) / unit
+                turn = (velocity[k] - later_velocity[k]) / unit
                 squared = (cc * apart**2 - 2 * bb * apart * turn + aa * turn**2) / determinant
-                cost += (self.tails + 2) / 2 * np.log1p(squared / self.tails)
-                cost += 0.5 * np.log(determinant / (4 * r2[group] * v2[group]))
-        return np.asarray(np.maximum(cost, -MOST_WORTH))
+                fit *= 1 + squared / self.tails
+                volume *= determinant / (4 * r2[group] * v2[group])
+        return np.asarray((self.tails + 2) / 2 * np.log(fit) + 0.5 * np.log(volume))

@@ -55,18 +55,34 @@ def hidden_between(
     share = ((middle - frames[tails]) / gap)[:, None]
     box = boxes[tails] * (1 - share) + boxes[heads] * share
     area = sizes(box).prod(axis=1)
-    first, last = np.searchsorted(frames, middle), np.searchsorted(frames, middle, side="right")
-    lost = np.zeros(len(box))
-    for part in _parts(last - first):
-        count = (last - first)[part]
-        p = np.repeat(np.arange(part.start, part.stop), count)
-        q = np.arange(len(p)) - np.repeat(np.cumsum(count) - count - first[part], count)
-        lost += _overlaps(box, p, boxes, q)
+    lost = _hidden_area(box, middle, frames, boxes)
     if size is not None:
         inside = np.minimum(box[:, 2:], size) - np.maximum(box[:, :2], 0)
         lost += area - inside.clip(min=0).prod(axis=1)
     hidden[asked] = np.minimum(lost / area, 1)
     return hidden
+
+
+def _hidden_area(box: FloatArray, when: IntArray, frames: IntArray, boxes: FloatArray) -> FloatArray:
+    """``(P,)`` area of boxes at given frames behind nearer ones of ``boxes``, the detections of all frames."""
+    # Only boxes of the same frame whose left edge is right of where the widest one still reaches it, and left of its
+    # own right edge, can overlap: in the order of frames and left edges these follow each other.
+    left = min(float(boxes[:, 0].min()), float(box[:, 0].min()))
+    widest = float((boxes[:, 2] - boxes[:, 0]).max())
+    width = max(float(boxes[:, 2].max()), float(box[:, 2].max())) - left + widest + 1.0
+    key = (frames - frames[0]) * width + (boxes[:, 0] - left)
+    order = np.argsort(key, kind="stable")
+    key, ordered = key[order], boxes[order]
+    base = (when - frames[0]) * width - left
+    first = np.searchsorted(key, base + box[:, 0] - widest)
+    last = np.maximum(np.searchsorted(key, base + box[:, 2], side="right"), first)
+    lost = np.zeros(len(box))
+    for part in _parts(last - first):
+        count = (last - first)[part]
+        p = np.repeat(np.arange(part.start, part.stop), count)
+        q = np.arange(len(p)) - np.repeat(np.cumsum(count) - count - first[part], count)
+        lost += _overlaps(box, p, ordered, q)
+    return lost
 
 
 def _parts(counts: IntArray) -> list[slice]:
