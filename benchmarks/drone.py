@@ -166,7 +166,7 @@ def memory(people: int, frames: int, longer: int) -> None:
     tracker = DroneTracker(DroneSettings(chunk=60))
     tracemalloc.start()
     for number, (found, said) in enumerate(zip(video, actions, strict=True), start=1):
-        tracker.update(found, said)
+        tracker.update(replace(found, actions=said))
         if number in (frames, longer):
             held, peak = (value / 1e6 for value in tracemalloc.get_traced_memory())
             row = tracker.held_rows

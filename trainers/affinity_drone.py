@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -44,21 +44,8 @@ WINDOWED: dict[str, Literal["centred", "one-sided"]] = {
 FEW_TREES = BoostingSettings(trees=60, learning_rate=0.15)
 
 
-@dataclass(frozen=True)
-class DroneClip:
-    """A labelled clip as the tracker sees it.
-
-    Attributes:
-        found: the detections, boxes where they would be had the camera stood still.
-        actions: ``(N, A)`` single-frame features; None without.
-    """
-
-    found: LabelledDetections
-    actions: FloatArray | None
-
-
-def labelled_clip(observations: Sequence[Observation], truth: GroundTruth) -> DroneClip:
-    """The observations of a clip with what each detection shows.
+def labelled_clip(observations: Sequence[Observation], truth: GroundTruth) -> LabelledDetections:
+    """The detections of a clip, what each shows and does, with boxes where they would be had the camera stood still.
 
     Args:
         observations: of consecutive frames.
@@ -67,36 +54,16 @@ def labelled_clip(observations: Sequence[Observation], truth: GroundTruth) -> Dr
     camera = CameraTrajectory("images")
     for one in observations:
         camera.append(one.motion)
-    # Actions travel as further columns of the looks, since labelling leaves some detections out.
-    widths = [0 if o.detections.features is None else o.detections.features.shape[1] for o in observations]
-    width = max(widths, default=0)
-    carried = [
-        replace(one.detections, features=_columns(one))
-        if one.actions is not None or one.detections.features is not None
-        else one.detections
-        for one in observations
+    detections = [
+        replace(one.detections, actions=None if one.actions is None else averaged(one.actions)) for one in observations
     ]
     first = observations[0].frame
-    found = label_detections(carried, truth, first)
-    boxes = camera.to_first(found.boxes, found.frames - first)
-    if found.features is None:
-        return DroneClip(replace(found, boxes=boxes), None)
-    looks, actions = found.features[:, :width], found.features[:, width:]
-    return DroneClip(
-        replace(found, boxes=boxes, features=looks if width else None), actions if actions.shape[1] else None
-    )
-
-
-def _columns(one: Observation) -> FloatArray:
-    looks = one.detections.features
-    parts = [] if looks is None else [looks]
-    if one.actions is not None:
-        parts.append(averaged(one.actions))
-    return np.concatenate(parts, axis=1)
+    found = label_detections(detections, truth, first)
+    return replace(found, boxes=camera.to_first(found.boxes, found.frames - first))
 
 
 def fit_drone_affinity(
-    clips: Sequence[DroneClip],
+    clips: Sequence[LabelledDetections],
     out: Path,
     features: FeatureSet = "thesis_action",
     settings: RefinementSettings | None = None,
@@ -110,7 +77,7 @@ def fit_drone_affinity(
     """Fit c_tran and c_obsv to labelled clips and write them.
 
     Args:
-        clips: that the tracker will not be scored on.
+        clips: that the tracker will not be scored on, see `labelled_clip`.
         out: ONNX file to write.
         features: what the trees see.
         settings: of the tracker; its gate says which pairs are asked about.
@@ -132,12 +99,12 @@ def fit_drone_affinity(
         raise RequestError(f"features {features} need action streams, got none")
     groups = max(1, -(-GROUPS // len(clips)))
     samples = join_samples(
-        [pair_samples(c.found, features, settings.gate, groups, _features_of(c, settings, multi)) for c in clips]
+        [pair_samples(c, features, settings.gate, groups, _features_of(c, settings, multi)) for c in clips]
     )
     check_kinds(samples)
     samples = with_unknown(samples, names.index("appearance"), np.random.default_rng(seed))
     trees, report = fit_transition(samples, names, boosting or FEW_TREES, seed)
-    observation = fit_observation([clip.found for clip in clips], b)
+    observation = fit_observation(clips, b)
     card = affinity_card(features, settings.gate, observation, report, training_data, None)
     export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, overwrite)
     print(
@@ -216,14 +183,13 @@ def fit_drone_affinities(
 
 
 def _features_of(
-    clip: DroneClip, settings: RefinementSettings, multi: Prices | None
+    clip: LabelledDetections, settings: RefinementSettings, multi: Prices | None
 ) -> tuple[FloatArray, FloatArray] | None:
     """Action features of detections as the earlier and as the later one of a pair."""
     if clip.actions is None:
         return None
     if multi is None:
         return clip.actions, clip.actions
-    found = clip.found
-    rows = DetectionRows(np.arange(len(found)), found.frames, found.boxes, found.scores, found.features)
+    rows = DetectionRows(np.arange(len(clip)), clip.frames, clip.boxes, clip.scores, clip.features)
     flow = next(refine(rows, clip.actions, multi, replace(settings, iterations=1)))
     return compared_features(rows, flow.labels, clip.actions, settings)

@@ -42,6 +42,7 @@ class LabelledDetections:
         features: ``(N, D)`` appearance, or None.
         ids: ``(N,)`` identities, `NOBODY` where a detection shows no labelled person.
         right: ``(N,)`` whether the box lies right, with an IoU of at least 0.5.
+        actions: ``(N, A)`` probabilities, or None.
     """
 
     frames: IntArray
@@ -50,6 +51,7 @@ class LabelledDetections:
     features: FloatArray | None
     ids: IntArray
     right: BoolArray
+    actions: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -93,6 +95,7 @@ def label_detections(detections: Sequence[Detections], truth: GroundTruth, first
         right.append(lies_right[~hidden])
         kept.append(found.select(~hidden))
     described = [d.features for d in kept if d.features is not None]
+    acting = [d.actions for d in kept if d.actions is not None]
     return LabelledDetections(
         np.repeat(np.arange(first, first + len(kept)), [len(d) for d in kept]),
         np.concatenate([np.empty((0, 4)), *(d.boxes for d in kept)]),
@@ -100,6 +103,7 @@ def label_detections(detections: Sequence[Detections], truth: GroundTruth, first
         np.concatenate(described) if described else None,
         np.concatenate(ids),
         np.concatenate(right),
+        np.concatenate(acting) if acting else None,
     )
 
 
@@ -211,4 +215,5 @@ def every_nth(found: LabelledDetections, skip: int) -> LabelledDetections:
         None if found.features is None else found.features[kept],
         found.ids[kept],
         found.right[kept],
+        None if found.actions is None else found.actions[kept],
     )

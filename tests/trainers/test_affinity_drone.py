@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ from tsuiseki.tracking.trackers.drone import DroneTracker
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.affinity import BoostingSettings
-from tsuiseki.trainers.affinity_drone import DroneClip, fit_drone_affinity, labelled_clip
+from tsuiseki.trainers.affinity_drone import fit_drone_affinity, labelled_clip
+from tsuiseki.trainers.affinity_samples import LabelledDetections
 
 SIZE = np.array([10.0, 22.0])
 BOOSTING = BoostingSettings(trees=20)
@@ -51,7 +53,7 @@ def acted(seed: int, *, moving: bool, frames: int = 60, people: int = 6) -> tupl
     return observations, truth
 
 
-def clips(*, moving: bool) -> list[DroneClip]:
+def clips(*, moving: bool) -> list[LabelledDetections]:
     return [labelled_clip(*acted(seed, moving=moving)) for seed in range(3)]
 
 
@@ -59,14 +61,14 @@ def test_a_labelled_clip_is_as_if_the_camera_had_stood_still() -> None:
     (observations, truth) = acted(0, moving=True)
     clip = labelled_clip(observations, truth)
     assert clip.actions is not None
-    assert clip.actions.shape == (len(clip.found), 3)
+    assert clip.actions.shape == (len(clip), 3)
     for person in range(1, 7):
-        middle = clip.found.boxes[clip.found.ids == person][:, [0, 2]].mean(axis=1)
+        middle = clip.boxes[clip.ids == person][:, [0, 2]].mean(axis=1)
         # Where they stand in the first frame, but for the noise of the detections.
         assert np.abs(middle - (60 + 45 * (person - 1))).mean() < 8
     one = next(o for o in observations if o.frame == 7)
     assert one.actions is not None
-    here = clip.found.frames == 7
+    here = clip.frames == 7
     np.testing.assert_allclose(np.sort(clip.actions[here, 0]), np.sort(one.actions.mean(axis=0)[:, 0]), atol=1e-6)
 
 
@@ -84,13 +86,13 @@ def test_costs_learn_what_actions_say(tmp_path: Path, capsys: pytest.CaptureFixt
     tracker = DroneTracker(prices=Prices(single.observation, single, multi))
     for one in observations:
         assert one.actions is not None
-        tracker.update(one.detections, one.actions.mean(axis=0), one.motion)
+        tracker.update(replace(one.detections, actions=one.actions.mean(axis=0)), one.motion)
     assert len(truth) == 360
     assert 5 <= len(tracker.tracks()) <= 9
 
 
 def test_request_errors(tmp_path: Path) -> None:
-    found = [DroneClip(clip.found, None) for clip in clips(moving=False)]
+    found = [replace(clip, actions=None) for clip in clips(moving=False)]
     with pytest.raises(RequestError, match="need action streams"):
         fit_drone_affinity(found, tmp_path / "a.onnx")
     (tmp_path / "b.onnx").touch()

@@ -144,7 +144,7 @@ def link(
         log.add(one.frame, one.detections)
         actions = None if one.actions is None else averaged(one.actions)
         with times.measure("link"):
-            tracker.update(one.detections, actions if uses_actions else None, one.motion)
+            tracker.update(replace(one.detections, actions=actions if uses_actions else None), one.motion)
     if not log.frames:
         raise RunError("expected frames, got none")
     with times.measure("link"):

@@ -77,7 +77,7 @@ class DroneTracker:
         self.settings = settings or DroneSettings()
         self.prices = prices or Prices(HAND_SET_OBSERVATION, HandSetCost())
         self._camera = CameraTrajectory("images")
-        self._waiting: list[tuple[Detections, FloatArray | None]] = []
+        self._waiting: list[Detections] = []
         self._open = _Described(no_rows(), None)
         self._continued = np.empty(0, dtype=np.int64)
         self._done: list[_Described] = []
@@ -91,17 +91,15 @@ class DroneTracker:
         """Number of detections that are not final."""
         return len(self._open)
 
-    def update(
-        self, detections: Detections, actions: FloatArray | None = None, motion: FloatArray | None = None
-    ) -> None:
+    def update(self, detections: Detections, motion: FloatArray | None = None) -> None:
         """Take the next frame.
 
         Args:
-            detections: with appearance features where they are known.
-            actions: ``(N, A)`` probabilities of each detection; given for all frames or for none.
+            detections: with appearance features where they are known, and with probabilities of actions in all frames
+                or in none.
             motion: ``(2, 3)`` similarity of the camera since the frame before; None for none.
         """
-        self._waiting.append((detections, actions))
+        self._waiting.append(detections)
         self._camera.append(motion)
         chunk = self.settings.chunk
         if chunk is not None and len(self._camera) - self._first_open >= chunk + self.settings.overlap:
@@ -156,10 +154,10 @@ class DroneTracker:
             return
         first = len(self._camera) - len(self._waiting)
         number = sum(len(part) for part in (*self._done, self._open))
-        rows = rows_of([found for found, _ in self._waiting], first, number)
+        rows = rows_of(self._waiting, first, number)
         rows = replace(rows, boxes=self._camera.to_first(rows.boxes, rows.frames))
-        given = [actions for _, actions in self._waiting if actions is not None]
-        if given and len(given) != len(self._waiting):
+        given = [found.actions for found in self._waiting if found.actions is not None]
+        if given and any(found.actions is None and len(found) for found in self._waiting):
             raise ValueError("expected action features for all frames or for none")
         self._waiting = []
         self._open = _joined([self._open, _Described(rows, np.concatenate(given) if given else None)])

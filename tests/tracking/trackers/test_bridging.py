@@ -170,7 +170,7 @@ def test_windows_link_bridged_people_as_the_whole_does(cost: float, used: bool) 
     for chunk in (None, 10):
         tracker = DroneTracker(DroneSettings(refinement, chunk=chunk, overlap=20))
         for one, step in zip(seen, clip.steps, strict=True):
-            tracker.update(one.detections, None, step)
+            tracker.update(one.detections, step)
         results.append(tracker.tracks())
     assert len(results[0]) == len(results[1]) == 2
     for whole, windowed in zip(*results, strict=True):

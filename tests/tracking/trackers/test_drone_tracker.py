@@ -12,10 +12,9 @@ from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray
 
 SIZE = np.array([10.0, 25.0])
-Frame = tuple[Detections, FloatArray]
 
 
-def walk(seed: int, frames: int = 200, people: int = 5) -> list[Frame]:
+def walk(seed: int, frames: int = 200, people: int = 5) -> list[Detections]:
     """People who walk straight on, a third of the detections missing, places, looks and actions noisy."""
     rng = np.random.default_rng(seed)
     place, step = rng.uniform(0, 700, (people, 2)), rng.normal(0, 0.8, (people, 2))
@@ -30,14 +29,14 @@ def walk(seed: int, frames: int = 200, people: int = 5) -> list[Frame]:
         actions = rng.uniform(0, 0.4, (len(seen), 4))
         actions[np.arange(len(seen)), does[seen]] += 0.6
         boxes = np.concatenate([centre - SIZE, centre + SIZE], axis=1)
-        result.append((Detections(boxes, np.full(len(seen), 0.9), features), actions))
+        result.append(Detections(boxes, np.full(len(seen), 0.9), features, actions))
     return result
 
 
-def tracked(frames: list[Frame], settings: DroneSettings, *, actions: bool = True) -> DroneTracker:
+def tracked(frames: list[Detections], settings: DroneSettings, *, actions: bool = True) -> DroneTracker:
     tracker = DroneTracker(settings)
-    for found, said in frames:
-        tracker.update(found, said if actions else None)
+    for found in frames:
+        tracker.update(found if actions else replace(found, actions=None))
     return tracker
 
 
@@ -69,8 +68,8 @@ def test_what_is_held_does_not_grow_with_the_video() -> None:
 def test_asking_in_between_changes_nothing() -> None:
     frames = walk(3, 90)
     asked, quiet = DroneTracker(DroneSettings(chunk=20)), tracked(frames, DroneSettings(chunk=20))
-    for number, (found, said) in enumerate(frames):
-        asked.update(found, said)
+    for number, found in enumerate(frames):
+        asked.update(found)
         if number % 25 == 0:
             asked.tracks()
     assert quiet.tracks()
@@ -91,13 +90,13 @@ def test_a_moving_camera_is_taken_out() -> None:
     still, moving = DroneTracker(), DroneTracker()
     path = np.eye(3)[:2]
     paths = []
-    for number, (found, said) in enumerate(frames):
+    for number, found in enumerate(frames):
         step = similarity(rng, 60.0) if number else np.eye(3)[:2]
         path = (np.vstack([step, [0, 0, 1]]) @ np.vstack([path, [0, 0, 1]]))[:2]
         paths.append(path)
         boxes = move_boxes(found.boxes, np.repeat(path[None], len(found), axis=0))
-        still.update(found, said)
-        moving.update(Detections(boxes, found.scores, found.features), said, step if number else None)
+        still.update(found)
+        moving.update(replace(found, boxes=boxes), step if number else None)
     expected, got = still.tracks(), moving.tracks()
     assert len(expected) == len(got) > 0
     for a, b in zip(expected, got, strict=True):
@@ -105,9 +104,9 @@ def test_a_moving_camera_is_taken_out() -> None:
         np.testing.assert_allclose(b.boxes, seen, atol=1e-6)
     # The same boxes without the motion are torn apart.
     torn = DroneTracker()
-    for (found, said), there in zip(frames, paths, strict=True):
+    for found, there in zip(frames, paths, strict=True):
         boxes = move_boxes(found.boxes, np.repeat(there[None], len(found), axis=0))
-        torn.update(Detections(boxes, found.scores, found.features), said)
+        torn.update(replace(found, boxes=boxes))
     assert sum(len(t) for t in torn.tracks()) < 0.8 * sum(len(t) for t in expected)
 
 
@@ -132,10 +131,13 @@ def test_boxes_go_there_and_back() -> None:
 
 
 def test_actions_for_some_frames_only_are_refused() -> None:
-    (found, said), *_ = walk(0, 1)
+    found, *_ = walk(0, 1)
     tracker = DroneTracker()
-    tracker.update(found, said)
     tracker.update(found)
+    tracker.update(Detections.empty())
+    assert tracker.tracks() == []
+    tracker.update(found)
+    tracker.update(replace(found, actions=None))
     with pytest.raises(ValueError, match="for all frames or for none"):
         tracker.tracks()
 

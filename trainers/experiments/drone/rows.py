@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -14,11 +14,12 @@ from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.evaluation.action import ActionScores, evaluate_actions
 from tsuiseki.tracking.evaluation.action_pairs import action_rows, join_action_rows
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_people
+from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
 from tsuiseki.tracking.pipelines.observations import Observation
 from tsuiseki.tracking.trackers.deepsort import DeepSort
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
-from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.trainers.experiments.drone.clips import Clip
 
@@ -68,7 +69,7 @@ def tracker_for(
     tracker = DroneTracker(replace(settings, refinement=refinement), costs.prices(method))
     for one in seen:
         actions = None if method == "flow" or one.actions is None else streams_mean(one, STREAMS)
-        tracker.update(one.detections, actions, one.motion if compensate else None)
+        tracker.update(replace(one.detections, actions=actions), one.motion if compensate else None)
     return tracker
 
 
@@ -121,7 +122,7 @@ def with_given_tracks(clips: Sequence[Clip], streams: Sequence[StreamName]) -> l
     for clip in clips:
         tracker = DroneTracker(DroneSettings(min_detections=1, gaps=None))
         for one in clip.given:
-            tracker.update(one.detections, streams_mean(one, streams))
+            tracker.update(replace(one.detections, actions=streams_mean(one, streams)))
         people.append(tracker.people_with(clip.given_labels))
     return people
 
@@ -135,10 +136,10 @@ def recognition(clips: Sequence[Clip]) -> dict[str, ActionScores]:
     return scores
 
 
-def streams_mean(one: Observation, streams: Sequence[StreamName]) -> Any:
+def streams_mean(one: Observation, streams: Sequence[StreamName]) -> FloatArray:
     """``(N, A)`` mean probabilities of some streams, in the order of `STREAMS` in the observation."""
     assert one.actions is not None
-    return one.actions[[STREAMS.index(name) for name in streams]].mean(axis=0).astype(np.float64)
+    return averaged(one.actions[[STREAMS.index(name) for name in streams]])
 
 
 def people_row(scores: PeopleEvaluation) -> dict[str, float]:
