@@ -98,56 +98,73 @@ def beliefs_along(labels: IntArray, seen: Measurements, noise: MotionNoise) -> t
     ends[:-1] = change
     starts = np.ones(count, dtype=np.bool_)
     starts[1:] = change
-    past = _scattered(_filtered(starts, order, seen, noise, 1.0), order, 1.0)
-    future = _scattered(_filtered(ends[::-1], order[::-1], seen, noise, -1.0), order[::-1], -1.0)
-    return past, future
-
-
-def _scattered(beliefs: Beliefs, order: IntArray, direction: float) -> Beliefs:
-    """The beliefs in the order of the detections, with time running forwards."""
-    place, velocity, covariance = (
-        np.empty_like(part) for part in (beliefs.place, beliefs.velocity, beliefs.covariance)
+    both = np.concatenate([order, order[::-1]])
+    place, velocity, covariance = _filtered(np.concatenate([starts, ends[::-1]]), both, seen, noise)
+    past, future = slice(0, count), slice(count, 2 * count)
+    return (
+        _scattered(place[:, past], velocity[:, past], covariance[..., past], order, 1.0),
+        _scattered(place[:, future], velocity[:, future], covariance[..., future], order[::-1], -1.0),
     )
-    place[order], velocity[order], covariance[order] = beliefs.place, direction * beliefs.velocity, beliefs.covariance
-    covariance[:, :, 1] *= direction
-    return Beliefs(place, velocity, covariance)
 
 
-def _filtered(starts: BoolArray, order: IntArray, seen: Measurements, noise: MotionNoise, direction: float) -> Beliefs:
-    """The filter along chains that follow each other in ``order`` and begin where ``starts`` says."""
+def _scattered(
+    place: FloatArray, velocity: FloatArray, covariance: FloatArray, order: IntArray, direction: float
+) -> Beliefs:
+    """The beliefs in the order of the detections, with time running forwards."""
     count = len(order)
+    beliefs = Beliefs(np.empty((count, 4)), np.empty((count, 4)), np.empty((count, 3, 3)))
+    beliefs.place[order], beliefs.velocity[order] = place.T, direction * velocity.T
+    beliefs.covariance[order] = covariance.transpose(2, 1, 0)
+    beliefs.covariance[:, :, 1] *= direction
+    return beliefs
+
+
+def _filtered(
+    starts: BoolArray, order: IntArray, seen: Measurements, noise: MotionNoise
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The filter along chains that follow each other in ``order`` and begin where ``starts`` says.
+
+    The second half of ``order`` is filtered against the time. Blocks come last, so that they lie together in memory.
+
+    Returns:
+        ``(4, 2N)`` places, ``(4, 2N)`` velocities, ``(3, 3, 2N)`` covariances (a, b, c of each group).
+    """
+    count = len(order) // 2
     blocks = -(-count // BLOCK)
-    first = np.arange(blocks) * BLOCK - RUN_UP
-    r2, q2, v2 = (np.square(values) for values in (noise.measurement, noise.acceleration, noise.velocity))
+    at = np.arange(BLOCK + RUN_UP)[:, None] + np.tile(np.arange(blocks) * BLOCK - RUN_UP, 2)
+    offset = np.repeat([0, count], blocks)
+    inside, now = (at >= 0) & (at < count), at.clip(0, max(count - 1, 0)) + offset
+    fresh = starts[now] | (at <= 0)
+    fresh[0] = True
+    direction = np.repeat([1.0, -1.0], count)
     times, wander = direction * seen.times[order], direction * seen.wander[order]
-    measured, spread = seen.places[order], np.square(seen.noise[order])
-    result = Beliefs(np.zeros((count, 4)), np.zeros((count, 4)), np.zeros((count, 3, 3)))
-    x, v = np.zeros((blocks, 4)), np.zeros((blocks, 4))
-    a, b, c = np.zeros((blocks, 3)), np.zeros((blocks, 3)), np.zeros((blocks, 3))
-    before = np.zeros(blocks, dtype=np.int64)
+    tau = np.diff(times[now], axis=0, prepend=0.0)
+    camera = np.diff(wander[now], axis=0, prepend=0.0).clip(min=0)
+    r2, q2, v2 = (np.square(values)[:, None] for values in (noise.measurement, noise.acceleration, noise.velocity))
+    measured, spread = np.ascontiguousarray(seen.places[order].T), np.square(seen.noise[order])
+    place, velocity, covariance = np.zeros((4, 2 * count)), np.zeros((4, 2 * count)), np.zeros((3, 3, 2 * count))
+    x, v = np.zeros((4, 2 * blocks)), np.zeros((4, 2 * blocks))
+    a, b, c = np.zeros((3, 2 * blocks)), np.zeros((3, 2 * blocks)), np.zeros((3, 2 * blocks))
     for step in range(BLOCK + RUN_UP):
-        inside = (first + step >= 0) & (first + step < count)
-        now = (first + step).clip(0, count - 1)
-        fresh = (starts[now] | (step == 0) | (first + step <= 0))[:, None]
-        tau = (times[now] - times[before])[:, None]
-        camera = (wander[now] - wander[before]).clip(min=0)[:, None] * [1.0, 0.0, 0.0]
-        before = now
+        rows, t, new = now[step], tau[step], fresh[step]
         # Prediction.
-        x = x + v * tau
-        a = a + 2 * b * tau + c * tau**2 + q2 * tau**3 / 3 + camera
-        b = b + c * tau + q2 * tau**2 / 2
-        c = c + q2 * tau
+        x = x + v * t
+        a = a + 2 * b * t + c * t**2 + q2 * (t * t * t) / 3
+        a[0] += camera[step]
+        b = b + c * t + q2 * t**2 / 2
+        c = c + q2 * t
         # Update by the measurement.
-        r = r2 * spread[now][:, None]
+        r, z = r2 * spread[rows], measured[:, rows]
         gain_x, gain_v = a / (a + r), b / (a + r)
-        off = measured[now] - x
-        x = np.where(fresh, measured[now], x + gain_x[:, GROUPS] * off)
-        v = np.where(fresh, 0, v + gain_v[:, GROUPS] * off)
-        c = np.where(fresh, v2, c - gain_v * b)
-        b = np.where(fresh, 0, b - gain_x * b)
-        a = np.where(fresh, r, a - gain_x * a)
+        off = z - x
+        x = np.where(new, z, x + gain_x[GROUPS] * off)
+        v = np.where(new, 0, v + gain_v[GROUPS] * off)
+        c = np.where(new, v2, c - gain_v * b)
+        b = np.where(new, 0, b - gain_x * b)
+        a = np.where(new, r, a - gain_x * a)
         if step >= RUN_UP:
-            rows = now[inside]
-            result.place[rows], result.velocity[rows] = x[inside], v[inside]
-            result.covariance[rows] = np.stack([a, b, c], axis=2)[inside]
-    return result
+            kept = inside[step]
+            rows = rows[kept]
+            place[:, rows], velocity[:, rows] = x[:, kept], v[:, kept]
+            covariance[:, :, rows] = np.stack([a, b, c])[:, :, kept]
+    return place, velocity, covariance

@@ -19,7 +19,7 @@ from tsuiseki.tracking.association.action_refinement import window_means
 from tsuiseki.tracking.association.chain_motion import Beliefs, Measurements
 from tsuiseki.tracking.association.costs import TransitionCost, cosine_distances, inner_products, pair_features
 from tsuiseki.tracking.association.link_cost import LinkCost
-from tsuiseki.tracking.association.nearby import Pairs, centres, gaps, joined, near_pairs, sizes
+from tsuiseki.tracking.association.nearby import Pairs, Strips, centres, gaps, joined, sizes
 from tsuiseki.tracking.association.occlusion import hidden_between
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -105,10 +105,16 @@ class Links:
 def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost) -> Pairs:
     """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
     centre, side = centres(seen.boxes), sizes(seen.boxes).max(axis=1)
-    pairs = []
+    pairs: list[Pairs] = []
+    if len(tails) == 0 or len(heads) == 0:
+        return joined(pairs)
+    # In the order of their places, so that one search goes on where the last one ended.
+    tails = tails[np.lexsort((centre[tails, 0], seen.frames[tails]))]
+    furthest = float(cost.limits(side, longest / seen.frame_rate)[tails, 0].max())
+    strips = Strips.of(seen.frames, centre, tails, heads, furthest)
     for gap in range(shortest, longest + 1):
         reach = cost.limits(side, gap / seen.frame_rate)
-        i, j = near_pairs(seen.frames, centre, reach, gap, tails, heads)
+        i, j = strips.near(tails, reach, gap)
         alike = np.abs(seen.measured.places[j, 3] - seen.measured.places[i, 3]) < cost.size
         pairs.append((i[alike], j[alike]))
     return joined(pairs)

@@ -63,8 +63,9 @@ def fill_gaps(track: Track, settings: GapSettings) -> Track:
     [2.0, 0.0, 11.0, 9.0]
     """
     missing = np.diff(track.frames) - 1
-    wanted = np.flatnonzero(missing > 0)
-    wanted = wanted[[_is_supported(track, int(gap), settings) for gap in wanted]] if len(wanted) else wanted
+    wanted = np.flatnonzero((missing > 0) & (missing <= settings.longest))
+    if len(wanted) and min(settings.support, settings.mismatch) < np.inf:
+        wanted = wanted[[_is_supported(track, int(gap), settings) for gap in wanted]]
     if len(wanted) == 0:
         return track
     added = np.concatenate([np.arange(track.frames[gap] + 1, track.frames[gap + 1]) for gap in wanted])

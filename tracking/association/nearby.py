@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -27,20 +29,48 @@ def near_pairs(
     """
     if len(tails) == 0 or len(heads) == 0:
         return tails[:0], heads[:0]
-    x, furthest = centre[:, 0], float(reach[tails, 0].max())
-    left = min(float(x[tails].min()), float(x[heads].min()))
-    # One sorted key holds frame and x. A frame is wider than any strip, so no strip runs into the next frame.
-    width = max(float(x[tails].max()), float(x[heads].max())) - left + 2 * furthest + 1.0
-    ordered = heads[np.lexsort((x[heads], frames[heads]))]
-    origin = int(frames[heads].min())
-    key = (frames[ordered] - origin) * width + (x[ordered] - left)
-    target = (frames[tails] + gap - origin) * width + (x[tails] - left)
-    first = np.searchsorted(key, target - reach[tails, 0])
-    count = np.searchsorted(key, target + reach[tails, 0], side="right") - first
-    tail = np.repeat(tails, count)
-    head = ordered[np.arange(len(tail)) - np.repeat(np.cumsum(count) - count - first, count)]
-    near = np.abs(centre[head, 1] - centre[tail, 1]) <= reach[tail, 1]
-    return tail[near], head[near]
+    return Strips.of(frames, centre, tails, heads, float(reach[tails, 0].max())).near(tails, reach, gap)
+
+
+@dataclass(frozen=True)
+class Strips:
+    """Boxes in the order of frame and x, so that those near a place follow each other.
+
+    Attributes:
+        centre: ``(N, 2)`` of all boxes, pixels.
+        ordered: ``(H,)`` indices of the boxes that may be the later one.
+        key: ``(H,)`` increasing: frame and x in one number.
+        width: of a frame in it. A frame is wider than any strip, so no strip runs into the next frame.
+        frame: ``(N,)`` of all boxes, counted from the first one in the key.
+        x: ``(N,)`` of all boxes, counted from the leftmost one in the key.
+    """
+
+    centre: FloatArray
+    ordered: IntArray
+    key: FloatArray
+    width: float
+    frame: IntArray
+    x: FloatArray
+
+    @classmethod
+    def of(cls, frames: IntArray, centre: FloatArray, tails: IntArray, heads: IntArray, furthest: float) -> Strips:
+        """For boxes of which at least one may be the earlier, one the later, and no more than ``furthest`` in x."""
+        x = centre[:, 0]
+        left = min(float(x[tails].min()), float(x[heads].min()))
+        width = max(float(x[tails].max()), float(x[heads].max())) - left + 2 * furthest + 1.0
+        ordered = heads[np.lexsort((x[heads], frames[heads]))]
+        frame, place = frames - int(frames[heads].min()), x - left
+        return cls(centre, ordered, frame[ordered] * width + place[ordered], width, frame, place)
+
+    def near(self, tails: IntArray, reach: FloatArray, gap: int) -> Pairs:
+        """As `near_pairs`."""
+        target = (self.frame[tails] + gap) * self.width + self.x[tails]
+        first = np.searchsorted(self.key, target - reach[tails, 0])
+        count = np.searchsorted(self.key, target + reach[tails, 0], side="right") - first
+        tail = np.repeat(tails, count)
+        head = self.ordered[np.arange(len(tail)) - np.repeat(np.cumsum(count) - count - first, count)]
+        near = np.abs(self.centre[head, 1] - self.centre[tail, 1]) <= reach[tail, 1]
+        return tail[near], head[near]
 
 
 def centres(boxes: FloatArray) -> FloatArray:
