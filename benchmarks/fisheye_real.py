@@ -27,7 +27,7 @@ from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, Omn
 from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, PersonTable, build_table, stand
 from tsuiseki.tracking.cameras.pose import locate_over_floor, pose_at
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
+from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated, rotated_iou
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.features.networks import Appearance, Detector
@@ -222,7 +222,7 @@ def ten_frames(folder: Path, detector: Detector) -> None:
                 upright = found.select(found.scores >= 0.2)
             tracker.update(view.describe(image, view.locate(upright)))
         tracks = [t.track for t in tracker.tracks()]
-        scores = evaluate_people([SequencePair(truth.name, truth.labels, tracks, truth.length)]).combined
+        scores = evaluate_sequences([SequencePair(truth.name, truth.labels, tracks, truth.length)]).combined
         print(f"{folder.name}, {source} boxes: {len(tracks)} tracks of {len(set(truth.labels.ids.tolist()))} people, "
               f"{scores.id_switches} switches, MOTA {scores.mota:.3f}, IDF1 {scores.idf1:.3f}")  # fmt: skip
 

@@ -23,7 +23,7 @@ from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.network_flow import FlowGraph, add_arcs, solve
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.flow_input import FlowInput
-from tsuiseki.tracking.trackers.people import track_people
+from tsuiseki.tracking.trackers.people import run_tracker
 from tsuiseki.tracking.types import FloatArray
 
 Result = TypeVar("Result")
@@ -50,7 +50,7 @@ def main() -> None:
         _timed(best, "solve", lambda graph=graph: solve(graph))
         best["bare"] = min(best["bare"], _bare_solve(graph))
     memory = peak_memory()
-    tracks = _timed(best, "whole tracker", lambda: track_people(video, FlowTracker(settings, frame_rate=FRAME_RATE)))
+    tracks = _timed(best, "whole tracker", lambda: run_tracker(video, FlowTracker(settings, frame_rate=FRAME_RATE)))
     print(machine("numpy", "scipy", "ortools"))
     print(f"{len(video)} frames, {len(graph)} detections, {len(graph.tail)} transitions, {len(tracks)} tracks")
     for name, seconds in best.items():

@@ -12,7 +12,7 @@ from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.networks import Appearance
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_sequence
 from tsuiseki.tracking.trackers.flow import FlowTracker
-from tsuiseki.tracking.trackers.people import track_people
+from tsuiseki.tracking.trackers.people import run_tracker
 from tsuiseki.tracking.trackers.run import shifted
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.affinity import fit_affinity
@@ -37,7 +37,7 @@ def test_learnt_costs_reach_their_bars(data_folder: Path, tmp_path: Path, featur
         for k in range(FIRST, LAST + 1)
     ]
     tracker = FlowTracker(None, affinity, affinity.observation, frame_rate=sequence.frame_rate)
-    tracks = track_people(described, tracker)
+    tracks = run_tracker(described, tracker)
     truth = read_ground_truth(sequence.ground_truth_path).between(FIRST, LAST)
     scores = evaluate_sequence(truth, [shifted(track, FIRST) for track in tracks])
     assert scores.hota >= 0.58

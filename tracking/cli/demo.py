@@ -65,7 +65,7 @@ def demo(
             raise RequestError("`train`: expected --scene street; docs/drone.md has the commands for the drone")
         return demo_drone(output, frames, threads)
     from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
-    from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
+    from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.video import open_source
 
@@ -83,7 +83,7 @@ def demo(
         tracks, log = _track(run, source, models, threads)
         truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
         scores = {
-            name: evaluate_people([SequencePair(CLIP_FOLDER, truth, found, run.count)])
+            name: evaluate_sequences([SequencePair(CLIP_FOLDER, truth, found, run.count)])
             for name, found in tracks.items()
         }
         _write(run, _Demo(source, truth, tracks, log, scores, models, run.count))

@@ -42,7 +42,7 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     from tsuiseki.datamodules.scenes.drone.files import write_drone
     from tsuiseki.tracking.cli.track.drone_run import follow
     from tsuiseki.tracking.cli.track.finding import Finding
-    from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
+    from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.pipelines.drone_models import DroneModels, prices_of
     from tsuiseki.tracking.trackers.bridging import BridgingSettings
@@ -68,7 +68,7 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
             prices = prices_of(method, None, None, threads, scores_known=True, windows=settings.refinement.windows)
             cache = str(clip), run.work / "observations"
             results[name] = follow(run, source, models, method, settings, prices, cache)
-            scores[name] = evaluate_people([SequencePair(CLIP_FOLDER, truth, results[name].tracks, frames)])
+            scores[name] = evaluate_sequences([SequencePair(CLIP_FOLDER, truth, results[name].tracks, frames)])
         _write(run, _Demo(source, truth, results, scores, frames))
     if run.status == 0:
         _show(scores, output.out)

@@ -43,7 +43,7 @@ def people(
         plot: write a comparison plot to this file (PNG, SVG or PDF).
         overwrite: replace existing files.
     """
-    from tsuiseki.tracking.evaluation.multi import evaluate_people
+    from tsuiseki.tracking.evaluation.multi import evaluate_sequences
     from tsuiseki.tracking.evaluation.pairs import match_results
     from tsuiseki.tracking.evaluation.table import people_table, people_values, show
     from tsuiseki.tracking.evaluation.truths import read_truths
@@ -57,7 +57,9 @@ def people(
     _check_plot(plot)
     _check_size(size)
     truths = read_truths(truth, parse_frames(frames), protocol, size)
-    scores = {name: evaluate_people(match_results(truths, result)) for name, result in zip(shown, results, strict=True)}
+    scores = {
+        name: evaluate_sequences(match_results(truths, result)) for name, result in zip(shown, results, strict=True)
+    }
     show(people_table(scores))
     if json is not None:
         _write_json(json, people_values(scores), overwrite)

@@ -109,7 +109,7 @@ def evaluate_sequence(truth: GroundTruth, tracks: list[Track], length: int | Non
     return _summary(people_sums(SequencePair("sequence", truth, tracks, length)))
 
 
-def evaluate_people(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
+def evaluate_sequences(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
     """Scores of every sequence and of all together.
 
     Raises:

@@ -79,7 +79,7 @@ class DeformableSettings:
 
 
 @dataclass(frozen=True)
-class Target:
+class BodyTarget:
     """One body.
 
     Attributes:
@@ -137,7 +137,7 @@ class DeformableTracker:
         self.body, self.motion, self.extraction = body, motion, extraction
         self.settings = settings or DeformableSettings()
         self.rng = np.random.default_rng(seed)
-        self.targets: list[Target] = []
+        self.targets: list[BodyTarget] = []
         self._starts = starts
         self._columns = len(body.fields)
         self._records: dict[int, _Record] = {}
@@ -210,14 +210,14 @@ class DeformableTracker:
             number = len(self.targets) + 1
             self.targets.append(self._assessed(self._placed(number, state), edges, None))
 
-    def _placed(self, number: int, state: FloatArray) -> Target:
+    def _placed(self, number: int, state: FloatArray) -> BodyTarget:
         """A target whose particles all stand at one state, their motions drawn."""
         states = np.tile(state, (self.settings.particles, 1))
         particles = self._filter.init(self.motion.start(states, self.rng))
         mean = particles.particles.mean(axis=0)
-        return Target(number, particles, mean, mean)
+        return BodyTarget(number, particles, mean, mean)
 
-    def _step(self, target: Target, edges: EdgeImage, expected: dict[int, Points]) -> Target:
+    def _step(self, target: BodyTarget, edges: EdgeImage, expected: dict[int, Points]) -> BodyTarget:
         """One frame further."""
         others = [contour for number, contour in expected.items() if number != target.id]
         neighbours = near_mask(edges.size, expected[target.id], others, self.settings.margin)
@@ -228,7 +228,7 @@ class DeformableTracker:
             replace(target, particles=particles, estimate=estimate, before=target.estimate), edges, neighbours
         )
 
-    def _assessed(self, target: Target, edges: EdgeImage, neighbours: Mask | None) -> Target:
+    def _assessed(self, target: BodyTarget, edges: EdgeImage, neighbours: Mask | None) -> BodyTarget:
         """The target with its score and status."""
         distance, hidden = visible_distance(edges, self._contour(target)[None], neighbours)
         seen = edges.has_edges and distance <= self.settings.searching_beyond and hidden < MOSTLY
@@ -254,7 +254,7 @@ class DeformableTracker:
         contours = self.body.contour(moved)
         return {target.id: contour for target, contour in zip(self.targets, contours, strict=True)}
 
-    def _contour(self, target: Target) -> Points:
+    def _contour(self, target: BodyTarget) -> Points:
         """Contour ``(K, 2)`` of the estimate."""
         return np.asarray(self.body.contour(target.estimate[None, : self._columns])[0], dtype=np.float32)
 

@@ -11,7 +11,7 @@ from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 
 
-def track_people(detections: Iterable[DetectionsLike], tracker: PeopleTracker) -> list[Track]:
+def run_tracker(detections: Iterable[DetectionsLike], tracker: PeopleTracker) -> list[Track]:
     """The tracks of a whole video.
 
     Args:

@@ -11,8 +11,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import (
     PeopleScores,
     SequencePair,
-    evaluate_people,
     evaluate_sequence,
+    evaluate_sequences,
     restrict,
 )
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
@@ -156,7 +156,7 @@ REFERENCE = {
 @pytest.mark.integration
 def test_reference_values_of_a_published_result(data_folder: Path) -> None:
     folders = [data_folder / "mot" / name for name in ("TUD-Campus", "TUD-Stadtmitte")]
-    evaluation = evaluate_people(
+    evaluation = evaluate_sequences(
         SequencePair(f.name, read_ground_truth(f / "gt" / "gt.txt"), read_tracks(f / "cem-result" / "test.txt"))
         for f in folders
     )
@@ -177,6 +177,6 @@ def test_what_cannot_be_scored_is_refused() -> None:
     with pytest.raises(RequestError, match="id twice"):
         evaluate_sequence(truth, [person, walk(1, range(3), 50)], 10)
     with pytest.raises(RequestError, match="got none"):
-        evaluate_people([])
+        evaluate_sequences([])
     with pytest.raises(RequestError, match="twice"):
-        evaluate_people([SequencePair("a", truth, [person], 10)] * 2)
+        evaluate_sequences([SequencePair("a", truth, [person], 10)] * 2)

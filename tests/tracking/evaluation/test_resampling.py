@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_people
+from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.resampling import SCORES, paired_bootstrap, score_sums, scores_of
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -30,7 +30,7 @@ def pair(name: str, seed: int, noise: float) -> SequencePair:
 
 def test_scores_from_sums_are_the_evaluations() -> None:
     pairs = [pair("a", 0, 2.0), pair("b", 1, 6.0), pair("c", 2, 10.0)]
-    wanted = evaluate_people(pairs)
+    wanted = evaluate_sequences(pairs)
     sums = np.array([score_sums(one) for one in pairs])
     each, combined = scores_of(sums), scores_of(sums.sum(axis=0))
     for name in (*SCORES, "id_switches", "false_positives", "false_negatives", "labelled"):

@@ -10,7 +10,7 @@ import pytest
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings, matched
 from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings
-from tsuiseki.tracking.trackers.people import track_people
+from tsuiseki.tracking.trackers.people import run_tracker
 from tsuiseki.tracking.types import Detections
 
 HERE = [100.0, 100.0, 140.0, 200.0]
@@ -53,44 +53,44 @@ def test_a_matching_is_within_its_masks() -> None:
 
 def test_low_scores_carry_a_track_and_start_none() -> None:
     video = [frame((HERE, score), (moved(HERE, 300), LOW)) for score in (HIGH, HIGH, LOW, LOW, LOW, HIGH)]
-    (track,) = track_people(video, ByteTrack())
+    (track,) = run_tracker(video, ByteTrack())
     assert track.frames.tolist() == [0, 1, 2, 3, 4, 5]
     assert track.scores.tolist() == [HIGH, HIGH, LOW, LOW, LOW, HIGH]
 
 
 def test_below_the_lowest_score_is_clutter() -> None:
     video = [frame((HERE, score)) for score in (HIGH, HIGH, 0.05, HIGH)]
-    (track,) = track_people(video, ByteTrack())
+    (track,) = run_tracker(video, ByteTrack())
     assert track.frames.tolist() == [0, 1, 3]
 
 
 def test_a_sure_detection_goes_before_an_unsure_one_that_overlaps_more() -> None:
     near, exact = moved(HERE, 12), HERE
-    (track,) = track_people([frame((HERE, HIGH))] * 4 + [frame((near, HIGH), (exact, LOW))], ByteTrack())
+    (track,) = run_tracker([frame((HERE, HIGH))] * 4 + [frame((near, HIGH), (exact, LOW))], ByteTrack())
     assert track.scores[-1] == HIGH
-    (track,) = track_people([frame((HERE, HIGH))] * 4 + [frame((near, LOW), (exact, LOW))], ByteTrack())
+    (track,) = run_tracker([frame((HERE, HIGH))] * 4 + [frame((near, LOW), (exact, LOW))], ByteTrack())
     assert track.boxes[-1, 0] == pytest.approx(HERE[0], abs=1e-6)
 
 
 def test_an_unsure_detection_must_overlap_more() -> None:
     """At 20 of 40 pixels aside the overlap is a third: enough at a high score, not at a low one."""
     aside = moved(HERE, 20)
-    assert len(track_people([frame((HERE, HIGH))] * 4 + [frame((aside, HIGH))], ByteTrack())[0]) == 5
-    assert len(track_people([frame((HERE, HIGH))] * 4 + [frame((aside, LOW))], ByteTrack())[0]) == 4
+    assert len(run_tracker([frame((HERE, HIGH))] * 4 + [frame((aside, HIGH))], ByteTrack())[0]) == 5
+    assert len(run_tracker([frame((HERE, HIGH))] * 4 + [frame((aside, LOW))], ByteTrack())[0]) == 4
 
 
 def test_only_a_sure_detection_brings_a_lost_track_back() -> None:
     gone = [Detections.empty()] * 3
-    (track,) = track_people([frame((HERE, HIGH))] * 4 + gone + [frame((HERE, LOW))] * 2, ByteTrack())
+    (track,) = run_tracker([frame((HERE, HIGH))] * 4 + gone + [frame((HERE, LOW))] * 2, ByteTrack())
     assert len(track) == 4
-    (track,) = track_people([frame((HERE, HIGH))] * 4 + gone + [frame((HERE, HIGH))] * 2, ByteTrack())
+    (track,) = run_tracker([frame((HERE, HIGH))] * 4 + gone + [frame((HERE, HIGH))] * 2, ByteTrack())
     assert track.frames.tolist() == [0, 1, 2, 3, 7, 8]
 
 
 def test_a_track_starts_above_the_threshold_and_a_tenth_and_is_believed_the_second_time() -> None:
-    assert track_people([frame((HERE, 0.65))] * 5, ByteTrack()) == []
-    assert track_people([frame((HERE, HIGH))], ByteTrack()) == []
-    (track,) = track_people([frame((HERE, HIGH)), frame((HERE, 0.65))], ByteTrack())
+    assert run_tracker([frame((HERE, 0.65))] * 5, ByteTrack()) == []
+    assert run_tracker([frame((HERE, HIGH))], ByteTrack()) == []
+    (track,) = run_tracker([frame((HERE, HIGH)), frame((HERE, 0.65))], ByteTrack())
     assert len(track) == 2
 
 
@@ -98,12 +98,12 @@ def test_a_lost_track_is_kept_for_its_age() -> None:
     settings = ByteTrackSettings(lifecycle=LifecycleSettings(min_hits=2, max_age=5, start_score=0.7))
     for gap, tracks in ((5, 1), (6, 2)):
         video = [*[frame((HERE, HIGH))] * 3, *[Detections.empty()] * gap, *[frame((HERE, HIGH))] * 3]
-        assert len(track_people(video, ByteTrack(settings))) == tracks
+        assert len(run_tracker(video, ByteTrack(settings))) == tracks
 
 
 def test_what_nobody_scored_counts_as_sure() -> None:
     video = [frame((HERE, score)) for score in (HIGH, HIGH, np.nan)]
-    (track,) = track_people(video, ByteTrack())
+    (track,) = run_tracker(video, ByteTrack())
     assert track.scores.tolist() == [HIGH, HIGH, 0]
 
 

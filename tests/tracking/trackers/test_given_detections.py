@@ -12,7 +12,7 @@ from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.networks import Appearance
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_sequence
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.trackers.people import track_people
+from tsuiseki.tracking.trackers.people import run_tracker
 from tsuiseki.tracking.trackers.run import shifted
 from tsuiseki.tracking.weights import shipped
 
@@ -30,7 +30,7 @@ def test_default_costs_and_shipped_appearance_on_pets(data_folder: Path, chunk: 
         image = np.asarray(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB), dtype=np.uint8)
         described.append(detections.with_features(appearance.describe(image, detections.boxes)))
     tracker = FlowTracker(FlowSettings(chunk=chunk), frame_rate=sequence.frame_rate)
-    tracks = [shifted(t, FIRST) for t in track_people(described, tracker)]
+    tracks = [shifted(t, FIRST) for t in run_tracker(described, tracker)]
     scores = evaluate_sequence(read_ground_truth(sequence.ground_truth_path).between(FIRST, LAST), tracks)
     assert scores.hota >= 0.59
     assert scores.mota >= 0.84

@@ -8,7 +8,7 @@ import pytest
 from tsuiseki.tracking.filters.kalman import BoxMotion, Gaussians, predict, start_boxes, update
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.trackers.ocsort import History, OcSort, OcSortSettings, direction_costs, re_updated
-from tsuiseki.tracking.trackers.people import track_people
+from tsuiseki.tracking.trackers.people import run_tracker
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import Detections, FloatArray
 
@@ -146,10 +146,10 @@ def test_recovery_finds_who_stopped_while_hidden() -> None:
     walk = [frame(HERE + 8 * step * ACROSS) for step in range(10)]
     stop = frame(HERE + 72 * ACROSS)
     video = [*walk, *[Detections.empty()] * 9, *[stop] * 5]
-    (track,) = track_people(video, OcSort())
+    (track,) = run_tracker(video, OcSort())
     assert track.frames.tolist() == [*range(10), *range(19, 24)]
     patient = SortSettings(lifecycle=OcSortSettings().lifecycle)
-    assert len(track_people(video, Sort(patient))) == 2
+    assert len(run_tracker(video, Sort(patient))) == 2
 
 
 # The rest.
@@ -157,7 +157,7 @@ def test_recovery_finds_who_stopped_while_hidden() -> None:
 
 def test_low_scores_take_part_in_nothing() -> None:
     video = [frame(HERE)] * 5 + [frame(HERE, score=0.5)] * 3 + [frame(HERE)] * 2
-    (track,) = track_people(video, OcSort())
+    (track,) = run_tracker(video, OcSort())
     assert track.frames.tolist() == [0, 1, 2, 3, 4, 8, 9]
 
 

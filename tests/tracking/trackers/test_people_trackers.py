@@ -16,7 +16,7 @@ from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings
 from tsuiseki.tracking.trackers.ocsort import OcSort
-from tsuiseki.tracking.trackers.people import track_people
+from tsuiseki.tracking.trackers.people import run_tracker
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import Detections, Track
 
@@ -70,7 +70,7 @@ def owners(tracks: list[Track], truth: np.ndarray) -> list[set[int]]:
 @EACH
 def test_people_seen_in_every_frame_get_one_track_each(make: Callable[[], PeopleTracker]) -> None:
     video, truth = crowd(np.random.default_rng(0), 5, 30)
-    tracks = track_people(video, make())
+    tracks = run_tracker(video, make())
     assert [track.id for track in tracks] == [1, 2, 3, 4, 5]
     assert all(track.frames.tolist() == list(range(30)) for track in tracks)
     assert sorted(next(iter(people)) for people in owners(tracks, truth)) == [0, 1, 2, 3, 4]
@@ -80,14 +80,14 @@ def test_people_seen_in_every_frame_get_one_track_each(make: Callable[[], People
 @EACH
 def test_missed_and_false_detections_do_not_break_tracks(make: Callable[[], PeopleTracker]) -> None:
     video, truth = crowd(np.random.default_rng(1), 5, 60, miss=0.1, clutter=0.5)
-    tracks = [track for track in track_people(video, make()) if len(track) > 20]
+    tracks = [track for track in run_tracker(video, make()) if len(track) > 20]
     assert sorted(map(tuple, owners(tracks, truth))) == [(0,), (1,), (2,), (3,), (4,)]
 
 
 @EACH
 def test_detections_without_features_do(make: Callable[[], PeopleTracker]) -> None:
     video, truth = crowd(np.random.default_rng(2), 4, 25)
-    tracks = track_people((Detections(found.boxes, found.scores) for found in video), make())
+    tracks = run_tracker((Detections(found.boxes, found.scores) for found in video), make())
     assert sorted(map(tuple, owners(tracks, truth))) == [(0,), (1,), (2,), (3,)]
 
 
@@ -111,7 +111,7 @@ def test_the_input_is_never_written_to(make: Callable[[], PeopleTracker]) -> Non
         for array in (found.boxes, found.scores, found.features):
             assert array is not None
             array.setflags(write=False)
-    assert track_people(video, make())
+    assert run_tracker(video, make())
 
 
 @EACH
@@ -131,15 +131,15 @@ def test_asking_for_tracks_early_changes_nothing(make: Callable[[], PeopleTracke
 @EACH
 def test_no_frames_no_detections_one_frame(make: Callable[[], PeopleTracker]) -> None:
     assert make().tracks() == []
-    assert track_people([Detections.empty()] * 20, make()) == []
+    assert run_tracker([Detections.empty()] * 20, make()) == []
     video, _ = crowd(np.random.default_rng(6), 3, 1)
-    assert track_people(video, make()) == []
+    assert run_tracker(video, make()) == []
 
 
 @EACH
 def test_empty_frames_count_as_frames(make: Callable[[], PeopleTracker]) -> None:
     video, _ = crowd(np.random.default_rng(7), 2, 12)
-    tracks = track_people([Detections.empty()] * 5 + video, make())
+    tracks = run_tracker([Detections.empty()] * 5 + video, make())
     assert {track.frames[0] for track in tracks} == {5}
 
 
@@ -152,7 +152,7 @@ def test_unknown_features_are_no_obstacle(make: Callable[[], PeopleTracker]) -> 
         features = found.features.copy()
         features[frame % 3 :: 2] = np.nan
         patchy.append(found.with_features(features) if frame % 5 else Detections(found.boxes, found.scores))
-    assert sorted(map(tuple, owners(track_people(patchy, make()), truth))) == [(0,), (1,), (2,)]
+    assert sorted(map(tuple, owners(run_tracker(patchy, make()), truth))) == [(0,), (1,), (2,)]
 
 
 @pytest.mark.parametrize("make", [DeepSort, FlowTracker], ids=["deepsort", "flow"])
@@ -160,7 +160,7 @@ def test_features_of_changing_length_are_refused(make: Callable[[], PeopleTracke
     video, _ = crowd(np.random.default_rng(9), 2, 4)
     shorter = [found.with_features(np.ones((len(found), 3)) / np.sqrt(3)) for found in video]
     with pytest.raises(ValueError, match="features of"):
-        track_people([*video, *shorter], make())
+        run_tracker([*video, *shorter], make())
 
 
 def _apart_then_swapped() -> list[Detections]:
@@ -176,16 +176,16 @@ def _apart_then_swapped() -> list[Detections]:
 def test_what_no_detector_scored_counts_as_seen_with_score_0(make: Callable[[], PeopleTracker]) -> None:
     video, _ = crowd(np.random.default_rng(4), 3, 12)
     unscored = [replace(d, scores=np.full(len(d), np.nan)) if n == 8 else d for n, d in enumerate(video)]
-    tracks = track_people(unscored, make())
+    tracks = run_tracker(unscored, make())
     assert len(tracks) == 3
-    for track, scored in zip(tracks, track_people(video, make()), strict=True):
+    for track, scored in zip(tracks, run_tracker(video, make()), strict=True):
         np.testing.assert_array_equal(track.boxes, scored.boxes)
         np.testing.assert_array_equal(track.scores, np.where(track.frames == 8, 0, scored.scores))
 
 
 def test_sort_goes_by_place_and_deepsort_by_looks() -> None:
     video = _apart_then_swapped()
-    by_place, by_looks = track_people(video, Sort()), track_people(video, DeepSort())
+    by_place, by_looks = run_tracker(video, Sort()), run_tracker(video, DeepSort())
     assert [len(track) for track in by_place] == [len(track) for track in by_looks] == [16, 16]
     assert abs(by_place[0].boxes[-1, 0] - by_place[0].boxes[0, 0]) < 5
     assert abs(by_looks[0].boxes[-1, 0] - by_looks[0].boxes[0, 0]) > 20
@@ -195,31 +195,31 @@ def test_deepsort_gates_are_separate() -> None:
     """Where looks are barred by their gate position decides, and with both barred nobody is followed."""
     video, _ = crowd(np.random.default_rng(32), 2, 12)
     turning = [found.with_features(np.tile([np.sin(k), np.cos(k)], (len(found), 1))) for k, found in enumerate(video)]
-    assert len(track_people(turning, DeepSort(DeepSortSettings(feature_gate=0.01)))) == 2
-    assert track_people(turning, DeepSort(DeepSortSettings(feature_gate=0.01, position_gate=0.0))) == []
+    assert len(run_tracker(turning, DeepSort(DeepSortSettings(feature_gate=0.01)))) == 2
+    assert run_tracker(turning, DeepSort(DeepSortSettings(feature_gate=0.01, position_gate=0.0))) == []
 
 
 def test_sort_lifecycle() -> None:
     box = np.array([[0, 0, 30, 80.0]])
     seen, blank = Detections(box, np.array([0.9])), Detections.empty()
     settings = SortSettings(lifecycle=LifecycleSettings(min_hits=3, max_age=2))
-    frames = [track.frames.tolist() for track in track_people([seen] * 3 + [blank] * 2 + [seen] * 3, Sort(settings))]
+    frames = [track.frames.tolist() for track in run_tracker([seen] * 3 + [blank] * 2 + [seen] * 3, Sort(settings))]
     assert frames == [[0, 1, 2, 5, 6, 7]]
-    frames = [track.frames.tolist() for track in track_people([seen] * 3 + [blank] * 3 + [seen] * 3, Sort(settings))]
+    frames = [track.frames.tolist() for track in run_tracker([seen] * 3 + [blank] * 3 + [seen] * 3, Sort(settings))]
     assert frames == [[0, 1, 2], [6, 7, 8]]
-    assert track_people([seen, seen, blank] * 4, Sort(settings)) == []
+    assert run_tracker([seen, seen, blank] * 4, Sort(settings)) == []
     weak = Detections(box, np.array([0.4]))
-    assert track_people([weak] * 9, Sort(settings)) == []
-    assert len(track_people([seen, *[weak] * 8], Sort(settings))[0]) == 9
+    assert run_tracker([weak] * 9, Sort(settings)) == []
+    assert len(run_tracker([seen, *[weak] * 8], Sort(settings))[0]) == 9
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_sliding_flow_is_the_flow(seed: int) -> None:
     video, _ = crowd(np.random.default_rng(20 + seed), 6, 150, miss=0.2, clutter=0.5, noise=2.0)
-    whole = track_people(video, FlowTracker(FlowSettings(chunk=None)))
+    whole = run_tracker(video, FlowTracker(FlowSettings(chunk=None)))
     assert whole
     sliding = FlowTracker(FlowSettings(chunk=0.5 + seed))
-    for a, b in zip(whole, track_people(video, sliding), strict=True):
+    for a, b in zip(whole, run_tracker(video, sliding), strict=True):
         np.testing.assert_array_equal(a.frames, b.frames)
         np.testing.assert_allclose(a.boxes, b.boxes)
     assert sliding.exact
@@ -228,13 +228,13 @@ def test_sliding_flow_is_the_flow(seed: int) -> None:
 def test_flow_fills_gaps_and_says_so() -> None:
     video, _ = crowd(np.random.default_rng(30), 3, 40, noise=0.5)
     video[15:19] = [Detections.empty()] * 4
-    tracks = track_people(video, FlowTracker())
+    tracks = run_tracker(video, FlowTracker())
     assert len(tracks) == 3
     for track in tracks:
         assert track.frames.tolist() == list(range(40))
         assert np.flatnonzero(~track.observed).tolist() == [15, 16, 17, 18]
     plain = FlowSettings(fill=0.0, smoothing=None)
-    for track, person in zip(track_people(video, FlowTracker(plain)), range(3), strict=True):
+    for track, person in zip(run_tracker(video, FlowTracker(plain)), range(3), strict=True):
         assert track.frames.tolist() == [*range(15), *range(19, 40)]
         assert track.observed.all()
         assert any((track.boxes[0] == box).all() for box in video[0].boxes), person
@@ -245,13 +245,13 @@ def test_flow_needs_no_scale_of_scores(score: float) -> None:
     boxes = np.array([[0.0, 0, 30, 80], [200, 0, 230, 80]])
     moves = np.array([[2.0, 0, 2, 0], [-1, 0, -1, 0]])
     video = [Detections(boxes + frame * moves, np.full(2, score)) for frame in range(60)]
-    assert [len(track) for track in track_people(video, FlowTracker())] == [60, 60]
+    assert [len(track) for track in run_tracker(video, FlowTracker())] == [60, 60]
 
 
 def test_flow_leaves_doubled_boxes_out() -> None:
     boxes = np.array([[0.0, 0, 30, 80], [0.1, 0, 30.1, 80], [200, 0, 230, 80]])
     tracker = FlowTracker()
-    tracks = track_people([Detections(boxes, np.array([0.9, 0.8, 0.9]))] * 30, tracker)
+    tracks = run_tracker([Detections(boxes, np.array([0.9, 0.8, 0.9]))] * 30, tracker)
     np.testing.assert_allclose([track.boxes[0, 0] for track in tracks], [0, 200], atol=1e-9)
     assert tracker.duplicates == 30
 
@@ -263,7 +263,7 @@ def test_flow_follows_a_camera_by_its_boxes() -> None:
     for frame in range(40):
         corner = place + np.array([50 * np.sin(1.5 * frame), 0])
         video.append(Detections(np.concatenate([corner, corner + np.array([30, 80])], axis=1), np.full(6, 0.9)))
-    tracks = track_people(video, FlowTracker())
+    tracks = run_tracker(video, FlowTracker())
     assert [len(track) for track in tracks] == [40] * 6
     for track in tracks:
         np.testing.assert_allclose(track.boxes[:, 2] - track.boxes[:, 0], 30, atol=1e-6)
@@ -272,7 +272,7 @@ def test_flow_follows_a_camera_by_its_boxes() -> None:
 def test_flow_prices_by_what_it_is_given() -> None:
     """Learnt prices under which no detection is worth anything leave no track."""
     video, _ = crowd(np.random.default_rng(31), 3, 20)
-    assert track_people(video, FlowTracker(observation=ObservationCost(alpha=9.0, beta=0.0))) == []
+    assert run_tracker(video, FlowTracker(observation=ObservationCost(alpha=9.0, beta=0.0))) == []
 
 
 @pytest.mark.parametrize("wrong", [{"chunk": 0}, {"fill": -1.0}, {"longest": 1.0}])

@@ -26,7 +26,7 @@ from tsuiseki.tracking.likelihoods.response import ResponseMaps
 from tsuiseki.tracking.trackers.single import regularised
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.trackers.single.particles import random_walk
-from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, Target
+from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, RegularisedTarget
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 
@@ -78,11 +78,11 @@ class Evidence:
     peaks: tuple[float, ...] = ()
     colours: tuple[float, ...] = ()
 
-    def add(self, target: Target, memory: int) -> Evidence:
+    def add(self, target: RegularisedTarget, memory: int) -> Evidence:
         """With one more frame."""
         return Evidence((*self.peaks, target.peak)[-memory:], (*self.colours, target.colour_score)[-memory:])
 
-    def shares(self, target: Target) -> tuple[float, float]:
+    def shares(self, target: RegularisedTarget) -> tuple[float, float]:
         """Response and colour score of ``target`` over their medians; 1 until five frames are known."""
         if len(self.peaks) < 5:
             return 1.0, 1.0
@@ -135,20 +135,20 @@ class Combined:
             self._go_on(image, found)
         return TargetState(self._model.box(self.target.centre, self.target.size), self.target.peak, self._status())
 
-    def _doubts(self, found: Target) -> bool:
+    def _doubts(self, found: RegularisedTarget) -> bool:
         response, colours = self._evidence.shares(found)
         if self.doubted:
             return response < self.settings.sure
         return response < self.settings.doubt and colours < self.settings.colour_doubt
 
-    def _go_on(self, image: ImageArray, found: Target) -> None:
+    def _go_on(self, image: ImageArray, found: RegularisedTarget) -> None:
         self.target = regularised.update(self._model, found, image)
         self._evidence = self._evidence.add(found, self.settings.memory)
         self.doubted, self._challenge = 0, None
         if self._frame % self.settings.store_interval == 0:
             self._store()
 
-    def _go_on_in_doubt(self, image: ImageArray, found: Target) -> None:
+    def _go_on_in_doubt(self, image: ImageArray, found: RegularisedTarget) -> None:
         if not self.doubted:
             self._store()  # the last filter from before the doubt
         self.doubted += 1

@@ -159,7 +159,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Target:
+class RegularisedTarget:
     """Where the target is, and what is known of it.
 
     Attributes:
@@ -181,17 +181,17 @@ class Target:
     colour_score: float = 1.0
 
 
-def start(model: Model, image: ImageArray, centre: FloatArray) -> Target:
+def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTarget:
     """The target of the first frame."""
     patch = model.patch(image, centre, 1.0)
     width, height = model.target / model.scale
     filters = learn(model.describe(patch), model.wanted, model.support, None, model.settings.learning)
     sizes = ScaleFilter.learn(_size_sample(model, image, centre, 1.0)) if model.settings.sizes > 1 else None
-    return Target(centre, 1.0, filters, PixelColour.learn(patch, float(width), float(height)), sizes)
+    return RegularisedTarget(centre, 1.0, filters, PixelColour.learn(patch, float(width), float(height)), sizes)
 
 
 def responses(
-    model: Model, target: Target, image: ImageArray, bank: ComplexArray | None = None
+    model: Model, target: RegularisedTarget, image: ImageArray, bank: ComplexArray | None = None
 ) -> tuple[Float32Array, Float32Array]:
     """Responses of places about ``target.centre`` over cyclic shifts.
 
@@ -211,7 +211,7 @@ def responses(
     return np.asarray((1 - share) * found + share * colours), colours
 
 
-def locate(model: Model, target: Target, image: ImageArray) -> Target:
+def locate(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
     """The target in the next frame, without learning from it."""
     response, colours = responses(model, target, image)
     shift, value = peak(response)
@@ -222,7 +222,7 @@ def locate(model: Model, target: Target, image: ImageArray) -> Target:
     return resize(model, moved, image)
 
 
-def resize(model: Model, target: Target, image: ImageArray) -> Target:
+def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
     """The target at the size that fits best at its place."""
     settings = model.settings
     if target.sizes is None:
@@ -237,7 +237,7 @@ def resize(model: Model, target: Target, image: ImageArray) -> Target:
     return replace(target, size=float(np.clip(target.size * factor, settings.smallest, settings.largest)))
 
 
-def update(model: Model, target: Target, image: ImageArray, rate: float = 1.0) -> Target:
+def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: float = 1.0) -> RegularisedTarget:
     """The target after learning from where it is, at ``rate`` in (0, 1] of the usual speed."""
     settings = model.settings
     patch = model.patch(image, target.centre, target.size)

@@ -13,7 +13,7 @@ from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.evaluation.action import ActionScores, evaluate_actions
 from tsuiseki.tracking.evaluation.action_pairs import action_rows, join_action_rows
-from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_people
+from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
 from tsuiseki.tracking.pipelines.observations import Observation
@@ -91,7 +91,7 @@ def _deepsort(clip: Clip) -> list[Track]:
 
 def people_scores(clips: Sequence[Clip], people: Sequence[Sequence[ActingTrack]]) -> PeopleEvaluation:
     """Scores of the tracks of all clips."""
-    return evaluate_people(
+    return evaluate_sequences(
         SequencePair(clip.folder.name, clip.truth, [person.track for person in found], len(clip.seen))
         for clip, found in zip(clips, people, strict=True)
     )

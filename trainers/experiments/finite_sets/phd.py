@@ -13,7 +13,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_sequence
 from tsuiseki.tracking.trackers.base import PeopleTracker
-from tsuiseki.tracking.trackers.people import track_people
+from tsuiseki.tracking.trackers.people import run_tracker
 from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
 from tsuiseki.tracking.trackers.sort import Sort
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
@@ -73,7 +73,7 @@ def real_rows(folder: Path, seed: int = 0) -> dict[str, PeopleScores]:
         "labelled multi-Bernoulli": PointTracker(PointSettings(method="labelled"), extent, seed),
     }
     return {
-        name: evaluate_sequence(truth, track_people(detections, tracker), sequence.length)
+        name: evaluate_sequence(truth, run_tracker(detections, tracker), sequence.length)
         for name, tracker in trackers.items()
     }
 

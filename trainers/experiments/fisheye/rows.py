@@ -12,7 +12,7 @@ import numpy as np
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.association.pairwise_flow import PairwiseCosts, pairwise_tracks
 from tsuiseki.tracking.association.rows import rows_of
-from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_people
+from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_sequences
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.fisheye import (
@@ -25,7 +25,7 @@ from tsuiseki.tracking.trackers.fisheye import (
 )
 from tsuiseki.tracking.trackers.flow import long_tracks
 from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings
-from tsuiseki.tracking.trackers.people import track_people
+from tsuiseki.tracking.trackers.people import run_tracker
 from tsuiseki.tracking.trackers.sort import Sort, SortSettings
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import FloorTrack
@@ -80,7 +80,7 @@ def _lifecycle(rate: float) -> LifecycleSettings:
 
 def _sort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
     tracker = Sort(SortSettings(min_iou=choice["min_iou"], lifecycle=_lifecycle(rate)))
-    return _with_places(track_people((f.detections for f in found), tracker), found)
+    return _with_places(run_tracker((f.detections for f in found), tracker), found)
 
 
 def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
@@ -91,7 +91,7 @@ def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> 
         memory=0.7,
         lifecycle=_lifecycle(rate),
     )
-    return _with_places(track_people((f.detections for f in found), DeepSort(settings)), found)
+    return _with_places(run_tracker((f.detections for f in found), DeepSort(settings)), found)
 
 
 def _image_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
@@ -178,7 +178,7 @@ def pair_of(name: str, observed: Observed, tracks: Sequence[FloorTrack], where: 
 
 def score(pairs: Sequence[SequencePair]) -> PeopleScores:
     """Scores over all sequences together."""
-    return evaluate_people(pairs).combined
+    return evaluate_sequences(pairs).combined
 
 
 def select(row: Row, validation: Sequence[Observed], least_score: float) -> tuple[Choice, float]:
