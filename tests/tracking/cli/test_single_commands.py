@@ -64,7 +64,7 @@ def test_a_box_without_labels(labelled, tmp_path):
         (["--box", "20,20,9,9", "--method", "kcf", "--past", "score"], "--past: expected with --method kcf-particle"),
         (
             ["--box", "20,20,9,9", "--method", "csk", "--scale", "true"],
-            "--scale: expected with --method kcf-particle or kcf",
+            "--scale: expected with --method combined, regularised, kcf-particle or kcf",
         ),
         (["--box", "20,20,9,9", "--preset", "paper"], "--preset paper: expected with --method kcf only"),
         (["--select"], "--select: expected a display"),
@@ -145,7 +145,7 @@ def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tm
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--parts", "sweep"], "--parts: expected some of sweeps, comparison"),
+        (["--parts", "sweep"], "--parts: expected some of unseen, sweeps, comparison"),
         (["--seeds", "0"], "--seeds: expected at least 1"),
         (["--data", "nowhere"], "expected a folder of sequences or a label file at nowhere"),
     ],
@@ -165,5 +165,15 @@ def test_objectness_is_learnt_from_folders_and_needs_enough_boxes(labelled, tmp_
     assert main([*words, "--data", ",".join([str(labelled)] * 4), "--test", str(labelled), "--plot", "r.txt"]) == 2
     assert main([*words, "--data", ",".join([str(labelled)] * 4), "--test", str(labelled)]) == 0
     assert "windows  boxes found" in capsys.readouterr().out
-    track = ["track", "single", str(labelled), "--objectness", str(tmp_path / "m.json"), "--preset", "thesis"]
+    track = [
+        "track",
+        "single",
+        str(labelled),
+        "--objectness",
+        str(tmp_path / "m.json"),
+        "--preset",
+        "thesis",
+        "--method",
+        "kcf-particle",
+    ]
     assert main([*track, "--out", str(tmp_path / "o")]) == 0

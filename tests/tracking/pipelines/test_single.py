@@ -36,7 +36,7 @@ def truth(count: int = 10) -> np.ndarray:
     return BOX + np.arange(count)[:, None] * np.array([2, 0, 2, 0])
 
 
-@pytest.mark.parametrize("method", ["kcf-particle", "kcf", make_tracker("csk")])
+@pytest.mark.parametrize("method", ["combined", "kcf-particle", "kcf", make_tracker("csk")])
 def test_every_frame_is_answered(folder: Path, method: Any) -> None:
     seen = list(follow(folder, BOX.tolist(), method))
     assert [frame.index for frame, _ in seen] == list(range(10))
@@ -62,7 +62,7 @@ def test_frames_come_as_they_are_asked_for(folder: Path) -> None:
     [
         ({"box": None}, "expected the `box` of the target"),
         ({"box": (1, 2, 3)}, "four numbers x1, y1, x2, y2, got shape"),
-        ({"method": "magic"}, "expected the method kcf-particle"),
+        ({"method": "magic"}, "expected the method combined"),
         ({"preset": "paper"}, "paper with the method kcf"),
         ({"frames": "90-99"}, "expected frames within 1-10"),
         ({"box": (10, 10, 5, 5)}, "positive width and height"),

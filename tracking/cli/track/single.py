@@ -30,7 +30,7 @@ def single(
     output: SeededOutput,
     box: str | None = None,
     select: bool = False,
-    method: SingleMethod = "kcf-particle",
+    method: SingleMethod = "combined",
     preset: Preset = "robust",
     scale: bool | None = None,
     past: Past | None = None,
@@ -46,14 +46,14 @@ def single(
     Args:
         box: the target in the first frame, X,Y,W,H in pixels counted from 0; a labelled sequence folder has its own.
         select: draw the box with the mouse; needs a display.
-        method: how to follow. kcf-particle is a correlation filter that particles help when the target is hidden or
-            changes; kcf is the filter alone, and faster; the others are simpler and are
-            there to compare with.
-        preset: constants of kcf and kcf-particle. robust suits most videos; thesis and paper (kcf only) are the
-            published ones.
-        scale: whether kcf and kcf-particle also look for other sizes; by default as the preset says.
+        method: how to follow. combined is a correlation filter with colours and sizes that particles help when the
+            target is hidden; regularised is that filter alone; kcf is a plain filter, and faster; kcf-particle joins
+            kcf and particles as the thesis does; the others are simpler and are there to compare with.
+        preset: constants of kcf and kcf-particle. robust is ours; thesis and paper (kcf only) are the published ones.
+        scale: whether combined, regularised, kcf and kcf-particle also look for other sizes; by default the first two
+            do, and the others as the preset says.
         past: how kcf-particle draws filters of the past, all alike or by their score; by default as the preset says.
-        redetect: once the target is lost, kcf-particle searches a wider area, which takes longer.
+        redetect: combined and kcf-particle search a wider area for a lost target, which takes longer.
         objectness: model for kcf-particle from `tsuiseki train objectness`; by default the shipped one.
         plot: also plot the scores, peaks.png.
     """
@@ -120,11 +120,14 @@ def _tracker(
     from dataclasses import asdict, replace
 
     from tsuiseki.tracking.features.objectness import read_objectness
+    from tsuiseki.tracking.trackers.single.combined import Combined
     from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
     from tsuiseki.tracking.trackers.single.methods import make_tracker
 
     if preset == "paper" and method != "kcf":
         raise RequestError(f"`preset` paper: expected with --method kcf only, got --method {method}")
+    if preset == "thesis" and method not in ("kcf", "kcf-particle"):
+        raise RequestError(f"`preset` thesis: expected with --method kcf-particle or kcf, got --method {method}")
     tracker = make_tracker(method, preset, scale, seed)
     if isinstance(tracker, KcfParticle):
         settings = tracker.settings
@@ -134,11 +137,14 @@ def _tracker(
             settings = replace(settings, redetect_reach=3)
         model = read_objectness(objectness) if objectness is not None else None
         return KcfParticle(settings, seed, model), asdict(settings)
+    if isinstance(tracker, Combined) and redetect:
+        tracker, redetect = Combined(replace(tracker.settings, reach=3), seed), False
     for name, value in (("past", past), ("redetect", redetect or None), ("objectness", objectness)):
         if value is not None:
             raise RequestError(f"`{name}`: expected with --method kcf-particle only, got --method {method}")
-    if scale is not None and method != "kcf":
-        raise RequestError(f"`scale`: expected with --method kcf-particle or kcf only, got --method {method}")
+    if scale is not None and method not in ("combined", "regularised", "kcf"):
+        sized = "combined, regularised, kcf-particle or kcf"
+        raise RequestError(f"`scale`: expected with --method {sized}, got --method {method}")
     own = getattr(tracker, "settings", None)
     return tracker, asdict(own) if own is not None else {}
 
