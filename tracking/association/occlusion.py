@@ -54,11 +54,11 @@ def hidden_between(
     middle = (frames[tails] + frames[heads]) // 2
     share = ((middle - frames[tails]) / gap)[:, None]
     box = boxes[tails] * (1 - share) + boxes[heads] * share
-    area = sizes(box).prod(axis=1)
+    area = _area(sizes(box))
     lost = _hidden_area(box, middle, frames, boxes)
     if size is not None:
         inside = np.minimum(box[:, 2:], size) - np.maximum(box[:, :2], 0)
-        lost += area - inside.clip(min=0).prod(axis=1)
+        lost += area - _area(inside.clip(min=0))
     hidden[asked] = np.minimum(lost / area, 1)
     return hidden
 
@@ -97,4 +97,9 @@ def _overlaps(boxes: FloatArray, i: IntArray, others: FloatArray, j: IntArray) -
     nearer = (others[j, 3] > boxes[i, 3]) & (others[j, 2] > boxes[i, 0]) & (others[j, 0] < boxes[i, 2])
     i, j = i[nearer], j[nearer]
     corner = np.minimum(boxes[i, 2:], others[j, 2:]) - np.maximum(boxes[i, :2], others[j, :2])
-    return np.bincount(i, corner.clip(min=0).prod(axis=1), len(boxes)).astype(np.float64)
+    return np.bincount(i, _area(corner.clip(min=0)), len(boxes)).astype(np.float64)
+
+
+def _area(size: FloatArray) -> FloatArray:
+    """``(N,)`` products of ``(N, 2)`` widths and heights; a product along so short an axis is slow."""
+    return np.asarray(size[:, 0] * size[:, 1])
