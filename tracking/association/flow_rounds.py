@@ -129,12 +129,12 @@ def priced(
     cost: LinkCost,
     dearest: float,
     transition: TransitionCost | None = None,
-    looks: tuple[FloatArray, FloatArray] | None = None,
+    means: tuple[FloatArray, FloatArray] | None = None,
     hidden: FloatArray | None = None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Which links cost no more than ``dearest``, what they cost, and how much of the person is hidden in between.
 
-    Learnt costs of pairs, where there are any, speak in place of the appearance. ``looks`` are the mean features of the
+    Learnt costs of pairs, where there are any, speak in place of the appearance. ``means`` are the mean features of the
     past and of the future of each detection along its track; without them single detections are compared.
 
     Returns:
@@ -146,12 +146,12 @@ def priced(
     wander = seen.measured.wander[j] - seen.measured.wander[i]
     total = cost.mismatch(past, future, i, j, seconds, wander)
     distance = (
-        cosine_distances(seen.features, i, j) if looks is None else np.clip(1 - inner_products(*looks, i, j), 0, 2)
+        cosine_distances(seen.features, i, j) if means is None else np.clip(1 - inner_products(*means, i, j), 0, 2)
     )
     gap = seen.frames[j] - seen.frames[i]
     # Learnt costs are right about the gaps that they were learnt on.
     learnt = np.zeros(len(i), np.bool_) if transition is None else gap <= getattr(transition, "window", np.inf)
-    total += np.where(learnt, 0, cost.looks(distance, averaged=looks is not None))
+    total += np.where(learnt, 0, cost.appearance_cost(distance, averaged=means is not None))
     if transition is not None:
         pairs = pair_features(seen.boxes, seen.features, i[learnt], j[learnt], gap[learnt])
         total[learnt] += cost.learnt(transition(replace(pairs, appearance=distance[learnt])))
@@ -224,7 +224,7 @@ def repriced(
         free: ``(N,)`` detections that are not decided yet.
         transition: learnt costs of pairs.
     """
-    looks = None if seen.features is None else mean_features(seen, labels, seen.features, settings.averaged)
+    means = None if seen.features is None else mean_features(seen, labels, seen.features, settings.averaged)
     tails, heads = near_ends(seen, labels, settings.ends)
     tails, heads = tails[free[tails]], heads[free[heads]]
     more = candidates(seen, tails, heads, 1, gaps(settings.window, seen.frame_rate), cost)
@@ -235,7 +235,7 @@ def repriced(
     place = np.searchsorted(key, old)
     before[place], hidden[place] = np.arange(len(old)), links.hidden
     i, j = np.divmod(key, max(len(seen), 1))
-    kept, new, hidden = priced(seen, i, j, past, future, cost, settings.dearest, transition, looks=looks, hidden=hidden)
+    kept, new, hidden = priced(seen, i, j, past, future, cost, settings.dearest, transition, means=means, hidden=hidden)
     before = before[kept]
     again = before >= 0
     before = before[again]

@@ -117,7 +117,9 @@ def join_costs(
     if appearance is not None:
         distance = cosine_distances(appearance, ends.track[i], ends.track[j])
         cost = np.where(
-            np.isnan(distance) & (seconds > settings.window), np.inf, cost + link.looks(distance, averaged=True)
+            np.isnan(distance) & (seconds > settings.window),
+            np.inf,
+            cost + link.appearance_cost(distance, averaged=True),
         )
     return ends.track[i], ends.track[j], cost
 

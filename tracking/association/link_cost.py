@@ -66,7 +66,7 @@ class LinkCost:
         """``(P,)`` what the time between two detections costs in which the person was not detected."""
         return np.asarray(self.miss * (seconds - one_frame) * (1 - self.covering * hidden))
 
-    def looks(self, distance: FloatArray, *, averaged: bool) -> FloatArray:
+    def appearance_cost(self, distance: FloatArray, *, averaged: bool) -> FloatArray:
         """``(P,)`` what cosine distances of single, or of averaged features say; NaN where one is not known."""
         weight, neutral = self.appearance[averaged], self.neutral[averaged]
         return np.asarray(weight * np.nan_to_num(distance - neutral))

@@ -1,7 +1,7 @@
 """Pairs of detections whose action features change from flow to flow, and what they cost (thesis eq. 2.14 and 5.2).
 
-Which pairs are plausible, and how they differ in place, size and looks, is computed once. What their actions say is
-computed for every flow, and only where it has changed is a pair priced again.
+Which pairs are plausible, and how they differ in place, size and appearance, is computed once. What their actions say
+is computed for every flow, and only where it has changed is a pair priced again.
 """
 
 from __future__ import annotations

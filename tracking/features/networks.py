@@ -29,7 +29,7 @@ class Detect(Protocol):
 
 
 class Describe(Protocol):
-    """Describes the looks of people in an image."""
+    """Gives the appearance features of people in an image."""
 
     def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N, D)`` unit-length features of ``(N, 4)`` boxes."""

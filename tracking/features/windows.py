@@ -1,4 +1,7 @@
-"""Search windows: cut from an image at a fixed template size, described, and transformed for correlation filters."""
+"""Search windows of correlation filters.
+
+A window is cut from the image at a fixed template size, its features are computed, and they are Fourier transformed.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,9 @@ _SMALLEST_GRID = 4  # cells; fewer leave no room for a shift
 def cut(image: ImageArray, centres: FloatArray, scales: FloatArray, width: int, height: int) -> ImageArray:
     """``(B, height, width[, C])`` patches around places; outside the image the border pixels repeat.
 
-    From scale 2 on, where pixels would be left out and thin structures alias, a patch pixel is the mean of the pixels
-    that it covers; from scale 4 on the neighbourhood is first halved by 2 x 2 means, so that the cost stays bounded.
+    Below scale 2 the patch is sampled bilinearly. From scale 2 on, it would skip pixels and alias thin structures:
+    each patch pixel is the mean of the pixels that it covers. From scale 4 on the neighbourhood is first halved by
+    2 x 2 means, which bounds the cost.
 
     Args:
         image: ``(H, W[, C])`` uint8.
@@ -34,7 +38,7 @@ def cut(image: ImageArray, centres: FloatArray, scales: FloatArray, width: int, 
         width: of a patch.
         height: of a patch.
     """
-    # A window outside the image shows its border wherever it stands: without bounds its margin would fill the memory.
+    # A window far outside the image shows only its border. The clip bounds the size of the margin.
     reach = np.asarray(scales)[:, None] * np.array([width, height]) / 2 + 1
     centres = np.clip(centres, -reach, np.array([image.shape[1], image.shape[0]]) + reach)
     halvings = max(0, int(np.floor(np.log2(np.max(scales)))) - 1)
@@ -177,8 +181,8 @@ def window_shape(
 ) -> WindowShape:
     """The window of a target of ``width`` x ``height`` pixels.
 
-    The window is ``padding`` times the target; its longer side becomes ``longest`` template pixels whatever the size of
-    the target, so that the cost does not grow with it. Both sides are a whole even number of cells.
+    The window is ``padding`` times the target. Its longer side is ``longest`` template pixels for every target,
+    which keeps the cost constant. Both sides are an even number of cells.
     """
     scale = padding * max(width, height) / longest
     rows, columns = (max(_SMALLEST_GRID, 2 * round(padding * side / (2 * cell * scale))) for side in (height, width))

@@ -1,4 +1,4 @@
-"""What a ceiling camera's frame says of the people in it before any tracking: boxes, rotated boxes, places, looks."""
+"""Detections of a ceiling camera before tracking: boxes, rotated boxes, floor positions, appearance features."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ CROP = (128, 64)
 
 @dataclass(frozen=True)
 class CeilingView:
-    """A camera with its table, and what describes looks.
+    """A camera, its table of boxes and the appearance model.
 
     Attributes:
         camera: with its pose.
-        table: from boxes to rotated boxes and places.
+        table: gives the rotated box and the floor position of an upright box.
         person: the model that the table was made with.
-        appearance: describes looks; None does without.
-        crops: what it is shown: the upright box as it is in the ``image``, the rotated box turned ``upright``, or the
+        appearance: the appearance model; None uses no appearance.
+        crops: its input: the upright box as it is in the ``image``, the rotated box turned ``upright``, or the
             person as on a ``standing`` screen, which evens out perspective.
     """
 
@@ -40,7 +40,7 @@ class CeilingView:
     crops: Crops = "upright"
 
     def looking(self, appearance: Describe | None, crops: Crops) -> CeilingView:
-        """The same view with another description of looks."""
+        """The same view with another appearance model and other crops."""
         return replace(self, appearance=appearance, crops=crops)
 
     def locate(self, found: Detections, times: StageTimes | None = None) -> FloorDetections:
@@ -65,14 +65,14 @@ class CeilingView:
         return replace(found, boxes=upright, angles=None), rotated, places
 
     def describe(self, image: ImageArray, found: FloorDetections, times: StageTimes | None = None) -> FloorDetections:
-        """``found`` with looks; ``times`` gets the stages ``rectify`` and ``describe``."""
+        """``found`` with appearance features; ``times`` gets the stages ``rectify`` and ``describe``."""
         if self.appearance is None or not len(found):
             return found
         times = times or StageTimes()
         with times.measure("rectify"):
             crops = self._cut_out(image, found)
         with times.measure("describe"):
-            # One below the other they are an image with boxes, which is what all that describes looks takes.
+            # An appearance model takes an image and boxes: the crops are stacked to one image.
             rows = np.arange(len(crops))[:, None] * CROP[0]
             cells = np.concatenate([0 * rows, rows, 0 * rows + CROP[1], rows + CROP[0]], axis=1).astype(np.float64)
             features = self.appearance.describe(crops.reshape(-1, CROP[1], 3), cells)

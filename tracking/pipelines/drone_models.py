@@ -85,21 +85,21 @@ class Finding:
 
 @dataclass(frozen=True)
 class DroneModels:
-    """What looks at the frames, and what that depends on.
+    """The models of a run, and the key of their observations.
 
     Attributes:
         observers: networks and estimates.
-        names: of the actions; none where nothing recognises them.
-        key: plain values that say what the observations depend on, the video apart.
-        given: tracks that are right already; None tracks.
-        richer: where actions are not asked for, the key of the observations that have them besides.
+        names: of the actions; empty without action recognition.
+        key: plain values that identify the models and their settings, for the cache.
+        given: tracks to use instead of tracking; None tracks.
+        superset_key: for runs without actions, the key of the same observations with actions.
     """
 
     observers: Observers
     names: tuple[str, ...]
     key: Mapping[str, Any]
     given: Sequence[Track] | None = None
-    richer: Mapping[str, Any] | None = None
+    superset_key: Mapping[str, Any] | None = None
 
     @classmethod
     def choose(
@@ -142,8 +142,8 @@ class DroneModels:
         key |= {"score_threshold": str(finding.score_threshold), "score_range": str(finding.score_range)}
         observers = Observers(detect, describe, recognise, camera, finding.batch_size, bridging)
         spare = [] if streams else _streams("flow-maf", actions, needed=True)
-        richer = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
-        return cls(observers, recognise.names if recognise else (), key, given, richer)
+        superset_key = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
+        return cls(observers, recognise.names if recognise else (), key, given, superset_key)
 
 
 def prices_of(

@@ -1,8 +1,8 @@
-"""Observations kept on disk, so that a second run with other settings of the tracker takes seconds.
+"""Observations stored on disk, so that a second run with other settings of the tracker takes seconds.
 
-An entry holds the observations of `CHUNK` frames. Its name is a digest of the video and of all that looked at it; it is
-written beside and renamed, and carries a checksum. An entry that cannot be read, or whose checksum is wrong, is
-made anew with a warning.
+An entry holds the observations of `CHUNK` frames and a checksum. Its name is a digest of the video, the models and
+their settings. It is written to a temporary file that is then renamed. An entry that cannot be read, or whose checksum
+is wrong, is computed again with a warning.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ def cached_observations(
     first: int,
     last: int,
     compute: Callable[[int, int], Iterator[Observation]],
-    richer: Mapping[str, Any] | None = None,
+    superset_key: Mapping[str, Any] | None = None,
 ) -> Iterator[Observation]:
-    """The observations of frames ``first`` to ``last``, both included, from disk as far as they are there.
+    """The observations of frames ``first`` to ``last``, both included, read from disk where they are stored.
 
     Args:
         folder: of the entries.
         key: plain values that say what the observations depend on: video, models, settings.
         first: 0-based.
         last: 0-based.
-        compute: makes the observations of a range of frames, both ends included; called for what is missing.
-        richer: key of observations that hold all that these do and more; taken where they are there.
+        compute: gives the observations of a range of frames, both ends included; called for missing entries.
+        superset_key: key of observations that include all of these; read where these are not stored.
 
     Raises:
         RequestError: the folder cannot be written to.
@@ -54,8 +54,8 @@ def cached_observations(
         stretch = {"first": start, "last": stop, "version": VERSION}
         path = folder / f"{digest({**key, **stretch})}.npz"
         found = _read(path, start, stop)
-        if found is None and richer is not None:
-            found = _read(folder / f"{digest({**richer, **stretch})}.npz", start, stop)
+        if found is None and superset_key is not None:
+            found = _read(folder / f"{digest({**superset_key, **stretch})}.npz", start, stop)
         if found is None:
             found = list(compute(start, stop))
             _write(path, found)
@@ -88,9 +88,9 @@ def _write(path: Path, observations: list[Observation]) -> None:
         "has_motion": np.array([o.motion is not None for o in observations]),
         "motion": np.array([np.eye(3)[:2] if o.motion is None else o.motion for o in observations]),
     }
-    looks = [o.detections.features for o in observations]
-    if all(part is not None for part in looks):
-        arrays["features"] = np.concatenate([part for part in looks if part is not None])
+    features = [o.detections.features for o in observations]
+    if all(part is not None for part in features):
+        arrays["features"] = np.concatenate([part for part in features if part is not None])
     actions = [o.actions for o in observations]
     if all(part is not None for part in actions):
         arrays["actions"] = np.concatenate([part for part in actions if part is not None], axis=1)

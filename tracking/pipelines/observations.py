@@ -1,7 +1,7 @@
-"""All that networks and images say about the frames of a video from a drone, before any tracking.
+"""Observations of the frames of a drone video: all that the tracker needs, computed before tracking.
 
-All that a tracker needs of a frame is in one `Observation`, so that it can be kept on disk and trackers with other
-settings run on it without the video (see `observation_cache`).
+An `Observation` holds the detections of a frame, their appearance features and action probabilities, and the camera's
+motion. It can be stored on disk (see `observation_cache`). A tracker with other settings then runs without the video.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
 
 @dataclass(frozen=True)
 class Observation:
-    """What was seen in one frame.
+    """Detections, features and camera motion of one frame.
 
     Attributes:
         frame: 0-based number.
-        detections: people, with appearance features where something describes them; last those whom the detector missed
-            and a correlation filter found, where there are any.
-        actions: ``(S, N, A)`` float32 probabilities by stream; None where nothing recognises actions.
+        detections: people, with appearance features where there is an appearance model. The boxes that a correlation
+            filter adds for people whom the detector missed come last.
+        actions: ``(S, N, A)`` float32 probabilities by stream; None without action recognition.
         motion: ``(2, 3)`` similarity of the camera: where pixels of the frame before lie in this one. None at the
             start, or where it is not estimated.
     """
@@ -42,13 +42,13 @@ class Observation:
 
 @dataclass(frozen=True)
 class Observers:
-    """What looks at the frames.
+    """The networks and estimators that are applied to the frames.
 
     Attributes:
         detect: finds people, or their given detections, one entry a frame number.
-        describe: describes their looks.
-        recognise: recognises their actions.
-        camera: how the camera's motion is estimated; None does without.
+        describe: gives their appearance features; None gives none.
+        recognise: recognises their actions; None recognises none.
+        camera: how the camera's motion is estimated; None does not estimate it.
         batch_size: frames of one call of the detector.
         bridging: when a correlation filter follows people whom the detector misses; None never.
     """
@@ -62,7 +62,7 @@ class Observers:
 
     @property
     def history(self) -> int:
-        """Frames before the current one that are looked at."""
+        """Number of frames before the current one that are needed."""
         flow = 0 if self.recognise is None else self.recognise.history
         return max(flow, 0 if self.camera is None else 1, 0 if self.bridging is None else self.bridging.longest)
 
@@ -70,14 +70,14 @@ class Observers:
 def observe(
     frames: Iterable[Frame], observers: Observers, times: StageTimes | None = None, first: int = 0
 ) -> Iterator[Observation]:
-    """Look at every frame in turn; held are a batch of frames and as many as the flow needs.
+    """Observations of the frames, one by one; a batch of frames and those of the optical flow are held in memory.
 
     Args:
         frames: consecutive; those before ``first`` only serve as history.
-        observers: what looks at them.
+        observers: the networks and estimators.
         times: gets the seconds of the stages ``decode``, ``detect``, ``describe``, ``camera``, ``bridge`` and
             ``actions``.
-        first: number of the first frame to say something about.
+        first: number of the first frame to observe.
     """
     times = times or StageTimes()
     path = None if observers.camera is None else CameraPath(observers.camera)

@@ -1,4 +1,7 @@
-"""The observations of a whole video, from disk as far as they are there."""
+"""The observations of every frame of a video.
+
+With a cache folder, observations of an earlier run are read from disk. Only the missing ones are computed.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +24,22 @@ def video_observations(
     cache: Path | None = None,
     frames: FrameRange | None = None,
     times: StageTimes | None = None,
-    richer: Mapping[str, Any] | None = None,
+    superset_key: Mapping[str, Any] | None = None,
 ) -> Iterator[Observation]:
-    """What networks and images say of every frame.
+    """Observations of every frame, in order: detections, appearance features, action probabilities, camera motion.
 
     Args:
         source: a video that can be played again, see `open_source`.
-        observers: what looks at the frames.
-        key: plain values that say what the observers depend on.
-        cache: folder that keeps observations; None keeps none.
-        frames: the stretch to look at; by default all.
+        observers: the detector, the networks and the estimate of the camera motion.
+        key: plain values that identify the observers: models and settings.
+        cache: folder of the stored observations; None stores nothing.
+        frames: the range to process; by default all frames.
         times: gets the seconds of every stage.
-        richer: what other observers depend on that say all that these say and more: what they have said, and the cache
-            keeps, is taken instead.
+        superset_key: key of other observers whose observations include all that these give. Where the cache holds
+            theirs and not these, theirs are read.
 
     Raises:
-        RequestError: the cache is asked for a video whose length nobody knows.
+        RequestError: there is a cache, but the length of the video is not known.
     """
     opened = open_source(source, frames)
     if cache is None:
@@ -55,5 +58,5 @@ def video_observations(
         yield from observe(part.frames(), observers, times, first)
 
     video = {"video": files_key(files), "start": stretch.first}
-    more = None if richer is None else {**richer, **video}
-    yield from cached_observations(cache, {**key, **video}, stretch.first, stretch.last, compute, more)
+    superset = None if superset_key is None else {**superset_key, **video}
+    yield from cached_observations(cache, {**key, **video}, stretch.first, stretch.last, compute, superset)

@@ -1,20 +1,20 @@
-"""Bridging of missed detections by correlation filters: where a detector misses a person, a filter follows them.
+"""Bridging of missed detections: a correlation filter follows a person whom the detector misses.
 
-Thesis 6.2 wishes to join the tracking of one and of many targets: the frame of many people stays, and a detector whose
-parameters are updated as in the tracking of one person comes into it; when to update matters, it says. How is left
-open. Here that detector is the kernelised correlation filter (2.2.4) of one person: it learns from a detection and
-looks for the person in the frames in which the general detector misses them. What it finds are further detections that
-the flow may use or not. No detector has scored them, so each costs a little: they serve where links over them are
-cheaper than the link over the gap by more than that, and never make a track of their own.
+Thesis 6.2 proposes to combine single-target and multi-target tracking: the multi-target tracker also uses a detector
+whose parameters are updated as in single-target tracking. It notes that the time of the update matters, and leaves the
+method open. Here that detector is the kernelised correlation filter (2.2.4) of one person. It is trained on a detection
+and searches for the person in the frames where the general detector misses them. Its boxes are additional detections,
+which the flow may use. They have no score, and each has a small cost. So the flow uses them only where the links over
+them are cheaper, by more than this cost, than one link over the gap. They never form a track of their own.
 
-* *When to learn*: from detections alone. A filter that learns from its own boxes in a gap drifts with them, and a gap
-  ends before looks change.
-* *When to start*: at a detection that no detection of the next frame continues. So nothing is computed for people
-  whom the detector goes on finding.
-* *When to stop*: when a detection takes the person over, when the response falls, at the border of the image, or after
-  so many frames.
-* The camera's motion is taken out before the filter looks: its window reaches three quarters of the person's side,
-  which a drone that jerks exceeds.
+* *When to update*: on detections only. A filter that is updated on its own boxes drifts, and a gap is too short for
+  the appearance to change.
+* *When to start*: at a detection that matches no detection of the next frame. People whom the detector finds in every
+  frame cost nothing.
+* *When to stop*: when a detection overlaps the filter's box, when the response falls below a threshold, at the border
+  of the image, or after a number of frames.
+* The camera's motion is compensated before the search. The search window reaches three quarters of the person's side,
+  and a jerk of the drone can exceed that.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ FILTER = kcf.KcfSettings(template=64, scale_step=1.0)
 
 @dataclass(frozen=True)
 class BridgingSettings:
-    """When a correlation filter follows somebody whom the detector misses.
+    """When a correlation filter follows a person whom the detector misses.
 
     Attributes:
-        longest: frames that a filter follows at most, at least 1.
-        least_peak: greatest response under which the person is lost, in [0, 1].
+        longest: largest number of frames that a filter follows, at least 1.
+        least_peak: the person is lost when the peak response is below this, in [0, 1].
         overlap: IoU from which two boxes show the same person, in (0, 1).
     """
 
@@ -75,12 +75,12 @@ class _Followed:
 
 
 class Bridge:
-    """Follows those whom a detector misses, frame by frame; see the module.
+    """Follows people whom a detector misses, frame by frame; see the module.
 
     It holds one image and one filter for each person missed at the moment.
 
     Args:
-        settings: when a filter follows somebody.
+        settings: when a filter starts and stops.
     """
 
     def __init__(self, settings: BridgingSettings) -> None:
@@ -106,7 +106,7 @@ class Bridge:
         return Detections(boxes, np.full(len(boxes), np.nan))
 
     def _just_missed(self, found: Detections, motion: FloatArray) -> list[_Followed]:
-        """Filters for the detections of the frame before that none of ``found`` continues."""
+        """Filters for the detections of the frame before that match none of ``found``."""
         if self._before is None:
             return []
         image, before = self._before
@@ -136,7 +136,7 @@ class Bridge:
 
 
 def _start(image: ImageArray, box: FloatArray) -> _Followed:
-    """A filter that has learnt what is in ``box`` ``(4,)``."""
+    """A filter trained on ``box`` ``(4,)``."""
     width, height = (box[2:] - box[:2]).tolist()
     model = kcf.Kcf.of(FILTER, width, height)
     return _Followed(model, kcf.start(model, image, centres(box)))

@@ -1,19 +1,19 @@
-"""DeepSORT: people followed online by their looks first, then by where they are (thesis 2.3.2).
+"""DeepSORT: online tracking by appearance first, then by position (thesis 2.3.2).
 
 Each frame, the cost c(a, b) of every track a and detection b is computed twice: C^feat, the cosine distance of their
 appearance, and C^pos. A first assignment is solved on C^feat with the gate ε_feat; a second, on C^pos with the gate
 ε_pos, only for the tracks that the first left unmatched and the detections it left free.
 
-What the thesis leaves open is decided so:
+The thesis leaves these points open; here:
 
 * C^pos is 1 - IoU of the detection and the box that a Kalman filter of constant velocity predicts for the track.
-* A track's looks are the running mean of its features, weighted towards the recent ones and kept at unit length.
-* Looks alone would match two people in like clothes across the whole image, so a pair takes part in the first
-  assignment only if the track can have got there: its centre within ``reach`` heights of the prediction, and
-  ``reach_growth`` more for each frame that it has not been seen.
-* A detection that stays free starts a track, which is believed after ``min_hits`` detections in a row and given up
-  after ``max_age`` frames without any. A new track that is not believed yet takes part like any other.
-* A detection or a track without known looks (no feature, or a NaN in it) is matched by position only.
+* A track's appearance is the running mean of its features, weighted towards the recent ones and kept at unit length.
+* Appearance alone would match two people in similar clothes across the whole image. So the first assignment has a
+  gate on distance: the centre of the detection lies within ``reach`` heights of the prediction, and ``reach_growth``
+  more for each frame without a detection.
+* An unmatched detection starts a track. The track is confirmed after ``min_hits`` detections in a row and deleted
+  after ``max_age`` frames without a detection. Unconfirmed tracks are matched like confirmed ones.
+* A detection or a track without appearance (no feature, or a NaN in it) is matched by position only.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ class DeepSortSettings:
     """Settings of DeepSORT.
 
     Attributes:
-        feature_gate: ε_feat, the largest cosine distance of a match by looks, in [0, 2].
+        feature_gate: ε_feat, the largest cosine distance of a match by appearance, in [0, 2].
         position_gate: ε_pos, the largest 1 - IoU of a match by position, in [0, 1).
         memory: weight of the past in a track's running mean of features, in [0, 1).
-        reach: distance from the prediction at which looks may still match, in heights.
+        reach: distance from the prediction within which appearance may match, in heights.
         reach_growth: additional distance for every frame without a detection, in heights.
-        lifecycle: when tracks are believed and given up.
+        lifecycle: when tracks are confirmed and deleted.
         motion: noise of the Kalman filter.
     """
 
@@ -63,7 +63,7 @@ class DeepSort:
     def __init__(self, settings: DeepSortSettings | None = None, seed: int = 0) -> None:
         self.settings, self.seed = settings or DeepSortSettings(), seed
         self._lifecycle = Lifecycle(self.settings.lifecycle, self.settings.motion)
-        self._looks = np.empty((0, 0))
+        self._appearance = np.empty((0, 0))
 
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; those without features are matched by position.
@@ -80,7 +80,7 @@ class DeepSort:
         seen, detected = assign(self._feature_costs(predicted, found, features), self.settings.feature_gate)
         seen, detected = self._match_rest(predicted, found, seen, detected)
         parts = self._lifecycle.advance(seen, detected, found)
-        self._looks = self._updated_looks(parts, features)
+        self._appearance = self._updated_appearance(parts, features)
         return self._lifecycle.targets
 
     def tracks(self) -> list[Track]:
@@ -93,24 +93,24 @@ class DeepSort:
 
     def _checked_features(self, detections: Detections) -> FloatArray:
         """``(M, D)`` the features, NaN where there are none."""
-        length = self._looks.shape[1]
+        length = self._appearance.shape[1]
         if detections.features is None:
             return np.full((len(detections), length), np.nan)
         if length == 0:
-            self._looks = np.full((len(self._looks), detections.features.shape[1]), np.nan)
+            self._appearance = np.full((len(self._appearance), detections.features.shape[1]), np.nan)
         elif detections.features.shape[1] != length and len(detections):
             raise ValueError(f"expected features of length {length} as before, got {detections.features.shape[1]}")
-        return detections.features.reshape(len(detections), self._looks.shape[1])
+        return detections.features.reshape(len(detections), self._appearance.shape[1])
 
     def _feature_costs(self, predicted: FloatArray, detections: Detections, features: FloatArray) -> FloatArray:
-        """C^feat, infinite where the track cannot have got to, NaN where looks are not known."""
-        if features.size == 0 or self._looks.size == 0:
+        """C^feat, infinite outside the gate on distance, NaN without appearance."""
+        if features.size == 0 or self._appearance.size == 0:
             return np.full((len(predicted), len(detections)), np.nan)
         move = centres(predicted)[:, None] - centres(detections.boxes)[None]
         heights = detections.boxes[:, 3] - detections.boxes[:, 1]
         reach = self.settings.reach + self.settings.reach_growth * self._lifecycle.misses
         far = np.hypot(move[..., 0], move[..., 1]) > reach[:, None] * heights
-        return np.where(far, np.inf, 1 - self._looks @ features.T)
+        return np.where(far, np.inf, 1 - self._appearance @ features.T)
 
     def _match_rest(
         self, predicted: FloatArray, detections: Detections, seen: IntArray, detected: IntArray
@@ -122,12 +122,12 @@ class DeepSort:
         rows, columns = assign(1 - overlaps, self.settings.position_gate)
         return np.concatenate([seen, tracks[rows]]), np.concatenate([detected, free[columns]])
 
-    def _updated_looks(self, parts: Survivors, features: FloatArray) -> FloatArray:
-        """``(N, D)`` the looks of the live tracks after a frame."""
-        before, now = self._looks[parts.seen], features[parts.detected]
+    def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:
+        """``(N, D)`` the appearance of the live tracks after a frame."""
+        before, now = self._appearance[parts.seen], features[parts.detected]
         mean = self.settings.memory * before + (1 - self.settings.memory) * now
         length = np.linalg.norm(mean, axis=1, keepdims=True)
         # Two opposite features can cancel; the newer then stands alone, as it does where the older is not known.
         mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
         mean = np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean))
-        return np.concatenate([mean, self._looks[parts.kept], features[parts.born]])
+        return np.concatenate([mean, self._appearance[parts.kept], features[parts.started]])

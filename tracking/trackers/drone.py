@@ -1,8 +1,8 @@
-"""People in video from a drone: the flow with action features, and the tracks that improve them (thesis chapter 5).
+"""People in drone video: network flow with action features (thesis chapter 5).
 
-Three methods, one tracker: without action features it is the flow of 2.3.2, with one iteration that with single-frame
-features (SAF), with several the alternation with multi-frame ones (MAF). Boxes are compared as if the camera had stood
-still, where its motion is known.
+One tracker covers three methods. Without action features it is the flow of 2.3.2. With one iteration it uses
+single-frame action features (SAF). With several it alternates between tracking and multi-frame action features (MAF).
+Where the camera's motion is known, boxes are compared after compensating it.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ class DroneSettings:
 class DroneTracker:
     """The cheapest set of tracks, refined by the actions along them.
 
-    With ``chunk`` set, windows are solved while the video comes: a window's tracks are final but for its last
-    ``overlap`` frames, and only what is not final is held with looks and network. This is not the optimum of the whole
-    video, but nearly so where the overlap is long against the gaps.
+    With ``chunk`` set, the flow is solved window by window during the video. The tracks of a window are final except
+    in its last ``overlap`` frames. Appearance features and the network are held only for detections that are not final. The result is
+    not the optimum of the whole video, but close to it where the overlap is much longer than the gaps.
 
     Args:
         settings: of the flow and what follows.
@@ -134,16 +134,16 @@ class DroneTracker:
         labels = np.concatenate([*self._done_labels, labels])
         settings = self.settings
         found = finished_tracks(every.rows, labels, settings.min_detections, settings.gaps, settings.smoothing)
-        return [self._acting(track, every, piece) for track, piece in found]
+        return [self._acting(track, every, tracklet) for track, tracklet in found]
 
-    def _acting(self, track: Track, every: _Described, piece: IntArray) -> ActingTrack:
-        """``track`` where the camera sees it, with the actions of its detections ``piece``."""
+    def _acting(self, track: Track, every: _Described, tracklet: IntArray) -> ActingTrack:
+        """``track`` where the camera sees it, with the actions of its detections ``tracklet``."""
         seen = replace(track, boxes=self._camera.from_first(track.boxes, track.frames))
         if every.actions is None:
             return ActingTrack(seen)
-        actions, frames = every.actions[piece], every.rows.frames[piece]
+        actions, frames = every.actions[tracklet], every.rows.frames[tracklet]
         single = np.stack([np.interp(track.frames, frames, column) for column in actions.T], axis=1)
-        zeros, at = np.zeros(len(piece), np.int64), np.zeros(len(track), np.int64)
+        zeros, at = np.zeros(len(tracklet), np.int64), np.zeros(len(track), np.int64)
         half = self.settings.refinement.window // 2
         multi = window_means(frames, zeros, actions, track.frames, at, (half, half))
         return ActingTrack(seen, single, np.where(np.isnan(multi), single, multi))
@@ -169,7 +169,7 @@ class DroneTracker:
         *_, last = self._refined(self._open.rows.frames >= len(self._camera) - self.settings.refinement.gate.window)
         done = self._open.rows.frames < before
         decided, labels = self._open.select(done), last.labels[done]
-        self._done.append(decided.without_looks())
+        self._done.append(decided.without_appearance())
         self._done_labels.append(labels)
         self._next = max(self._next, int(labels.max(initial=-1)) + 1)
         self._remember(decided, labels, before)
@@ -215,15 +215,15 @@ def finished_tracks(
     """
     used = np.flatnonzero(labels >= 0)
     order = used[np.lexsort((rows.frames[used], labels[used]))]
-    pieces = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
+    tracklets = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
     scored = ~np.isnan(rows.scores)
-    long = [piece for piece in pieces if scored[piece].sum() >= max(min_detections, 1)]
+    long = [tracklet for tracklet in tracklets if scored[tracklet].sum() >= max(min_detections, 1)]
     tracks = []
-    for number, piece in enumerate(sorted(long, key=lambda piece: int(piece[0])), start=1):
-        track = Track(number, rows.frames[piece], rows.boxes[piece], np.nan_to_num(rows.scores[piece]))
+    for number, tracklet in enumerate(sorted(long, key=lambda tracklet: int(tracklet[0])), start=1):
+        track = Track(number, rows.frames[tracklet], rows.boxes[tracklet], np.nan_to_num(rows.scores[tracklet]))
         if gaps is not None:
             track = fill_gaps(track, gaps)
-        tracks.append((smooth(track, smoothing) if smoothing is not None else track, piece))
+        tracks.append((smooth(track, smoothing) if smoothing is not None else track, tracklet))
     return tracks
 
 
@@ -240,7 +240,7 @@ class _Described:
     def select(self, which: BoolArray) -> _Described:
         return _Described(self.rows.select(which), None if self.actions is None else self.actions[which])
 
-    def without_looks(self) -> _Described:
+    def without_appearance(self) -> _Described:
         return _Described(replace(self.rows, features=None), self.actions)
 
 

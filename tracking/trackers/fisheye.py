@@ -1,9 +1,9 @@
-"""People under a ceiling fisheye camera, by looks turned upright and places on the floor (thesis chapter 4).
+"""People under a ceiling fisheye camera, by upright appearance and position on the floor (thesis chapter 4).
 
 Algorithm 2 frame by frame: for every detected box its rotated box r and its place q are looked up (`person_model`),
-its looks x come from the crop turned upright (`rectification`), and tracks and detections are matched in two stages
-(2.3.2): first by C^feat, the distance of their looks, then what is left by C^pos, the distance of their places. Where
-it computes c^pos Algorithm 2 prints r; the text (4.2.2, 4.3.3) has the place in the world, and so has this.
+and its appearance feature x comes from the crop turned upright (`rectification`). Tracks and detections are matched in
+two stages (2.3.2): first by C^feat, the distance of their appearance, then what is left by C^pos, the distance of their
+places. Where it computes c^pos Algorithm 2 prints r; the text (4.2.2, 4.3.3) has the place in the world, and so has this.
 
 What the thesis leaves open is decided so:
 
@@ -65,14 +65,14 @@ class FisheyeSettings:
     """How detections are matched to tracks.
 
     Attributes:
-        by_looks: match by looks in the first stage.
+        by_looks: match by appearance in the first stage.
         by_place: match by places in the second stage, and gate the first by them.
-        feature_gate: ε_feat, the largest cosine distance of a match by looks, in [0, 2].
+        feature_gate: ε_feat, the largest cosine distance of a match by appearance, in [0, 2].
         reach: ε_pos for no time, metres: how far off two places of one person may be found.
         speed: what is added to it for every second since a track was seen, m/s.
         memory: time constant in which a track's velocity is forgotten, seconds.
         noise: time constant over which found places are averaged, seconds.
-        update: weight of the newest looks in a track's running mean, in (0, 1].
+        update: weight of the newest appearance in a track's running mean, in (0, 1].
         confirm: seconds of detections in a row that make a new track believed, at least one detection.
         max_age: seconds that a track is kept without a detection.
         start_score: lowest score of a detection that may start a track.
@@ -101,12 +101,12 @@ class FisheyeSettings:
 
 @dataclass(frozen=True)
 class _Live:
-    """The live tracks, a row each: number, place, velocity, looks, detections in a row, and seconds since seen."""
+    """The live tracks, a row each: number, place, velocity, appearance, detections in a row, and seconds since seen."""
 
     numbers: IntArray
     places: FloatArray
     velocities: FloatArray
-    looks: FloatArray
+    appearance: FloatArray
     hits: IntArray
     unseen: FloatArray
 
@@ -135,7 +135,7 @@ class FisheyeTracker:
     def update(self, found: FloorDetections) -> None:
         """Take the detections of the next frame."""
         self._frame += 1
-        width = 0 if self._live is None else self._live.looks.shape[1]
+        width = 0 if self._live is None else self._live.appearance.shape[1]
         features = found.detections.features
         if features is None:
             features = np.full((len(found), width), np.nan)
@@ -150,7 +150,7 @@ class FisheyeTracker:
     def _expected(self, width: int) -> _Live:
         """The live tracks where they are expected in this frame."""
         live = self._live
-        if live is None or (len(live.numbers) == 0 and live.looks.shape[1] != width):
+        if live is None or (len(live.numbers) == 0 and live.appearance.shape[1] != width):
             none = np.empty((0, 2))
             return _Live(np.empty(0, np.int64), none, none, np.empty((0, width)), np.empty(0, np.int64), np.empty(0))
         kept = float(np.exp(-self._step / self.settings.memory))
@@ -163,8 +163,8 @@ class FisheyeTracker:
         away = np.linalg.norm(live.places[:, None] - found.places[None], axis=2)
         gate = settings.reach + settings.speed * live.unseen[:, None]
         seen = detected = np.empty(0, dtype=np.int64)
-        if settings.by_looks and features.shape[1] and live.looks.shape[1]:
-            costs = 1 - live.looks @ features.T
+        if settings.by_looks and features.shape[1] and live.appearance.shape[1]:
+            costs = 1 - live.appearance @ features.T
             if settings.by_place:
                 costs = np.where(away > gate, np.inf, costs)
             seen, detected = assign(costs, settings.feature_gate)
@@ -197,7 +197,7 @@ class FisheyeTracker:
             (old.numbers, kept.numbers, new),
             (old.places + alpha * away, kept.places, found.places[born]),
             (old.velocities + beta * away / step, kept.velocities, np.zeros((len(born), 2))),
-            (self._mean(old.looks, features[detected]), kept.looks, features[born]),
+            (self._mean(old.appearance, features[detected]), kept.appearance, features[born]),
             (old.hits + 1, kept.hits, np.ones(len(born), np.int64)),
             (np.zeros(len(seen)), kept.unseen, zero),
         )
@@ -210,7 +210,7 @@ class FisheyeTracker:
         return result
 
     def _mean(self, before: FloatArray, now: FloatArray) -> FloatArray:
-        """``(N, D)`` unit-length running mean of the looks."""
+        """``(N, D)`` unit-length running mean of the appearance."""
         mean = (1 - self.settings.update) * before + self.settings.update * now
         length = np.linalg.norm(mean, axis=1, keepdims=True)
         mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
@@ -238,9 +238,9 @@ class FloorFlowSettings:
         speed: distance allowed for every second, m/s.
         noise: scale of the difference of two places found for one person, metres.
         pace: scale of a person's velocity, m/s.
-        appearance: weight of the cosine distance of looks.
+        appearance: weight of the cosine distance of the appearance.
         neutral: cosine distance that speaks neither for nor against.
-        bias: exponent of two detections that do not differ, of neutral looks.
+        bias: exponent of two detections that do not differ, of neutral appearance.
         entry: cost of a track's start and of its end.
         min_seconds: shorter tracks are dropped; at least one detection.
         observation: cost of a detection; at 1 frame a second few of them must outweigh a track's start and end.

@@ -1,4 +1,4 @@
-"""Tracks that are right already, as detections: for naming actions along them."""
+"""Tracks given by the user, as detections: actions are recognised along them without tracking."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def _check_length(path: Path, tracks: Sequence[Track], source: Source) -> None:
 
 
 def as_detections(tracks: Sequence[Track], length: int | None = None) -> tuple[list[Detections], IntArray]:
-    """The boxes of ``tracks`` as detections, one entry a frame, and ``(N,)`` which of the tracks each belongs to.
+    """The boxes of ``tracks`` as detections, one entry a frame, and ``(N,)`` index of the track of each.
 
     Args:
         tracks: at least one.

@@ -1,4 +1,4 @@
-"""Birth, confirmation and death of the tracks of an online tracker."""
+"""Start, confirmation and end of the tracks of an online tracker."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _STATUSES = np.array(STATUSES)
 
 @dataclass(frozen=True)
 class LifecycleSettings:
-    """When a track is believed and when it is given up.
+    """When a track is confirmed and when it is deleted.
 
     Attributes:
         min_hits: detections in a row that confirm a new track; an earlier miss drops it.
@@ -42,20 +42,20 @@ class LifecycleSettings:
 
 @dataclass(frozen=True)
 class Survivors:
-    """Where the live tracks after a frame come from, in their order: seen, kept, born.
+    """Where the live tracks after a frame come from, in their order: seen, kept, started.
 
     Attributes:
         seen: rows of the earlier tracks that were matched.
         detected: the detections they were matched to.
         kept: rows of the earlier tracks that were not seen and live on.
-        born: detections that started a track.
-        lost: rows of the earlier tracks that were believed and are given up.
+        started: detections that started a track.
+        lost: rows of the earlier tracks that were confirmed and are deleted.
     """
 
     seen: IntArray
     detected: IntArray
     kept: IntArray
-    born: IntArray
+    started: IntArray
     lost: IntArray
 
 
@@ -102,7 +102,7 @@ class Lifecycle:
 
     @property
     def targets(self) -> Targets:
-        """The confirmed tracks of the last frame: those seen, those kept, and those given up in it."""
+        """The confirmed tracks of the last frame: those seen, those kept, and those deleted in it."""
         return self._targets
 
     def tracks(self) -> list[Track]:
@@ -125,18 +125,18 @@ class Lifecycle:
         lost = self._numbers[parts.lost], self._belief.boxes[parts.lost]
         updated = update_boxes(select_boxes(self._belief, seen), detections.boxes[detected], self._motion)
         old = np.concatenate([seen, parts.kept])
-        born = len(parts.born)
+        started = len(parts.started)
         hits, misses = self._hits[old], self._misses[old] + 1
         hits[: len(seen)] += 1
         misses[: len(seen)] = 0
         beliefs = [updated]
         if len(parts.kept):
             beliefs.append(select_boxes(self._belief, parts.kept))
-        if born:
-            beliefs.append(start_boxes(detections.boxes[parts.born], self._motion))
-            hits, misses = np.append(hits, np.ones(born, np.int64)), np.append(misses, np.zeros(born, np.int64))
+        if started:
+            beliefs.append(start_boxes(detections.boxes[parts.started], self._motion))
+            hits, misses = np.append(hits, np.ones(started, np.int64)), np.append(misses, np.zeros(started, np.int64))
         self._belief = join_boxes(beliefs) if len(beliefs) > 1 else updated
-        self._numbers = np.append(self._numbers[old], self._record.start(born)) if born else self._numbers[old]
+        self._numbers = np.append(self._numbers[old], self._record.start(started)) if started else self._numbers[old]
         self._hits, self._misses = hits, misses
         scores = self._note(parts, detections)
         self._targets = self._answer(scores, *lost)
@@ -159,15 +159,15 @@ class Lifecycle:
             return scores
         numbers = self._numbers[present]
         self._record.confirm(numbers[self._hits[present] == self._settings.min_hits])
-        scores[present] = np.nan_to_num(detections.scores[np.concatenate([parts.detected, parts.born])])
+        scores[present] = np.nan_to_num(detections.scores[np.concatenate([parts.detected, parts.started])])
         self._record.append(self._frame, numbers, self._belief.boxes[present], scores[present])
         return scores
 
     def _answer(self, scores: FloatArray, lost: IntArray, lost_boxes: FloatArray) -> Targets:
-        """The believed among the live tracks, then those given up."""
-        believed = np.flatnonzero(self._hits >= self._settings.min_hits)
-        numbers, boxes, scores = self._numbers[believed], self._belief.boxes[believed], scores[believed]
-        searched = self._misses[believed] > 0
+        """The confirmed live tracks, then those deleted in this frame."""
+        confirmed = np.flatnonzero(self._hits >= self._settings.min_hits)
+        numbers, boxes, scores = self._numbers[confirmed], self._belief.boxes[confirmed], scores[confirmed]
+        searched = self._misses[confirmed] > 0
         status = _STATUSES[searched.astype(np.intp)]
         if len(lost):
             numbers, boxes = np.append(numbers, lost), np.concatenate([boxes, lost_boxes])

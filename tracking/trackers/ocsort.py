@@ -162,7 +162,7 @@ def _continued(history: History, parts: Survivors, misses: IntArray, boxes: Floa
         belief: of the tracks after the frame.
     """
     seen, kept = parts.seen, parts.kept
-    now = boxes[np.concatenate([parts.detected, parts.born])]
+    now = boxes[np.concatenate([parts.detected, parts.started])]
     columns = history.ages.shape[1]
     trail, ages = np.zeros((len(now), columns, 2)), np.full((len(now), columns), np.inf)
     trail[:, 0], ages[:, 0] = centres(now), 0
@@ -170,7 +170,7 @@ def _continued(history: History, parts: Survivors, misses: IntArray, boxes: Floa
     ages[: len(seen), 1:] = history.ages[seen, :-1] + (misses[seen] + 1)[:, None]
     # In the order of the tracks: seen, kept, born.
     order = np.concatenate([np.arange(len(seen)), len(now) + np.arange(len(kept)), np.arange(len(seen), len(now))])
-    observed = np.concatenate([np.arange(len(seen)), len(seen) + len(kept) + np.arange(len(parts.born))])
+    observed = np.concatenate([np.arange(len(seen)), len(seen) + len(kept) + np.arange(len(parts.started))])
     beliefs = join_boxes([select_boxes(belief, observed), select_boxes(history.belief, kept)])
     return History(
         select_boxes(beliefs, order),

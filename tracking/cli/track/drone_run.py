@@ -33,7 +33,7 @@ def follow(
     Args:
         run: gets its steps.
         source: the video.
-        models: what looks at it.
+        models: detector, networks and their key.
         method: how people are linked.
         settings: of the tracker.
         prices: of links.
@@ -50,7 +50,7 @@ def _observations(
         return observe(run.frames(source), models.observers, run.times)
     name, folder = cache
     wanted = source.frames_wanted
-    return video_observations(name, models.observers, models.key, folder, wanted, run.times, models.richer)
+    return video_observations(name, models.observers, models.key, folder, wanted, run.times, models.superset_key)
 
 
 def write_result(
