@@ -30,7 +30,7 @@ class FlowSettings:
         input: how detections are prepared: the worth of their scores, the motion of the camera, duplicates.
         costs: of the flow over detections.
         join: how tracklets are joined over longer gaps; None leaves them apart.
-        min_detections: tracks of fewer detections are dropped.
+        min_detections: tracks of fewer detections are dropped, unless the video itself has fewer frames.
         min_time: and so are those of fewer than this many seconds of detections.
         least: mean logit of the probability of a track's detections, under which it is taken for clutter; only where
             learnt prices say what scores are worth.
@@ -233,7 +233,7 @@ class FlowTracker:
         least = -np.inf if self._observation is None else settings.least
         probability = self._probability(every.numbers)
         logit = np.log(probability / (1 - probability))
-        for piece in long_tracks(labels, settings.fewest(rate)):
+        for piece in long_tracks(labels, min(settings.fewest(rate), self._frame)):
             if logit[piece].mean() < least:
                 self._clutter += 1
                 continue

@@ -294,3 +294,11 @@ def test_online_settings_must_make_sense() -> None:
         LifecycleSettings(min_hits=0)
     with pytest.raises(ValueError, match="feature_gate"):
         DeepSortSettings(feature_gate=3.0)
+
+
+@pytest.mark.parametrize("frames", [2, 3, 4])
+def test_a_video_shorter_than_the_shortest_track_has_people_too(frames):
+    tracker = FlowTracker(FlowSettings(min_time=0.4))
+    for k in range(frames):
+        tracker.update(np.array([[10 + k, 10, 50 + k, 110, 0.9], [200 + k, 10, 240 + k, 110, 0.9]]))
+    assert [len(track) for track in tracker.tracks()] == [frames, frames]
