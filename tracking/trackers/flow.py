@@ -233,7 +233,8 @@ class FlowTracker:
         least = -np.inf if self._observation is None else settings.least
         probability = self._probability(every.numbers)
         logit = np.log(probability / (1 - probability))
-        for piece in long_tracks(labels, max(min(settings.fewest(rate), self._frame), 1)):
+        fewest = max(min(settings.fewest(rate), self._frame), 1)
+        for piece in long_tracks(labels, fewest):
             if logit[piece].mean() < least:
                 self._clutter += 1
                 continue
