@@ -65,8 +65,9 @@ class DroneTracker:
     """The cheapest set of tracks, refined by the actions along them.
 
     With ``chunk`` set, the flow is solved window by window during the video. The tracks of a window are final except
-    in its last ``overlap`` frames. Appearance features and the network are held only for detections that are not final. The result is
-    not the optimum of the whole video, but close to it where the overlap is much longer than the gaps.
+    in its last ``overlap`` frames. Appearance features and the network are held only for detections that are not
+    final. The result is not the optimum of the whole video, but close to it where the overlap is much longer than the
+    gaps.
 
     Args:
         settings: of the flow and what follows.

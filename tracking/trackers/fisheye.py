@@ -3,7 +3,8 @@
 Algorithm 2 frame by frame: for every detected box its rotated box r and its place q are looked up (`person_model`),
 and its appearance feature x comes from the crop turned upright (`rectification`). Tracks and detections are matched in
 two stages (2.3.2): first by C^feat, the distance of their appearance, then what is left by C^pos, the distance of their
-places. Where it computes c^pos Algorithm 2 prints r; the text (4.2.2, 4.3.3) has the place in the world, and so has this.
+places. Where it computes c^pos Algorithm 2 prints r; the text (4.2.2, 4.3.3) uses the place in the world, and so does
+this tracker.
 
 What the thesis leaves open is decided so:
 
