@@ -47,10 +47,23 @@ def cut(image: ImageArray, centres: FloatArray, scales: FloatArray, width: int, 
         centres, scales = (centres - origin) / 2**halvings, scales / 2**halvings
     return np.stack(
         [
-            (_sample if scale < _AREA_SCALE else _average)(image, centre, float(scale), width, height)
+            cut_one(image, centre, np.full(2, float(scale)), width, height)
             for centre, scale in zip(centres, scales, strict=True)
         ]
     )
+
+
+def cut_one(image: ImageArray, centre: FloatArray, scale: FloatArray, width: int, height: int) -> ImageArray:
+    """``(height, width[, C])`` one patch as of `cut`, without halving.
+
+    Args:
+        image: ``(H, W[, C])`` uint8.
+        centre: ``(2,)`` x, y in pixels.
+        scale: ``(2,)`` image pixels per patch pixel along x and y.
+        width: of the patch.
+        height: of the patch.
+    """
+    return (_sample if scale.max() < _AREA_SCALE else _average)(image, centre, scale, width, height)
 
 
 def _halved(image: ImageArray, low: FloatArray, high: FloatArray, halvings: int) -> tuple[ImageArray, FloatArray]:
@@ -70,15 +83,15 @@ def _halved(image: ImageArray, low: FloatArray, high: FloatArray, halvings: int)
     return part, first.astype(np.float64)
 
 
-def _sample(image: ImageArray, centre: FloatArray, scale: float, width: int, height: int) -> ImageArray:
-    """Bilinear values at a grid of points, ``scale`` image pixels apart."""
+def _sample(image: ImageArray, centre: FloatArray, scale: FloatArray, width: int, height: int) -> ImageArray:
+    """Bilinear values at a grid of points, ``scale`` ``(2,)`` image pixels apart."""
     first = np.asarray(centre) - scale * (np.array([width, height]) - 1) / 2 - 0.5
-    matrix = np.array([[scale, 0, first[0]], [0, scale, first[1]]])
+    matrix = np.array([[scale[0], 0, first[0]], [0, scale[1], first[1]]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(cv2.warpAffine(image, matrix, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE))
 
 
-def _average(image: ImageArray, centre: FloatArray, scale: float, width: int, height: int) -> ImageArray:
+def _average(image: ImageArray, centre: FloatArray, scale: FloatArray, width: int, height: int) -> ImageArray:
     """Means over the image pixels under each patch pixel, to whole pixels at the patch's border."""
     reach = scale * np.array([width, height]) / 2
     low = np.round(centre - reach).astype(int)

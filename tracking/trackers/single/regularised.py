@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.hog import hog
-from tsuiseki.tracking.features.windows import cut
+from tsuiseki.tracking.features.windows import cut, cut_one
 from tsuiseki.tracking.filters.correlation import (
     ComplexArray,
     Float32Array,
@@ -285,28 +285,5 @@ def _size_sample(model: Model, image: ImageArray, centre: FloatArray, size: floa
     """``(S, D)`` gradients of the target's box at each of the sizes."""
     width, height = (model.size_template + 2 * CELL).tolist()
     pixels = model.target * size / model.size_template  # image pixels per template pixel, at the middle size
-    patches = [_box_patch(image, centre, pixels * factor, width, height) for factor in _factors(model.settings)]
+    patches = [cut_one(image, centre, pixels * factor, width, height) for factor in _factors(model.settings)]
     return hog(np.stack(patches), CELL).reshape(len(patches), -1)
-
-
-def _box_patch(image: ImageArray, centre: FloatArray, pixels: FloatArray, width: int, height: int) -> ImageArray:
-    """``(height, width, 3)`` around ``centre``, ``pixels`` ``(2,)`` image pixels per patch pixel in x and y."""
-    reach = pixels * [width, height] / 2
-    if pixels.max() < 2:
-        first = centre - reach + pixels / 2 - 0.5
-        matrix = np.array([[pixels[0], 0, first[0]], [0, pixels[1], first[1]]])
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        warped = cv2.warpAffine(image, matrix, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(warped, dtype=np.uint8)
-    extent = np.array([image.shape[1], image.shape[0]])
-    low = np.round(centre - reach).astype(int)
-    high = np.maximum(np.round(centre + reach).astype(int), low + 1)
-    first_pixel = np.clip(low, 0, extent - 1)
-    last_pixel = np.clip(high, first_pixel + 1, extent)
-    part = image[first_pixel[1] : last_pixel[1], first_pixel[0] : last_pixel[0]]
-    before, after = first_pixel - low, high - last_pixel
-    if np.concatenate([before, after]).max() > 0:
-        top, bottom, left, right = np.maximum([before[1], after[1], before[0], after[0]], 0).tolist()
-        bordered = cv2.copyMakeBorder(part, top, bottom, left, right, cv2.BORDER_REPLICATE)
-        part = np.asarray(bordered, dtype=np.uint8)
-    return np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
