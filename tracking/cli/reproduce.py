@@ -53,7 +53,7 @@ def with_common_options(name: str, experiment: Callable[..., Any]) -> Callable[.
     """A function with the options of an experiment and those of every experiment, for the parser."""
 
     def command(**_: Any) -> None:
-        raise NotImplementedError
+        """For the parser, which reads only the signature and the text that are set below."""
 
     own = [p for p in inspect.signature(experiment, eval_str=True).parameters.values() if p.name != "bench"]
     common = (("out", Path(f"out/{name}"), Path), ("cache", CACHE, Path), ("overwrite", False, bool))
