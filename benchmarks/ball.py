@@ -15,7 +15,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, ball_frames
 from tsuiseki.tracking.bodies.ball import Ball
-from tsuiseki.tracking.filters.body_motion import BodyMotion, Noise, RandomWalk
+from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
 from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker

@@ -10,7 +10,7 @@ from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.bodies.learnt import read_body, write_body
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.body_motion import RandomWalk
+from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.tracking.formats.states import read_states
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.body_motion import BodyFixedVelocity, Noise, draw
-from tsuiseki.tracking.filters.learnt_motion import read_motion, write_motion
+from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity, Noise, draw
+from tsuiseki.tracking.filters.motion.learnt_motion import read_motion, write_motion
 from tsuiseki.trainers.motion import learn_motion, track_steps
 
 FIELDS, ANGLES = ("a", "b", "theta", "phi"), (2, 3)

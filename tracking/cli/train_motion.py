@@ -26,7 +26,7 @@ def train_motion(
         frame_rate: frames per second of the tracks; by default what run.json or seqinfo.ini beside them says.
     """
     from tsuiseki.tracking.bodies.choice import parse_body
-    from tsuiseki.tracking.filters.learnt_motion import write_motion
+    from tsuiseki.tracking.filters.motion.learnt_motion import write_motion
     from tsuiseki.tracking.formats.states import read_states
     from tsuiseki.trainers.motion import learn_motion
 

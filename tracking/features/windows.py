@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.hog import hog
-from tsuiseki.tracking.filters.correlation import Samples, cosine_window, transform
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import Samples, cosine_window, transform
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Float32Array = NDArray[np.float32]

@@ -1,1 +1,1 @@
-"""Bayesian filters."""
+"""Bayesian filters; `base` is the contract of all of them."""

@@ -14,10 +14,10 @@ of is an argument:
 * a proposal ``f(particles, observation, rng)`` does so knowing the observation, `Proposal`;
 * a likelihood ``f(particles, observation)`` is a logarithm, `LogLikelihood`;
 * births ``draw(observation, rng)`` propose new targets, `Births`;
-* a resampler ``f(weights, count, rng)`` keeps the good ones, `tsuiseki.tracking.filters.resampling`.
+* a resampler ``f(weights, count, rng)`` keeps the good ones, `tsuiseki.tracking.filters.particles.resampling`.
 
 Weights are logarithms wherever they are kept or handed on: ``(N,)`` float64 in [-inf, inf), where ``-inf`` is a
-particle that cannot be (`tsuiseki.tracking.filters.weights`). Of one target they sum to one, of several to the expected
+particle that cannot be (`particles.weights`). Of one target they sum to one, of several to the expected
 number of targets. Particles are ``(N, D)`` float64. What an observation is, only the proposal, the likelihood and the
 births know; one that carries its own time gives the motion its seconds, otherwise the filter's settings do.
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
-from tsuiseki.tracking.filters.learnt_motion import read_motion
+from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk
+from tsuiseki.tracking.filters.motion.learnt_motion import read_motion
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
 from tsuiseki.tracking.likelihoods.contour import Extraction

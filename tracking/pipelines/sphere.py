@@ -16,7 +16,7 @@ from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras
 from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion_3d import Ballistic, ConstantVelocity, RandomWalk
+from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity, RandomWalk
 from tsuiseki.tracking.likelihoods.background import median_background
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
 from tsuiseki.tracking.synchronise import align, default_tolerance, read_timestamps

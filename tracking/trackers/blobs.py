@@ -9,14 +9,14 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import Running, bootstrap
-from tsuiseki.tracking.filters.labelled_particles import LabelledParticles
-from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.region_births import AnywhereBirths, ExplainedImage, PatchBirths
-from tsuiseki.tracking.filters.region_likelihoods import EachAlone, WithoutOthers
-from tsuiseki.tracking.filters.region_phd import RegionInfo, RegionPhdFilter
-from tsuiseki.tracking.filters.region_states import boxes_of, second_order
-from tsuiseki.tracking.filters.region_updates import Calibrated, Equalised, as_printed
-from tsuiseki.tracking.filters.weights import weighted_mean
+from tsuiseki.tracking.filters.finite_sets.labelled_particles import LabelledParticles
+from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, ExplainedImage, PatchBirths
+from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, WithoutOthers
+from tsuiseki.tracking.filters.image_regions.region_phd import RegionInfo, RegionPhdFilter
+from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, second_order
+from tsuiseki.tracking.filters.image_regions.region_updates import Calibrated, Equalised, as_printed
+from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.particles.weights import weighted_mean
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage, ColourRange, region_contrast
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame, Status, Targets, Track

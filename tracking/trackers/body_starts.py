@@ -10,9 +10,9 @@ import numpy as np
 
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.filters.base import bootstrap, each_frame
-from tsuiseki.tracking.filters.body_motion import HEADING, Noise, RandomWalk, draw
-from tsuiseki.tracking.filters.particle import ParticleFilter
-from tsuiseki.tracking.filters.weights import best_particle
+from tsuiseki.tracking.filters.motion.body_motion import HEADING, Noise, RandomWalk, draw
+from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
+from tsuiseki.tracking.filters.particles.weights import best_particle
 from tsuiseki.tracking.likelihoods.contour import (
     BodyView,
     ContourLikelihood,

@@ -14,11 +14,11 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.filters.annealed import Annealed
 from tsuiseki.tracking.filters.base import Proposal, bootstrap, each_frame
-from tsuiseki.tracking.filters.body_motion import BodyMotion, draw
-from tsuiseki.tracking.filters.particle import AdaptiveNumber, ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.weights import weighted_mean
+from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, draw
+from tsuiseki.tracking.filters.particles.annealed import Annealed
+from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber, ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.particles.weights import weighted_mean
 from tsuiseki.tracking.likelihoods.contour import (
     FARTHEST,
     BodyView,

@@ -14,10 +14,10 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import Filter, Motion, Running, SetInfo, TargetEstimates, each_frame
-from tsuiseki.tracking.filters.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.phd import PhdFilter
-from tsuiseki.tracking.filters.point_births import MeasurementBirths
-from tsuiseki.tracking.filters.point_models import GaussianSensor, PointModel
+from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths
+from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, PointModel
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
 from tsuiseki.tracking.types import Detections, FloatArray, Targets, Track

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion_3d import ConstantVelocity
-from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.tempering import bearable_share, drawn_and_spread
-from tsuiseki.tracking.filters.views import Covering, open_after, weigh_views
-from tsuiseki.tracking.filters.weights import log_sum, probabilities, weighted_covariance, weighted_mean
+from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity
+from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.particles.tempering import bearable_share, drawn_and_spread
+from tsuiseki.tracking.filters.particles.views import Covering, open_after, weigh_views
+from tsuiseki.tracking.filters.particles.weights import log_sum, probabilities, weighted_covariance, weighted_mean
 from tsuiseki.tracking.likelihoods.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray, Position, Status
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.volume import LARGEST_SHARE, SMALLEST_RADIUS, in_sight
-from tsuiseki.tracking.filters.resampling import systematic
-from tsuiseki.tracking.filters.weights import probabilities
+from tsuiseki.tracking.filters.particles.resampling import systematic
+from tsuiseki.tracking.filters.particles.weights import probabilities
 from tsuiseki.tracking.likelihoods.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray
 

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.filters.base import BornParticles, Running, bootstrap, each_frame
-from tsuiseki.tracking.filters.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.motion_3d import Ballistic, ConstantVelocity, Manoeuvring, RandomWalk
-from tsuiseki.tracking.filters.particle import ParticleFilter
-from tsuiseki.tracking.filters.phd import PhdFilter
-from tsuiseki.tracking.filters.point_births import MeasurementBirths, MixtureBirths, NoBirths, moving_from
-from tsuiseki.tracking.filters.point_models import (
+from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths, NoBirths, moving_from
+from tsuiseki.tracking.filters.finite_sets.point_models import (
     GaussianSensor,
     PointModel,
     cartesian,
     constant_velocity,
     coordinated_turn,
 )
-from tsuiseki.tracking.filters.region_births import AnywhereBirths, ExplainedImage, PatchBirths
-from tsuiseki.tracking.filters.region_likelihoods import EachAlone, WithoutOthers
-from tsuiseki.tracking.filters.region_phd import RegionPhdFilter
-from tsuiseki.tracking.filters.region_states import second_order
+from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, ExplainedImage, PatchBirths
+from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, WithoutOthers
+from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.image_regions.region_states import second_order
+from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity, Manoeuvring, RandomWalk
+from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage
 from tsuiseki.tracking.trackers.points import box_motion
 from tsuiseki.tracking.trackers.single.particles import random_walk

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.motion_3d import ConstantVelocity
+from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity
 from tsuiseki.tracking.filters.smoothing import smooth
 
 TIMES = np.cumsum([0.0, 0.1, 0.1, 0.3, 0.1, 0.2, 0.1])

@@ -8,8 +8,8 @@ import pytest
 
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.bodies.goldfish import Goldfish
-from tsuiseki.tracking.filters.body_motion import BodyFixedVelocity, Noise, RandomWalk
-from tsuiseki.tracking.filters.particle import AdaptiveNumber
+from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity, Noise, RandomWalk
+from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
 from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
 from tsuiseki.tracking.trackers.body_starts import contours_mask, find_starts, wide_noise

@@ -9,7 +9,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.cameras.volume import common_volume, in_sight
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion_3d import Ballistic, ConstantVelocity
+from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity
 from tsuiseki.tracking.likelihoods.views import ContourLikelihood, PointLikelihood
 from tsuiseki.tracking.trackers.sphere import SphereTracker, TimedViews, with_velocities
 from tsuiseki.tracking.trackers.sphere_run import check_lengths, check_start

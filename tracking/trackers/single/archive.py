@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.filters.correlation import FilterBank
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import FilterBank
 from tsuiseki.tracking.types import FloatArray
 
 

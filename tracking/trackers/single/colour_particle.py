@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.filters.base import bootstrap, each_frame
-from tsuiseki.tracking.filters.particle import ParticleFilter
-from tsuiseki.tracking.filters.weights import probabilities
+from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
+from tsuiseki.tracking.filters.particles.weights import probabilities
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.trackers.single.matching import colour_bins
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status

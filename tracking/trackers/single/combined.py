@@ -19,8 +19,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.correlation import ComplexArray
-from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import ComplexArray
+from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak
 from tsuiseki.tracking.likelihoods.response import ResponseMaps
 from tsuiseki.tracking.trackers.single import regularised

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.features.windows import Features, WindowShape, window_shape
-from tsuiseki.tracking.filters.correlation import (
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     ComplexArray,
     FilterBank,
     GaussianKernel,

@@ -27,9 +27,9 @@ import numpy as np
 
 from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, shipped_objectness
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.correlation import FilterBank, Samples, join, respond
-from tsuiseki.tracking.filters.particle import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.weights import probabilities
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import FilterBank, Samples, join, respond
+from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.particles.weights import probabilities
 from tsuiseki.tracking.likelihoods.peaks import local_maxima
 from tsuiseki.tracking.likelihoods.response import ResponseMaps, log_likelihood, object_overlap
 from tsuiseki.tracking.trackers.single import kcf

@@ -12,7 +12,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.windows import cut
-from tsuiseki.tracking.filters.correlation import cosine_window, gaussian_labels
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import cosine_window, gaussian_labels
 from tsuiseki.tracking.likelihoods.peaks import peak
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray

@@ -20,15 +20,20 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.hog import hog
 from tsuiseki.tracking.features.windows import cut, cut_one
-from tsuiseki.tracking.filters.correlation import (
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     ComplexArray,
     Float32Array,
     cosine_window,
     gaussian_labels,
     transform,
 )
-from tsuiseki.tracking.filters.regularised_correlation import RegularisedLearning, learn, respond, support_mask
-from tsuiseki.tracking.filters.scale_filter import ScaleFilter, best_size
+from tsuiseki.tracking.filters.correlation.regularised_correlation import (
+    RegularisedLearning,
+    learn,
+    respond,
+    support_mask,
+)
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_size
 from tsuiseki.tracking.likelihoods.peaks import peak
 from tsuiseki.tracking.likelihoods.pixel_colour import PixelColour, shift_response, size_contrast
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre

@@ -13,8 +13,8 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.points import PointTracks
 from tsuiseki.tracking.filters.base import Births
-from tsuiseki.tracking.filters.point_births import MeasurementBirths, MixtureBirths, moving_from
-from tsuiseki.tracking.filters.point_models import (
+from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths, moving_from
+from tsuiseki.tracking.filters.finite_sets.point_models import (
     GaussianSensor,
     PointModel,
     bearing_range,

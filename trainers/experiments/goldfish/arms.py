@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.filters.body_motion import BodyFixedVelocity, BodyMotion
-from tsuiseki.tracking.filters.learnt_motion import LearntMotion
-from tsuiseki.tracking.filters.particle import AdaptiveNumber
+from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity, BodyMotion
+from tsuiseki.tracking.filters.motion.learnt_motion import LearntMotion
+from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.motion import Steps, components_of, regression
 

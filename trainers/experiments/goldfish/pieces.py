@@ -14,7 +14,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.fish.goldfish import write_goldfish
 from tsuiseki.datamodules.scenes.fish.sets import GoldfishSets, planned_clips
 from tsuiseki.tracking.bodies.goldfish import Goldfish
-from tsuiseki.tracking.filters.body_motion import RandomWalk
+from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
 from tsuiseki.tracking.formats.states import read_states, write_states
 from tsuiseki.tracking.likelihoods.colour_region import ColourRange
 from tsuiseki.tracking.likelihoods.contour import Extraction

@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tsuiseki.datamodules.scenes.fish.turns import sudden_turns
-from tsuiseki.tracking.filters.body_motion import draw
-from tsuiseki.tracking.filters.resampling import systematic
-from tsuiseki.tracking.filters.weights import probabilities
+from tsuiseki.tracking.filters.motion.body_motion import draw
+from tsuiseki.tracking.filters.particles.resampling import systematic
+from tsuiseki.tracking.filters.particles.weights import probabilities
 from tsuiseki.tracking.report.bodies import draw_contour
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.trackers.deformable import DeformableTracker

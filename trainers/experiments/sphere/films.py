@@ -22,8 +22,8 @@ from tsuiseki.datamodules.scenes.ball.carried import (
 )
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, RandomWalk
-from tsuiseki.tracking.filters.views import Covering
+from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity, RandomWalk
+from tsuiseki.tracking.filters.particles.views import Covering
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
 from tsuiseki.tracking.trackers.sphere import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray

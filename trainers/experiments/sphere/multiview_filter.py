@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsuiseki.tracking.cameras.moving_target import TimedCamera
-from tsuiseki.tracking.filters.motion_3d import Manoeuvring
+from tsuiseki.tracking.filters.motion.motion_3d import Manoeuvring
+from tsuiseki.tracking.filters.particles.views import Covering
+from tsuiseki.tracking.filters.particles.weights import weighted_covariance, weighted_mean
 from tsuiseki.tracking.filters.smoothing import smooth
-from tsuiseki.tracking.filters.views import Covering
-from tsuiseki.tracking.filters.weights import weighted_covariance, weighted_mean
 from tsuiseki.tracking.likelihoods.views import PointLikelihood
 from tsuiseki.tracking.trackers.sphere import OPEN, TRUST, SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray

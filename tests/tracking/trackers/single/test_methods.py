@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.filters.correlation import respond
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import respond
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings, Evidence

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.correlation import GaussianKernel, gaussian_labels, train, transform
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
+    GaussianKernel,
+    gaussian_labels,
+    train,
+    transform,
+)
 from tsuiseki.tracking.trackers.single.archive import Archive
 from tsuiseki.tracking.trackers.single.particles import (
     best_by_filter,

@@ -1,0 +1,32 @@
+"""The filter over sizes on rows whose content is known to shift with the size."""
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_size
+
+SIZES = 11
+
+
+def rows(offset):
+    """``(SIZES, D)`` smooth features of the logarithm of the size, seen at a target ``offset`` steps larger."""
+    frequencies = np.linspace(0.05, 2.5, 40)
+    steps = np.arange(SIZES) - SIZES // 2 - offset
+    return np.sin(np.outer(steps, frequencies) + np.arange(40))
+
+
+@pytest.mark.parametrize("offset", [-2, 0, 1, 3])
+def test_the_size_that_was_learnt_is_found(offset):
+    response = ScaleFilter.learn(rows(0)).respond(rows(offset))
+    assert int(np.argmax(response)) - SIZES // 2 == offset
+    assert best_size(response, 1.03) == pytest.approx(1.03**offset, rel=0.02)
+
+
+def test_a_response_at_the_border_is_taken_as_it_is():
+    assert best_size(np.array([3.0, 1.0, 0.0]), 1.1) == pytest.approx(1 / 1.1)
+
+
+def test_blending_goes_from_the_old_to_the_new():
+    old, new = ScaleFilter.learn(rows(0)), ScaleFilter.learn(rows(2))
+    np.testing.assert_allclose(old.blend(new, 1.0).numerator, new.numerator, rtol=1e-4, atol=1e-4)
+    np.testing.assert_array_equal(old.blend(new, 0.0).denominator, old.denominator)

@@ -1,0 +1,247 @@
+"""Labelled multi-Bernoulli filter with Poisson births, in particle form.
+
+Beyond the paper's PHD filter, on the same model (30)-(43): every target that has been measured is a Bernoulli track
+with a label, a probability of existence ``r`` and its own particles; targets not yet measured stay a Poisson intensity,
+so that several may appear at one place at once. Reuter, Vo, Vo and Dietmayer, "The labeled multi-Bernoulli filter"
+(2014); the Poisson part and the marginal association are those of Williams, "Marginal multi-Bernoulli filters" (2015).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.filters.base import Births, BornParticles, TargetEstimates
+from tsuiseki.tracking.filters.finite_sets.belief_propagation import association_marginals
+from tsuiseki.tracking.filters.finite_sets.labelled_particles import first_particles
+from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
+from tsuiseki.tracking.filters.finite_sets.point_models import PointModel, check_measurements
+from tsuiseki.tracking.filters.particles.resampling import systematic_rows
+from tsuiseki.tracking.filters.particles.weights import logarithms
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class LabelledState:
+    """Tracks, and the intensity of the targets never measured.
+
+    Attributes:
+        labels: ``(T,)`` positive, never used again.
+        existence: ``(T,)`` probabilities.
+        particles: ``(T, P, D)``.
+        log_weights: ``(T, P)``; the weights of each track sum to one.
+        hidden: the targets never measured.
+        next_label: of the next new track.
+    """
+
+    labels: IntArray
+    existence: FloatArray
+    particles: FloatArray
+    log_weights: FloatArray
+    hidden: BornParticles
+    next_label: int
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+
+@dataclass(frozen=True)
+class LabelledInfo:
+    """What one step found.
+
+    Attributes:
+        estimates: the tracks more likely there than not.
+        expected_count: of the tracks and of the hidden targets together.
+        tracks: number of tracks kept, unlikely ones included.
+        pairs: gated pairs of tracks and measurements.
+    """
+
+    estimates: TargetEstimates
+    expected_count: float
+    tracks: int
+    pairs: int
+
+
+@dataclass(frozen=True)
+class LabelledMultiBernoulliFilter:
+    """Settings and step of the filter.
+
+    Attributes:
+        model: motion, sensor, survival, detection and clutter.
+        births: draws of the birth intensity.
+        particles: of each track.
+        report: a track is an estimate when its existence is above this.
+        prune: a track ends when its existence is below this.
+        resample_below: draw a track's particles anew below this share of effective ones.
+    """
+
+    model: PointModel
+    births: Births[FloatArray]
+    particles: int = 1000
+    report: float = 0.5
+    prune: float = 1e-3
+    resample_below: float = 0.5
+
+    def init(self, particles: FloatArray, count: float = 0.0) -> LabelledState:
+        """``count`` targets never measured, spread evenly over particles ``(N, D)``; ``(0, D)`` begins with no target.
+
+        Raises:
+            ValueError: a particle is not finite, or the count is negative or has no particle to stand on.
+        """
+        first = first_particles(particles, count)
+        starts = np.zeros(min(len(first), 1), dtype=np.int64)
+        hidden = BornParticles(first.particles, first.log_weights, starts)
+        shape, columns = (0, self.particles), first.particles.shape[1]
+        nothing = np.empty(0)
+        return LabelledState(
+            np.empty(0, dtype=np.int64), nothing, np.empty((*shape, columns)), np.empty(shape), hidden, 1
+        )
+
+    def step(
+        self, state: LabelledState, observation: FloatArray, rng: np.random.Generator
+    ) -> tuple[LabelledState, LabelledInfo]:
+        """One observation further: predict, associate, update, begin new tracks, prune, estimate."""
+        measurements = check_measurements(observation, len(self.model.sensor.deviation))
+        predicted = self._predict(state, measurements, rng)
+        new_mass, new_particles, hidden = self._hidden_update(predicted.hidden, measurements, rng)
+        unclaimed = self.model.clutter_at(measurements) + new_mass
+        updated, pairs, free = self._track_update(predicted, measurements, unclaimed)
+        begun = free * np.divide(new_mass, unclaimed, out=np.zeros_like(new_mass), where=unclaimed > 0)
+        joined = self._join(updated, begun, new_particles, hidden)
+        count = float(joined.existence.sum() + np.exp(hidden.log_weights).sum())
+        info = LabelledInfo(self._estimate(joined), count, len(joined), pairs)
+        return self._resample(joined, rng), info
+
+    def _predict(self, state: LabelledState, measurements: FloatArray, rng: np.random.Generator) -> LabelledState:
+        """Tracks and hidden targets move and survive, (44); the births join the hidden."""
+        moved = self.model.moved(state.particles.reshape(-1, state.particles.shape[-1]), rng)
+        born, old = self.births.draw(measurements, rng), state.hidden
+        with np.errstate(divide="ignore"):
+            survived = np.log(self.model.survival) + old.log_weights
+        hidden = BornParticles(
+            np.concatenate([self.model.moved(old.particles, rng), born.particles]),
+            np.concatenate([survived, born.log_weights]),
+            np.concatenate([old.starts, born.starts + len(old.particles)]),
+        )
+        existence = self.model.survival * state.existence
+        moved = moved.reshape(state.particles.shape)
+        return LabelledState(state.labels, existence, moved, state.log_weights, hidden, state.next_label)
+
+    def _hidden_update(
+        self, hidden: BornParticles, measurements: FloatArray, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray, BornParticles]:
+        """Intensity at each measurement ``(M,)``, particles for a new track there ``(M, P, D)``, and what stays hidden.
+
+        The first is the second term of the denominator of (46), for targets that no track stands for.
+        """
+        weights, detection = np.exp(hidden.log_weights), self.model.detection_of(hidden.particles)
+        pairs = find_pairs(hidden.particles, hidden.starts, measurements, self.model.sensor)
+        joint = (detection * weights)[pairs.particle] * np.exp(pairs.log_likelihood)
+        mass = pairs.by_measurement(joint, len(measurements))
+        drawn = _draw_by_measurement(pairs, joint, mass, self.particles, rng)
+        # A group much lighter than a track that is pruned can begin none.
+        left = _heavy_groups(hidden, (1.0 - detection) * weights, self.prune / 10)
+        return mass, hidden.particles[drawn], left
+
+    def _track_update(
+        self, state: LabelledState, measurements: FloatArray, unclaimed: FloatArray
+    ) -> tuple[LabelledState, int, FloatArray]:
+        """Tracks after marginal association, the number of pairs, and the chance ``(M,)`` that no track has each."""
+        tracks, count = len(state), len(measurements)
+        flat = state.particles.reshape(-1, state.particles.shape[-1])
+        weights, detection = np.exp(state.log_weights), self.model.detection_of(flat).reshape(tracks, self.particles)
+        pairs = find_pairs(flat, np.arange(tracks) * self.particles, measurements, self.model.sensor)
+        joint = (weights * detection).ravel()[pairs.particle] * np.exp(pairs.log_likelihood)
+        evidence = pairs.sums(joint)
+        likelihood = np.zeros((tracks, count))
+        likelihood[pairs.groups, pairs.measurements] = evidence
+        undetected = np.sum(weights * (1.0 - detection), axis=1)
+        r = state.existence
+        missed = 1.0 - r + r * undetected
+        claimed, none = association_marginals(r[:, None] * likelihood, missed, unclaimed)
+        alive = none * r * undetected / np.maximum(missed, np.finfo(np.float64).tiny)
+        existence = alive + claimed.sum(axis=1)
+        share = claimed[pairs.groups, pairs.measurements] / np.maximum(evidence, np.finfo(np.float64).tiny)
+        sizes = np.diff(np.append(pairs.starts, len(pairs.particle)))
+        gained = pairs.by_particle(joint * np.repeat(share, sizes), weights.size)
+        stayed = weights * (1.0 - detection) * (alive / np.maximum(undetected, np.finfo(np.float64).tiny))[:, None]
+        total = stayed + gained.reshape(weights.shape)
+        # A track that can neither be missed nor measured is gone; equal weights instead of 0 / 0.
+        total[total.sum(axis=1) <= 0] = 1.0
+        log_weights = logarithms(total / total.sum(axis=1, keepdims=True))
+        free = np.clip(1.0 - claimed.sum(axis=0), 0.0, 1.0)
+        after = LabelledState(
+            state.labels, np.minimum(existence, 1.0), state.particles, log_weights, state.hidden, state.next_label
+        )
+        return after, len(pairs), free
+
+    def _join(
+        self, state: LabelledState, begun: FloatArray, new_particles: FloatArray, hidden: BornParticles
+    ) -> LabelledState:
+        """The likely ones of old and new tracks."""
+        new, old = np.flatnonzero(begun >= self.prune), state.existence >= self.prune
+        equal = np.full((len(new), self.particles), -np.log(self.particles))
+        return LabelledState(
+            np.concatenate([state.labels[old], state.next_label + np.arange(len(new))]),
+            np.concatenate([state.existence[old], begun[new]]),
+            np.concatenate([state.particles[old], new_particles[new]]),
+            np.concatenate([state.log_weights[old], equal]),
+            hidden,
+            state.next_label + len(new),
+        )
+
+    def _estimate(self, state: LabelledState) -> TargetEstimates:
+        shown = state.existence > self.report
+        states = np.einsum("tp,tpd->td", np.exp(state.log_weights[shown]), state.particles[shown])
+        return TargetEstimates(state.labels[shown], states, state.existence[shown])
+
+    def _resample(self, state: LabelledState, rng: np.random.Generator) -> LabelledState:
+        """Tracks whose weights have become uneven, drawn anew, (16)-(19)."""
+        weights = np.exp(state.log_weights)
+        uneven = np.flatnonzero(np.sum(weights**2, axis=1) * self.particles * self.resample_below > 1.0)
+        drawn = systematic_rows(weights[uneven], self.particles, rng)
+        particles, log_weights = state.particles.copy(), state.log_weights.copy()
+        particles[uneven] = particles[uneven[:, None], drawn]
+        log_weights[uneven] = -np.log(self.particles)
+        return LabelledState(state.labels, state.existence, particles, log_weights, state.hidden, state.next_label)
+
+
+def _draw_by_measurement(
+    pairs: Pairs, joint: FloatArray, mass: FloatArray, count: int, rng: np.random.Generator
+) -> IntArray:
+    """Indices of particles ``(M, count)`` drawn for each measurement in proportion to ``joint`` of its entries.
+
+    One systematic draw over all measurements at once: entries in the order of their measurement, each measurement's
+    weights scaled to sum to one.
+    """
+    drawn = np.zeros((len(mass), count), dtype=np.int64)
+    seen = np.flatnonzero(mass > 0)
+    if len(seen) == 0:
+        return drawn
+    order = np.argsort(pairs.measurement, kind="stable")
+    measurement = pairs.measurement[order]
+    row = np.searchsorted(seen, measurement)
+    useful = mass[measurement] > 0
+    order, measurement, row = order[useful], measurement[useful], row[useful]
+    cumulative = np.cumsum(joint[order] / mass[measurement])
+    ends = np.append(np.flatnonzero(np.diff(measurement)), len(measurement) - 1)
+    # Within a measurement the cumulative weight runs from its row number to the next; made exact at both ends.
+    base = np.concatenate([[0.0], cumulative[ends[:-1]]])
+    within = (cumulative - base[row]) / (cumulative[ends] - base)[row]
+    places = np.ceil(count * np.clip(within, 0.0, 1.0) - rng.random(len(seen))[row]).clip(0, count)
+    places[ends] = count
+    copies = np.diff(row * count + places, prepend=0).astype(np.int64)
+    drawn[seen] = np.repeat(pairs.particle[order], copies).reshape(len(seen), count)
+    return drawn
+
+
+def _heavy_groups(hidden: BornParticles, weights: FloatArray, lightest: float) -> BornParticles:
+    """The groups whose weights ``(N,)`` sum to at least ``lightest``, with these weights."""
+    if len(weights) == 0:
+        return hidden
+    sizes = np.diff(np.append(hidden.starts, len(weights)))
+    heavy = np.add.reduceat(weights, hidden.starts) >= lightest
+    kept = np.repeat(heavy, sizes)
+    ends = np.cumsum(sizes[heavy])
+    return BornParticles(hidden.particles[kept], logarithms(weights[kept]), (ends - sizes[heavy]).astype(np.int64))

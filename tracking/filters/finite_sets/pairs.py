@@ -1,0 +1,92 @@
+"""Likelihoods of particles and measurements, only where the two are near each other.
+
+Particles stand in contiguous *groups* (the particles of one track, one cluster or one birth place). A group and a
+measurement are a pair when the measurement lies within the sensor's gate of the group's bounding box, so the cost
+follows the pairs that matter and not particles times measurements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Gated pairs of groups and measurements, and their entries: one for each particle of each pair.
+
+    Attributes:
+        groups: ``(K,)`` group of each pair.
+        measurements: ``(K,)`` measurement of each pair.
+        starts: ``(K,)`` first entry of each pair.
+        particle: ``(E,)`` particle of each entry.
+        measurement: ``(E,)`` measurement of each entry.
+        log_likelihood: ``(E,)`` logarithm of the density ``h(y | x)``.
+    """
+
+    groups: IntArray
+    measurements: IntArray
+    starts: IntArray
+    particle: IntArray
+    measurement: IntArray
+    log_likelihood: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.groups)
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Sums over each pair ``(K, ...)`` of values per entry ``(E, ...)``."""
+        if len(self) == 0:
+            return np.zeros((0, *values.shape[1:]))
+        return np.asarray(np.add.reduceat(values, self.starts, axis=0))
+
+    def by_measurement(self, values: FloatArray, count: int) -> FloatArray:
+        """Sums ``(count,)`` over the entries of each measurement."""
+        return np.bincount(self.measurements, self.sums(values), minlength=count).astype(np.float64)
+
+    def by_particle(self, values: FloatArray, count: int) -> FloatArray:
+        """Sums ``(count,)`` over the entries of each particle."""
+        return np.bincount(self.particle, values, minlength=count).astype(np.float64)
+
+
+def find_pairs(particles: FloatArray, starts: IntArray, measurements: FloatArray, sensor: GaussianSensor) -> Pairs:
+    """The gated pairs of groups and measurements.
+
+    Args:
+        particles: ``(N, D)``, group after group.
+        starts: ``(G,)`` first particle of each group, increasing from 0; no group is empty.
+        measurements: ``(M, Z)``.
+        sensor: gives the likelihood and the gate.
+    """
+    if len(particles) == 0 or len(measurements) == 0:
+        nothing = np.empty(0, dtype=np.int64)
+        return Pairs(nothing, nothing, nothing, nothing, nothing, np.empty(0))
+    projected = sensor.project(particles)
+    groups, chosen = _gate(projected, starts, measurements, sensor)
+    sizes = np.diff(np.append(starts, len(particles)))[groups]
+    first = np.cumsum(sizes) - sizes
+    particle = np.repeat(starts[groups] - first, sizes) + np.arange(int(sizes.sum()))
+    measurement = np.repeat(chosen, sizes)
+    log_likelihood = sensor.log_likelihood(projected[particle], measurements[measurement])
+    return Pairs(groups, chosen, first, particle, measurement, log_likelihood)
+
+
+def _gate(
+    projected: FloatArray, starts: IntArray, measurements: FloatArray, sensor: GaussianSensor
+) -> tuple[IntArray, IntArray]:
+    """Group and measurement of each pair: bounding boxes about each group's first particle, so angles may wrap."""
+    reference = projected[starts]
+    sizes = np.diff(np.append(starts, len(projected)))
+    offset = sensor.difference(projected, np.repeat(reference, sizes, axis=0))
+    reach = sensor.gate * sensor.deviation
+    columns = [np.ascontiguousarray(column) for column in offset.T]
+    low = np.stack([np.minimum.reduceat(column, starts) for column in columns], axis=1) - reach
+    high = np.stack([np.maximum.reduceat(column, starts) for column in columns], axis=1) + reach
+    distance = sensor.difference(measurements[None, :, :], reference[:, None, :])
+    inside = np.all((distance >= low[:, None, :]) & (distance <= high[:, None, :]), axis=2)
+    groups, chosen = np.nonzero(inside)
+    return groups.astype(np.int64), chosen.astype(np.int64)

@@ -1,0 +1,144 @@
+"""The SMC-PHD filter: the expected number of targets in every region, carried by weighted particles.
+
+Equations (44)-(59) of the finite-sets paper. Weights are absolute: their sum is the expected number of targets, so
+every likelihood keeps its constants. The update (45) is printed with a proportionality sign; it is an equality, as (53)
+has it, or the sum would mean nothing.
+
+Particles carry labels (60)-(62); `phd_identity` keeps the labels and reads tracks off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsuiseki.tracking.filters.base import Births, Proposal, TargetEstimates
+from tsuiseki.tracking.filters.finite_sets.labelled_particles import cluster_sizes, cluster_starts, first_particles
+from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
+from tsuiseki.tracking.filters.finite_sets.phd_identity import Clusters, Extraction, Identity, PhdState, by_measurements
+from tsuiseki.tracking.filters.finite_sets.point_models import PointModel, check_measurements
+from tsuiseki.tracking.filters.particles.resampling import Resampler, systematic
+from tsuiseki.tracking.filters.particles.weights import logarithms
+from tsuiseki.tracking.types import FloatArray
+
+
+@dataclass(frozen=True)
+class PhdInfo:
+    """What one step found.
+
+    Attributes:
+        estimates: the targets and their identities.
+        expected_count: sum of the weights after the update.
+        posterior: the weighted particles after the update, before they are drawn anew.
+        pairs: gated pairs of clusters and measurements.
+    """
+
+    estimates: TargetEstimates
+    expected_count: float
+    posterior: PhdState
+    pairs: int
+
+
+@dataclass(frozen=True)
+class PhdFilter:
+    """Settings and step of the SMC-PHD filter.
+
+    Attributes:
+        model: motion, sensor, survival, detection and clutter.
+        births: proposal of new targets with its weights, (51)-(52); it may look at the measurements.
+        density: particles ``rho`` for each expected target, (50) and (56).
+        proposal: of surviving particles, ``q_S(. | x, Y)`` of (48)-(49); None draws from the motion model.
+        resample: one of :mod:`tsuiseki.tracking.filters.particles.resampling`.
+        identity: how clusters keep, join and part their labels, section 5.2.
+        extract: reads the targets off: ``by_measurements`` or ``by_clusters``.
+        limit: upper bound of the particles, whatever the expected count.
+        smallest_cluster: particles that a light cluster keeps, each of less weight; 0 draws by weight alone, (57).
+        negligible: a cluster of less weight is not helped in this way.
+    """
+
+    model: PointModel
+    births: Births[FloatArray]
+    density: int = 1000
+    proposal: Proposal[FloatArray] | None = None
+    resample: Resampler = systematic
+    identity: Identity = field(default_factory=Identity)
+    extract: Extraction = by_measurements
+    limit: int = 200_000
+    smallest_cluster: int = 200
+    negligible: float = 1e-5
+
+    def init(self, particles: FloatArray, count: float = 0.0) -> PhdState:
+        """``count`` expected targets spread evenly over particles ``(N, D)``; ``(0, D)`` begins with no target.
+
+        Raises:
+            ValueError: a particle is not finite, or the count is negative or has no particle to stand on.
+        """
+        first = first_particles(particles, count)
+        return PhdState(first.particles, first.labels, first.log_weights, first.next_label)
+
+    def step(self, state: PhdState, observation: FloatArray, rng: np.random.Generator) -> tuple[PhdState, PhdInfo]:
+        """One observation ``(M, Z)`` further: predict, update, read off the targets, draw anew."""
+        measurements = check_measurements(observation, len(self.model.sensor.deviation))
+        predicted = self._predict(state, measurements, rng)
+        posterior, clusters = self._update(predicted, measurements)
+        posterior, clusters = self.identity.tidy(posterior, clusters, self.model.sensor)
+        estimates = self.extract(posterior, clusters)
+        if self.identity.remember:
+            estimates, memory = self.identity.recall(state.memory, estimates, posterior, clusters, self.model)
+            posterior = replace(posterior, memory=memory)
+        info = PhdInfo(estimates, posterior.expected_count, posterior, len(clusters.pairs))
+        return self._resample(posterior, rng), info
+
+    def _predict(self, state: PhdState, measurements: FloatArray, rng: np.random.Generator) -> PhdState:
+        """Survivors (48)-(49) with their labels (61), then births (51)-(52) with provisional ones (62)."""
+        if self.proposal is None:
+            moved, correction = self.model.moved(state.particles, rng), np.zeros(len(state))
+        else:
+            moved, correction = self.proposal(state.particles, measurements, rng)
+        with np.errstate(divide="ignore"):
+            survived = np.log(self.model.survival) + correction + state.log_weights
+        born = self.births.draw(measurements, rng)
+        return PhdState(
+            np.concatenate([moved, born.particles]),
+            np.concatenate([state.labels, state.next_label + born.groups]),
+            np.concatenate([survived, born.log_weights]),
+            state.next_label + len(born.starts),
+        )
+
+    def _update(self, predicted: PhdState, measurements: FloatArray) -> tuple[PhdState, Clusters]:
+        """Weights by (53)-(55), an equality."""
+        weights, detection = np.exp(predicted.log_weights), self.model.detection_of(predicted.particles)
+        starts = cluster_starts(predicted.labels)
+        pairs = find_pairs(predicted.particles, starts, measurements, self.model.sensor)
+        joint = (detection * weights)[pairs.particle] * np.exp(pairs.log_likelihood)
+        share = joint / self._total(pairs, joint, measurements)[pairs.measurement]
+        gained = pairs.by_particle(share, len(weights))
+        log_weights = logarithms((1.0 - detection) * weights + gained)
+        posterior = PhdState(predicted.particles, predicted.labels, log_weights, predicted.next_label)
+        nothing = np.zeros(len(measurements), dtype=np.int64)
+        return posterior, Clusters(starts, pairs, share, measurements, nothing, predicted.next_label)
+
+    def _total(self, pairs: Pairs, joint: FloatArray, measurements: FloatArray) -> FloatArray:
+        """``mu_C p_C(y) + pD C_k(y)`` ``(M,)``, the denominator of (54); never zero."""
+        total = self.model.clutter_at(measurements) + pairs.by_measurement(joint, len(measurements))
+        # Without clutter a measurement that no particle explains has 0 / 0: it says nothing, so its share is 0.
+        return np.maximum(total, np.finfo(np.float64).tiny)
+
+    def _resample(self, posterior: PhdState, rng: np.random.Generator) -> PhdState:
+        """``rho`` particles a target, each of weight ``1 / rho``, (56)-(59); more, lighter ones in a light cluster."""
+        weights, starts = np.exp(posterior.log_weights), cluster_starts(posterior.labels)
+        masses = np.add.reduceat(weights, starts) if len(starts) else np.empty(0)
+        total = float(masses.sum())
+        scale = min(1.0, self.limit / max(self.density * total, 1.0))
+        wanted = scale * self.density * masses
+        light = (wanted < self.smallest_cluster) & (masses >= self.negligible)
+        sizes = cluster_sizes(starts, len(weights))
+        factor = np.where(light, self.smallest_cluster / np.where(light, wanted, 1.0), 1.0)
+        intensity = weights * np.repeat(factor, sizes)
+        count = round(scale * self.density * float(intensity.sum()))
+        if count == 0:
+            return posterior.select(np.empty(0, dtype=np.int64))
+        drawn = self.resample(intensity, count, rng)
+        kept = float(intensity.sum()) / count / np.repeat(factor, sizes)[drawn]
+        return replace(posterior.select(drawn), log_weights=np.log(kept))

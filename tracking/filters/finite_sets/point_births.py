@@ -1,0 +1,124 @@
+"""Where new targets come from: draws of the birth intensity ``D_Gamma``, equations (34)-(36) and (50)-(52).
+
+The weights of what is drawn sum, in expectation over the draws, to the expected number of births in the region that the
+proposal covers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.filters.base import BornParticles
+from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs
+from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor
+from tsuiseki.tracking.filters.particles.weights import logarithms
+from tsuiseki.tracking.types import FloatArray
+
+
+@dataclass(frozen=True)
+class NoBirths:
+    """No target ever appears.
+
+    Attributes:
+        columns: length of a state.
+    """
+
+    columns: int
+
+    def draw(self, measurements: FloatArray, rng: np.random.Generator) -> BornParticles:
+        """Nothing."""
+        del measurements, rng
+        return BornParticles(np.empty((0, self.columns)), np.empty(0), np.empty(0, dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class MixtureBirths:
+    """Births at known places: a Gaussian mixture intensity, drawn from itself.
+
+    Attributes:
+        masses: ``(B,)`` expected births a step at each place, >= 0.
+        means: ``(B, D)``.
+        deviations: ``(D,)`` or ``(B, D)`` standard deviations.
+        count: particles drawn at each place; more than ``rho`` times its mass (50), so that a rare target that does
+            appear is described by more than a handful.
+    """
+
+    masses: FloatArray
+    means: FloatArray
+    deviations: FloatArray
+    count: int = 1000
+
+    def draw(self, measurements: FloatArray, rng: np.random.Generator) -> BornParticles:
+        """``count`` particles at each place."""
+        del measurements
+        places, columns = self.means.shape
+        spread = np.broadcast_to(self.deviations, (places, columns))[:, None, :]
+        drawn = self.means[:, None, :] + spread * rng.standard_normal((places, self.count, columns))
+        weights = np.repeat(np.asarray(self.masses, dtype=np.float64) / self.count, self.count)
+        return BornParticles(drawn.reshape(-1, columns), logarithms(weights), np.arange(places) * self.count)
+
+
+@dataclass(frozen=True)
+class MeasurementBirths:
+    """Births anywhere, drawn where the measurements are (Ristic, Clark, Vo and Vo, 2012).
+
+    The intensity is uniform over the measured space and, for what is not measured, a given prior; the proposal puts
+    particles around each measurement by the sensor's errors. The weight is the ratio of the two, (52).
+
+    Attributes:
+        density: expected births a step per unit of measurement space, > 0.
+        sensor: whose errors spread the proposal.
+        complete: makes states ``(K, D)`` from error-free measurements ``(K, Z)`` and draws the rest of the prior.
+        columns: length of a state.
+        count: particles around each measurement.
+        limit: particles around all measurements together.
+    """
+
+    density: float
+    sensor: GaussianSensor
+    complete: Callable[[FloatArray, np.random.Generator], FloatArray]
+    columns: int
+    count: int = 200
+    limit: int = 20_000
+
+    def draw(self, measurements: FloatArray, rng: np.random.Generator) -> BornParticles:
+        """Particles around each measurement."""
+        total, width = len(measurements), measurements.shape[1]
+        if total == 0:
+            return NoBirths(self.columns).draw(measurements, rng)
+        # Fewer around each where there are hundreds, which may all lie within one gate.
+        count = min(self.count, max(self.limit // total, 1))
+        noise = self.sensor.deviation * rng.standard_normal((total, count, width))
+        places = (measurements[:, None, :] + noise).reshape(-1, width)
+        particles = self.complete(places, rng)
+        starts = np.arange(total) * count
+        pairs = find_pairs(particles, starts, measurements, self.sensor)
+        proposal = pairs.by_particle(np.exp(pairs.log_likelihood), len(particles)) * count
+        weights = np.divide(self.density, proposal, out=np.zeros(len(particles)), where=proposal > 0)
+        return BornParticles(particles, logarithms(weights), starts)
+
+
+def moving_from(
+    invert: Callable[[FloatArray], FloatArray], speed: float, turn: float | None = None
+) -> Callable[[FloatArray, np.random.Generator], FloatArray]:
+    """States at measured places with Gaussian velocities, the ``complete`` of :class:`MeasurementBirths`.
+
+    Args:
+        invert: measurements ``(K, Z)`` to positions ``(K, 2)``.
+        speed: standard deviation of the velocity along each axis.
+        turn: standard deviation of ``omega``, for states that have one.
+    """
+
+    def complete(measurements: FloatArray, rng: np.random.Generator) -> FloatArray:
+        places = invert(measurements)
+        states = np.empty((len(places), 4 if turn is None else 5))
+        states[:, [0, 2]] = places
+        states[:, [1, 3]] = speed * rng.standard_normal((len(places), 2))
+        if turn is not None:
+            states[:, 4] = turn * rng.standard_normal(len(places))
+        return states
+
+    return complete

@@ -1,0 +1,1 @@
+"""Particle filters, and what they are built of: weights, resampling, proposals and weighing in stages."""
