@@ -22,10 +22,10 @@ from walkers import machine, walking_people
 
 from tsuiseki.tracking.formats.mot import find_sequences, read_detections
 from tsuiseki.tracking.trackers.base import PeopleTracker
-from tsuiseki.tracking.trackers.bytetrack import ByteTrack
-from tsuiseki.tracking.trackers.deepsort import DeepSort
-from tsuiseki.tracking.trackers.ocsort import OcSort
-from tsuiseki.tracking.trackers.sort import Sort
+from tsuiseki.tracking.trackers.people.bytetrack import ByteTrack
+from tsuiseki.tracking.trackers.people.deepsort import DeepSort
+from tsuiseki.tracking.trackers.people.ocsort import OcSort
+from tsuiseki.tracking.trackers.people.sort import Sort
 from tsuiseki.tracking.types import Detections
 
 

@@ -20,7 +20,7 @@ from tsuiseki.tracking.likelihoods.colour_region import parse_colour
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
 from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.motion import learn_motion
+from tsuiseki.trainers.bodies.motion import learn_motion
 
 BODY = Ball()
 EXTRACTION = Extraction(parse_colour("red"))

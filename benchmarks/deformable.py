@@ -24,7 +24,7 @@ from tsuiseki.tracking.likelihoods.colour_region import parse_colour
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
 from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.trainers.motion import learn_motion
+from tsuiseki.trainers.bodies.motion import learn_motion
 
 WHOLE_FRAMES = (500, 3000)
 SCALING = (500, 2000, 10_000, 30_000, 100_000)

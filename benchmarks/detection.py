@@ -16,7 +16,7 @@ from typing import Any
 from walkers import machine
 
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, street_frames
-from tsuiseki.tracking.features.networks import Detector
+from tsuiseki.tracking.features.networks.exported import Detector
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, draw_street, plan_street
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections, labelled_boxes
-from tsuiseki.tracking.features.networks import open_detector
+from tsuiseki.tracking.features.networks.exported import open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.mot import read_ground_truth

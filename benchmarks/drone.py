@@ -23,16 +23,16 @@ import cv2
 import numpy as np
 from walkers import acting_look_alikes, machine, walking_people
 
-from tsuiseki.tracking.association.action_refinement import Prices, refine
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.costs import HandSetCost
-from tsuiseki.tracking.association.network_flow import solve
-from tsuiseki.tracking.association.repricing import network, price_pairs
+from tsuiseki.tracking.association.flow.network_flow import solve
+from tsuiseki.tracking.association.flow.repricing import network, price_pairs
 from tsuiseki.tracking.association.rows import DetectionRows, rows_of
+from tsuiseki.tracking.association.tracklets.action_refinement import Prices, refine
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.action_inputs import STREAMS
-from tsuiseki.tracking.features.camera_motion import camera_motion
-from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.features.motion.camera_motion import camera_motion
+from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION, DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 

@@ -19,12 +19,12 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.readers.images import LabelledImage, labelled_images
-from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
-from tsuiseki.tracking.features.networks import Detector
+from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.formats.mot import list_images, write_ground_truth, write_sequence_info
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.pipelines.observations import Observers, observe
-from tsuiseki.tracking.trackers.bridging import BridgingSettings
+from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 from tsuiseki.tracking.types import Frame
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video import read_image

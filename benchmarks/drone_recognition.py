@@ -18,15 +18,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.association.action_refinement import Prices, RefinementSettings
 from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.association.tracklets.action_refinement import Prices, RefinementSettings
 from tsuiseki.tracking.cli.models import shipped
-from tsuiseki.tracking.evaluation.action_pairs import LabelledActions
+from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.formats.mot import find_sequences
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.pipelines.observations import Observation
-from tsuiseki.trainers.affinity_drone import fit_drone_affinity, labelled_clip
+from tsuiseki.trainers.affinity.affinity_drone import fit_drone_affinity, labelled_clip
 from tsuiseki.trainers.experiments.drone.clips import (
     FIRST_SEED,
     TEST_SCENE,

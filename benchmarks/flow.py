@@ -18,12 +18,12 @@ from typing import TypeVar
 from ortools.graph.python import min_cost_flow
 from walkers import machine, peak_memory, walking_people
 
-from tsuiseki.tracking.association.flow_rounds import Seen
-from tsuiseki.tracking.association.flow_window import FlowWindow
-from tsuiseki.tracking.association.network_flow import FlowGraph, add_arcs, solve
-from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.trackers.flow_input import FlowInput
-from tsuiseki.tracking.trackers.people import run_tracker
+from tsuiseki.tracking.association.flow.flow_rounds import Seen
+from tsuiseki.tracking.association.flow.flow_window import FlowWindow
+from tsuiseki.tracking.association.flow.network_flow import FlowGraph, add_arcs, solve
+from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.trackers.people.flow_input import FlowInput
+from tsuiseki.tracking.trackers.people.record import run_tracker
 from tsuiseki.tracking.types import FloatArray
 
 Result = TypeVar("Result")

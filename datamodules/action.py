@@ -14,7 +14,7 @@ from tsuiseki.datamodules.action_crops import CropSettings, clips_to_cut, cut_cl
 from tsuiseki.datamodules.readers.acting import ActionSequence, action_sequences
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName
-from tsuiseki.tracking.features.optical_flow import FlowName
+from tsuiseki.tracking.features.motion.optical_flow import FlowName
 
 
 class ActionData(lightning.LightningDataModule):

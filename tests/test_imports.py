@@ -19,7 +19,7 @@ ALLOWED = {
     "tracking": {"tracking"},
     "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
                     "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output",
-                    "tracking.processes", "tracking.features.action_inputs", "tracking.features.optical_flow"},
+                    "tracking.processes", "tracking.features.action_inputs", "tracking.features.motion.optical_flow"},
     "trainers": {"trainers", "models", "datamodules", "tracking"},
     "configs": set(),
 }  # fmt: skip

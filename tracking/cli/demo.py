@@ -14,7 +14,7 @@ from tsuiseki.tracking.errors import RequestError
 if TYPE_CHECKING:
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
     from tsuiseki.tracking.pipelines.methods import PeopleMethod
-    from tsuiseki.tracking.trackers.run import FrameLog
+    from tsuiseki.tracking.trackers.people.run import FrameLog
     from tsuiseki.tracking.types import Track
     from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.video import Source
@@ -122,10 +122,10 @@ def _track(
     """The same detections linked by every method, as `tsuiseki track people` would."""
     from tsuiseki.tracking.association.affinity import Affinity
     from tsuiseki.tracking.cli.run import frames_expected
-    from tsuiseki.tracking.features.networks import Appearance, Detector
+    from tsuiseki.tracking.features.networks.exported import Appearance, Detector
     from tsuiseki.tracking.pipelines.finding import PeopleInputs
     from tsuiseki.tracking.pipelines.methods import people_tracker
-    from tsuiseki.tracking.trackers.run import run_trackers
+    from tsuiseki.tracking.trackers.people.run import run_trackers
 
     affinity = Affinity(models["affinity"], threads)
     trackers = {name: people_tracker(method, None, affinity, source=source) for method, name in METHODS.items()}

@@ -45,8 +45,8 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.pipelines.drone_models import DroneModels, prices_of
-    from tsuiseki.tracking.trackers.bridging import BridgingSettings
     from tsuiseki.tracking.trackers.drone import DroneSettings
+    from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
     from tsuiseki.tracking.video import open_source
 
     with output.run() as run:

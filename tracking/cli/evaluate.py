@@ -161,9 +161,9 @@ def action(
         json: write all scores to this file.
         overwrite: replace an existing file.
     """
-    from tsuiseki.tracking.evaluation.action import evaluate_actions
-    from tsuiseki.tracking.evaluation.action_pairs import match_actions, read_labelled_actions
-    from tsuiseki.tracking.evaluation.action_table import action_table, action_values
+    from tsuiseki.tracking.evaluation.action.action import evaluate_actions
+    from tsuiseki.tracking.evaluation.action.action_pairs import match_actions, read_labelled_actions
+    from tsuiseki.tracking.evaluation.action.action_table import action_table, action_values
     from tsuiseki.tracking.evaluation.table import show
     from tsuiseki.tracking.output import check_output_file
 

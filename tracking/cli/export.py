@@ -50,8 +50,8 @@ def detector(
     if float16 and int8:
         raise RequestError("expected --float16 or --int8, got both")
     with needs_train_extra():
-        from tsuiseki.trainers.export import export_detector
-        from tsuiseki.trainers.export_int8 import quantise_detector
+        from tsuiseki.trainers.exporting.export import export_detector
+        from tsuiseki.trainers.exporting.export_int8 import quantise_detector
     check_output_file(out, overwrite)
     with tempfile.TemporaryDirectory() as folder:
         whole = out if int8 is None else Path(folder) / "whole.onnx"
@@ -90,7 +90,7 @@ def appearance(
         overwrite: replace an existing file.
     """
     with needs_train_extra():
-        from tsuiseki.trainers.export import export_appearance
+        from tsuiseki.trainers.exporting.export import export_appearance
     _say(out, export_appearance(checkpoint, out, training_data, float16=float16, overwrite=overwrite))
 
 
@@ -114,7 +114,7 @@ def action(
         overwrite: replace existing files.
     """
     with needs_train_extra():
-        from tsuiseki.trainers.export_action import export_action
+        from tsuiseki.trainers.exporting.export_action import export_action
     for done in export_action(checkpoint, out, training_data, float16=float16, int8=int8 or (), overwrite=overwrite):
         _say(done.path, done.difference)
         if done.map_float32 is not None and done.map_int8 is not None:

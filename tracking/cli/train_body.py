@@ -36,9 +36,9 @@ def train_body(
     from tsuiseki.tracking.likelihoods.colour_region import parse_colour
     from tsuiseki.tracking.likelihoods.contour import Extraction
     from tsuiseki.tracking.output import check_output_file, output_file
-    from tsuiseki.trainers.body import learn_body
-    from tsuiseki.trainers.body_plot import plot_body
-    from tsuiseki.trainers.outlines import outlines_of
+    from tsuiseki.trainers.bodies.body import learn_body
+    from tsuiseki.trainers.bodies.body_plot import plot_body
+    from tsuiseki.trainers.bodies.outlines import outlines_of
 
     for path in (out, plot):
         if path is not None:

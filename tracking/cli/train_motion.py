@@ -28,7 +28,7 @@ def train_motion(
     from tsuiseki.tracking.bodies.choice import parse_body
     from tsuiseki.tracking.filters.motion.learnt_motion import write_motion
     from tsuiseki.tracking.formats.states import read_states
-    from tsuiseki.trainers.motion import learn_motion
+    from tsuiseki.trainers.bodies.motion import learn_motion
 
     shape = parse_body(body)
     files = [path / "states.csv" if path.is_dir() else path for path in tracks]

@@ -41,8 +41,8 @@ def objectness(
             check_output_file(path, overwrite)
     _check_plot(plot)
     with needs_train_extra():
-        from tsuiseki.trainers.objectness import ObjectnessSettings, fit_objectness, generated_images
-        from tsuiseki.trainers.objectness_data import labelled_images, plot_recall, recall_by_windows
+        from tsuiseki.trainers.objectness.objectness import ObjectnessSettings, fit_objectness, generated_images
+        from tsuiseki.trainers.objectness.objectness_data import labelled_images, plot_recall, recall_by_windows
 
         if data:
             training = [item for folder in data for item in labelled_images(folder, interval)]

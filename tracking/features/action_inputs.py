@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion
-from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, FlowName, optical_flow
+from tsuiseki.tracking.features.motion.camera_motion import camera_flow, camera_motion
+from tsuiseki.tracking.features.motion.optical_flow import FLOW_METHODS, FlowName, optical_flow
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import FARTHEST, MOST_PIXELS
 from tsuiseki.tracking.types import FloatArray, ImageArray

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from tsuiseki.tracking.features.networks import Detect, Detector
+from tsuiseki.tracking.features.networks.exported import Detect, Detector
 from tsuiseki.tracking.features.views import MOST_COLUMNS, TiledDetector, View, view_of
 from tsuiseki.tracking.types import Detections, ImageArray
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks import Detect
+from tsuiseki.tracking.features.networks.exported import Detect
 from tsuiseki.tracking.geometry import areas, intersections, suppress
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.errors import RequestError, RunError
-    from tsuiseki.tracking.features.networks import Appearance, Detector
+    from tsuiseki.tracking.features.networks.exported import Appearance, Detector
     from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
     from tsuiseki.tracking.interchange import as_detections
     from tsuiseki.tracking.pipelines.blobs import follow_blobs, follow_points, track_blobs, track_points
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.pipelines.single import follow
     from tsuiseki.tracking.pipelines.sphere import SphereSettings, track_sphere
     from tsuiseki.tracking.trackers.blobs import BlobSettings
-    from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
-    from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
     from tsuiseki.tracking.trackers.deformable import DeformableSettings
     from tsuiseki.tracking.trackers.drone import DroneSettings
-    from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
-    from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
+    from tsuiseki.tracking.trackers.people.bytetrack import ByteTrack, ByteTrackSettings
+    from tsuiseki.tracking.trackers.people.deepsort import DeepSort, DeepSortSettings
+    from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
+    from tsuiseki.tracking.trackers.people.ocsort import OcSort, OcSortSettings
+    from tsuiseki.tracking.trackers.people.sort import Sort, SortSettings
     from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
-    from tsuiseki.tracking.trackers.sort import Sort, SortSettings
     from tsuiseki.tracking.types import Detections, Estimate, Frame, Position, Target, Targets, Track
     from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack

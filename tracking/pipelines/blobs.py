@@ -14,8 +14,8 @@ from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.likelihoods.colour_region import ColourRange, colour_of_box, parse_colour
 from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker, SingleBlobTracker
+from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.trackers.points import PointSettings, PointTracker, points_as_boxes
-from tsuiseki.tracking.trackers.run import shifted
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.video import Source, open_source
 

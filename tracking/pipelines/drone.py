@@ -9,19 +9,19 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tsuiseki.tracking.association.action_refinement import Prices
+from tsuiseki.tracking.association.tracklets.action_refinement import Prices
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.action import averaged
-from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike
+from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.pipelines.drone_models import DroneMethod, DroneModels, Finding, prices_of
 from tsuiseki.tracking.pipelines.finding import GivenDetections
 from tsuiseki.tracking.pipelines.observations import Observation, observe
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
-from tsuiseki.tracking.trackers.given import as_detections
-from tsuiseki.tracking.trackers.run import FrameLog, shifted
+from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
+from tsuiseki.tracking.trackers.people.given_tracks import as_detections
+from tsuiseki.tracking.trackers.people.run import FrameLog, shifted
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video import open_source

@@ -7,21 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.costs import HandSetCost
+from tsuiseki.tracking.association.tracklets.action_refinement import Prices
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.action_inputs import STREAMS
-from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
-from tsuiseki.tracking.features.networks import Detect
-from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike, as_describer
+from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.networks.exported import Detect
+from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike, as_describer
 from tsuiseki.tracking.pipelines.finding import NONE, GivenDetections, people_detect
 from tsuiseki.tracking.pipelines.observation_cache import file_digest
 from tsuiseki.tracking.pipelines.observations import Observers
-from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
-from tsuiseki.tracking.trackers.given import as_detections, read_given_tracks
+from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
+from tsuiseki.tracking.trackers.people.given_tracks import as_detections, read_given_tracks
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.video import Source
 from tsuiseki.tracking.weights import shipped

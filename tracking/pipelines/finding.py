@@ -11,12 +11,12 @@ from typing import TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.features.camera_motion import CameraPath
-from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
-from tsuiseki.tracking.features.foreign_detector import ForeignDetector
-from tsuiseki.tracking.features.networks import Appearance, Describe, Detect, Detector
-from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike, as_describer, as_detector
-from tsuiseki.tracking.features.streaming import stream, workers_of
+from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+from tsuiseki.tracking.features.networks.exported import Appearance, Describe, Detect, Detector
+from tsuiseki.tracking.features.networks.foreign_appearance import ForeignAppearance
+from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
+from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike, as_describer, as_detector
+from tsuiseki.tracking.features.networks.streaming import stream, workers_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections

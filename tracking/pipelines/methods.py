@@ -9,15 +9,15 @@ from typing import Literal, get_args
 
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.camera_motion import CameraPath
+from tsuiseki.tracking.features.motion.camera_motion import CameraPath
 from tsuiseki.tracking.pipelines.finding import NONE
 from tsuiseki.tracking.trackers.base import PeopleTracker
-from tsuiseki.tracking.trackers.bytetrack import ByteTrack, ByteTrackSettings
-from tsuiseki.tracking.trackers.compensated import MotionCompensated
-from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.trackers.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.trackers.ocsort import OcSort, OcSortSettings
-from tsuiseki.tracking.trackers.sort import Sort, SortSettings
+from tsuiseki.tracking.trackers.people.bytetrack import ByteTrack, ByteTrackSettings
+from tsuiseki.tracking.trackers.people.compensated import MotionCompensated
+from tsuiseki.tracking.trackers.people.deepsort import DeepSort, DeepSortSettings
+from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.trackers.people.ocsort import OcSort, OcSortSettings
+from tsuiseki.tracking.trackers.people.sort import Sort, SortSettings
 from tsuiseki.tracking.video import DEFAULT_FRAME_RATE, Source
 from tsuiseki.tracking.weights import shipped
 

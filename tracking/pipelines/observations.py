@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.features.action import ActionRecogniser
-from tsuiseki.tracking.features.camera_motion import CameraMotionSettings, CameraPath
-from tsuiseki.tracking.features.networks import Describe, Detect
-from tsuiseki.tracking.features.streaming import stream
+from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings, CameraPath
+from tsuiseki.tracking.features.networks.exported import Describe, Detect
+from tsuiseki.tracking.features.networks.streaming import stream
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.trackers.bridging import Bridge, BridgingSettings
+from tsuiseki.tracking.trackers.people.bridging import Bridge, BridgingSettings
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
 
 

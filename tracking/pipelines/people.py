@@ -15,8 +15,8 @@ import numpy as np
 
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.camera_motion import CameraPath
-from tsuiseki.tracking.features.own_models import AppearanceLike, DetectorLike
+from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import knows_scores
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.pipelines.finding import (
@@ -34,8 +34,8 @@ from tsuiseki.tracking.pipelines.methods import (
     people_tracker,
 )
 from tsuiseki.tracking.trackers.base import PeopleTracker
-from tsuiseki.tracking.trackers.compensated import MotionCompensated
-from tsuiseki.tracking.trackers.run import shifted
+from tsuiseki.tracking.trackers.people.compensated import MotionCompensated
+from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.types import Frame, Targets, Track
 from tsuiseki.tracking.video import Source, open_source
 from tsuiseki.tracking.weights import shipped

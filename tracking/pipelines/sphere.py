@@ -21,9 +21,9 @@ from tsuiseki.tracking.likelihoods.background import median_background
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
 from tsuiseki.tracking.synchronise import align, default_tolerance, read_timestamps
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.trackers.sphere import SphereTracker
-from tsuiseki.tracking.trackers.sphere_run import Seen, SphereLog, Start, check_lengths, check_start, run_sphere
-from tsuiseki.tracking.trackers.sphere_search import find_ball
+from tsuiseki.tracking.trackers.sphere.sphere import SphereTracker
+from tsuiseki.tracking.trackers.sphere.sphere_run import Seen, SphereLog, Start, check_lengths, check_start, run_sphere
+from tsuiseki.tracking.trackers.sphere.sphere_search import find_ball
 from tsuiseki.tracking.types import FloatArray, Frame, Position
 from tsuiseki.tracking.video import Source, open_source, read_image
 

@@ -13,7 +13,7 @@ from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.report.overlay import without_flicker
 from tsuiseki.tracking.report.webm import VideoWriter
-from tsuiseki.tracking.trackers.sphere_run import SphereLog
+from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Position
 
 STATUS_COLOURS = {"tracking": (40, 230, 90), "searching": (255, 190, 40), "lost": (255, 70, 60)}

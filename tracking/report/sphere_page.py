@@ -14,7 +14,7 @@ from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path
 from tsuiseki.tracking.report.page import PAGE, STYLE, embedded_video
 from tsuiseki.tracking.report.plots import inline_svg
 from tsuiseki.tracking.report.space_plots import deviation_figure, path_figure
-from tsuiseki.tracking.trackers.sphere_run import SphereLog
+from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
 from tsuiseki.tracking.types import STATUSES, Position
 from tsuiseki.tracking.types.tracks import Path3D
 

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.action_refinement import (
+from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
+from tsuiseki.tracking.association.rows import DetectionRows, join_rows, no_rows, rows_of
+from tsuiseki.tracking.association.tracklets.action_refinement import (
     Iteration,
     Past,
     Prices,
@@ -20,10 +22,8 @@ from tsuiseki.tracking.association.action_refinement import (
     refine,
     window_means,
 )
-from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
-from tsuiseki.tracking.association.interpolation import GapSettings, SmoothingSettings, fill_gaps, smooth
-from tsuiseki.tracking.association.rows import DetectionRows, join_rows, no_rows, rows_of
-from tsuiseki.tracking.features.camera_trajectory import CameraTrajectory
+from tsuiseki.tracking.association.tracklets.interpolation import GapSettings, SmoothingSettings, fill_gaps, smooth
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 

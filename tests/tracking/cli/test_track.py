@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import COMMANDS, Group, main
-from tsuiseki.tracking.features.networks import Detector
+from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.tracking.video import open_source
@@ -175,7 +175,7 @@ class Interrupting(Detector):
 
 
 def interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tsuiseki.tracking.features.networks.Detector", Interrupting)
+    monkeypatch.setattr("tsuiseki.tracking.features.networks.exported.Detector", Interrupting)
 
 
 def test_ctrl_c_keeps_the_finished_frames_and_marks_them(

@@ -198,7 +198,7 @@ def test_a_varying_period_is_a_setting_of_the_step():
 
 
 def test_the_sphere_tracker_is_a_filter_too():
-    from tsuiseki.tracking.trackers.sphere import SphereTracker, TimedViews, with_velocities
+    from tsuiseki.tracking.trackers.sphere.sphere import SphereTracker, TimedViews, with_velocities
 
     def pulled(positions, views):
         return np.where(views[0] is None, 0.0, -(positions[:, :1] ** 2))

@@ -12,11 +12,11 @@ from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
-from tsuiseki.tracking.features.networks import Detector
+from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.pipelines.people import follow_people, targets_at, track_people
-from tsuiseki.tracking.trackers.flow import FlowTracker
-from tsuiseki.tracking.trackers.sort import Sort
+from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.trackers.people.sort import Sort
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.weights import shipped
 

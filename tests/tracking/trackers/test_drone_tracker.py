@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.features.camera_trajectory import CameraTrajectory, move_boxes
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory, move_boxes
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray
 

@@ -174,6 +174,6 @@ def _extent(source: Source) -> tuple[float, float]:
 
 
 def _shifted(tracks: list[Track], first: int) -> list[Track]:
-    from tsuiseki.tracking.trackers.run import shifted
+    from tsuiseki.tracking.trackers.people.run import shifted
 
     return [shifted(track, first) for track in tracks]

@@ -8,8 +8,8 @@ from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.track.finding import Finding
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.pipelines.drone_models import DroneMethod
-from tsuiseki.tracking.trackers.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.drone import DroneSettings
+from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 
 DRONE, BRIDGING = DroneSettings(), BridgingSettings()
 

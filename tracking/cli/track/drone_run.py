@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from tsuiseki.tracking.association.action_refinement import Prices
+from tsuiseki.tracking.association.tracklets.action_refinement import Prices
 from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks

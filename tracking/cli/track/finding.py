@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from tsuiseki.tracking.cli.models import shipped
 from tsuiseki.tracking.cli.options import Shared
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.foreign_options import DetectorOptions
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.features.networks import Detect
+    from tsuiseki.tracking.features.networks.exported import Detect
     from tsuiseki.tracking.types import Detections, IntArray
     from tsuiseki.tracking.video import Source
 
@@ -89,7 +89,7 @@ class Finding(Shared):
             view: tiles of a frame; see `parse_view`.
             threads: of one call of the detector; by default all that the user gives.
         """
-        from tsuiseki.tracking.features.networks import open_detector
+        from tsuiseki.tracking.features.networks.exported import open_detector
         from tsuiseki.tracking.features.view_choice import ViewedDetector
         from tsuiseki.tracking.features.views import parse_view
         from tsuiseki.tracking.pipelines.finding import people_detect

@@ -23,7 +23,7 @@ from tsuiseki.tracking.types import Detections, FloatArray
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cameras.floor_files import CameraOverFloor
-    from tsuiseki.tracking.features.networks import Detector
+    from tsuiseki.tracking.features.networks.exported import Detector
     from tsuiseki.tracking.pipelines.ceiling import CeilingView
     from tsuiseki.tracking.types.tracks import FloorTrack
     from tsuiseki.tracking.video import Source
@@ -81,7 +81,7 @@ def fisheye(
         flow: settings of --method flow.
     """
     from tsuiseki.tracking.cameras.person_model import PersonModel
-    from tsuiseki.tracking.features.networks import open_appearance
+    from tsuiseki.tracking.features.networks.exported import open_appearance
     from tsuiseki.tracking.formats.mot import read_detections
 
     _check(score_threshold, score_range, threads)
@@ -133,7 +133,7 @@ def _check(score_threshold: float, score_range: tuple[float, float], threads: in
 
 
 def _detector(detector: Path | None, score_threshold: float, threads: int) -> Detector:
-    from tsuiseki.tracking.features.networks import Detector
+    from tsuiseki.tracking.features.networks.exported import Detector
 
     path = chosen("detector_drone", detector)
     if path is None:

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.track.finding import Finding
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
+from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.pipelines.methods import MethodSettings, PeopleMethod
-from tsuiseki.tracking.trackers.bytetrack import ByteTrackSettings
-from tsuiseki.tracking.trackers.deepsort import DeepSortSettings
-from tsuiseki.tracking.trackers.flow import FlowSettings
-from tsuiseki.tracking.trackers.ocsort import OcSortSettings
-from tsuiseki.tracking.trackers.sort import SortSettings
+from tsuiseki.tracking.trackers.people.bytetrack import ByteTrackSettings
+from tsuiseki.tracking.trackers.people.deepsort import DeepSortSettings
+from tsuiseki.tracking.trackers.people.flow import FlowSettings
+from tsuiseki.tracking.trackers.people.ocsort import OcSortSettings
+from tsuiseki.tracking.trackers.people.sort import SortSettings
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.features.networks import Describe
+    from tsuiseki.tracking.features.networks.exported import Describe
     from tsuiseki.tracking.trackers.base import PeopleTracker
     from tsuiseki.tracking.types import IntArray
     from tsuiseki.tracking.video import Source
@@ -75,16 +75,16 @@ def people(
     """
     # What runs is imported here, so that help and mistakes in the options come at once.
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.features.camera_motion import CameraPath
+    from tsuiseki.tracking.features.motion.camera_motion import CameraPath
     from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.pipelines.finding import PeopleInputs, threads_of_a_call
     from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.report.people import PeopleReport, people_page
-    from tsuiseki.tracking.trackers.by_class import ByClass
-    from tsuiseki.tracking.trackers.flow import FlowTracker
-    from tsuiseki.tracking.trackers.run import FrameLog, shifted
+    from tsuiseki.tracking.trackers.people.by_class import ByClass
+    from tsuiseki.tracking.trackers.people.flow import FlowTracker
+    from tsuiseki.tracking.trackers.people.run import FrameLog, shifted
 
     source = video.open(timed=True)
     if moving_camera and not source.has_images:
@@ -146,7 +146,7 @@ def _describer(
     source: Source, method: PeopleMethod, appearance: Path | None, threads: int, options: AppearanceOptions
 ) -> Describe | None:
     """What describes appearance, where the method compares it and there are images."""
-    from tsuiseki.tracking.features.networks import open_appearance
+    from tsuiseki.tracking.features.networks.exported import open_appearance
     from tsuiseki.tracking.pipelines.finding import people_describer
     from tsuiseki.tracking.pipelines.methods import compares_appearance
 

@@ -13,7 +13,7 @@ from tsuiseki.tracking.pipelines.sphere import LikelihoodName, MotionName, Spher
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.pipelines.sphere import SphereRun
-    from tsuiseki.tracking.trackers.sphere_run import SphereLog
+    from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
 
 
 def sphere(

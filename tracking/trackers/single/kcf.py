@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tsuiseki.tracking.features.windows import Features, WindowShape, window_shape
+from tsuiseki.tracking.features.search_windows import Features, WindowShape, window_shape
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     ComplexArray,
     FilterBank,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.features.windows import cut
+from tsuiseki.tracking.features.search_windows import cut
 from tsuiseki.tracking.filters.kalman import Gaussians, predict, update
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray, Status

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.features.windows import cut
+from tsuiseki.tracking.features.search_windows import cut
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import cosine_window, gaussian_labels
 from tsuiseki.tracking.likelihoods.peaks import peak
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre

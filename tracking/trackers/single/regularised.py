@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.hog import hog
-from tsuiseki.tracking.features.windows import cut, cut_one
+from tsuiseki.tracking.features.search_windows import cut, cut_one
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     ComplexArray,
     Float32Array,

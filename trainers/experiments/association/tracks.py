@@ -9,7 +9,7 @@ from pathlib import Path
 from tsuiseki.tracking.formats.mot import write_sequence_info
 from tsuiseki.tracking.pipelines.methods import PeopleMethod
 from tsuiseki.tracking.pipelines.people import track_people
-from tsuiseki.tracking.trackers.run import shifted
+from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.cli.models import shipped
-from tsuiseki.tracking.evaluation.action_table import action_values
+from tsuiseki.tracking.evaluation.action.action_table import action_values
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.trainers.experiments.drone.ablation import ablation
 from tsuiseki.trainers.experiments.drone.clips import (

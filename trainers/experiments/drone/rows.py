@@ -9,16 +9,16 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.tracking.association.action_refinement import Prices
 from tsuiseki.tracking.association.affinity import Affinity
-from tsuiseki.tracking.evaluation.action import ActionScores, evaluate_actions
-from tsuiseki.tracking.evaluation.action_pairs import action_rows, join_action_rows
+from tsuiseki.tracking.association.tracklets.action_refinement import Prices
+from tsuiseki.tracking.evaluation.action.action import ActionScores, evaluate_actions
+from tsuiseki.tracking.evaluation.action.action_pairs import action_rows, join_action_rows
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
 from tsuiseki.tracking.pipelines.observations import Observation
-from tsuiseki.tracking.trackers.deepsort import DeepSort
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
+from tsuiseki.tracking.trackers.people.deepsort import DeepSort
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.trainers.experiments.drone.clips import Clip

@@ -25,7 +25,7 @@ from tsuiseki.datamodules.scenes.rooms.files import room_ground_truth
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
-from tsuiseki.tracking.features.networks import Appearance, Detector
+from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.pipelines.ceiling import CeilingView, Crops
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import FloorDetections

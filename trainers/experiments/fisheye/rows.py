@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.association.flow.pairwise_flow import PairwiseCosts, pairwise_tracks
 from tsuiseki.tracking.association.gating import GateSettings
-from tsuiseki.tracking.association.pairwise_flow import PairwiseCosts, pairwise_tracks
 from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_sequences
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.trackers.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.trackers.fisheye import (
     DEFAULT_FLOW,
     FisheyeSettings,
@@ -23,10 +22,11 @@ from tsuiseki.tracking.trackers.fisheye import (
     FloorFlowSettings,
     flow_on_floor,
 )
-from tsuiseki.tracking.trackers.flow import long_tracks
-from tsuiseki.tracking.trackers.lifecycle import LifecycleSettings
-from tsuiseki.tracking.trackers.people import run_tracker
-from tsuiseki.tracking.trackers.sort import Sort, SortSettings
+from tsuiseki.tracking.trackers.people.deepsort import DeepSort, DeepSortSettings
+from tsuiseki.tracking.trackers.people.flow import long_tracks
+from tsuiseki.tracking.trackers.people.lifecycle import LifecycleSettings
+from tsuiseki.tracking.trackers.people.record import run_tracker
+from tsuiseki.tracking.trackers.people.sort import Sort, SortSettings
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.trainers.experiments.fisheye.observations import Observed, restricted

@@ -11,7 +11,7 @@ from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity, Body
 from tsuiseki.tracking.filters.motion.learnt_motion import LearntMotion
 from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.motion import Steps, components_of, regression
+from tsuiseki.trainers.bodies.motion import Steps, components_of, regression
 
 # Columns of `conditions` for a body with one shape column: velocity and bend; the last changes of heading and bend.
 VELOCITY_AND_BEND, LAG = (0, 1, 2, 3), (4, 5)

@@ -22,10 +22,10 @@ from tsuiseki.tracking.trackers.body_starts import wide_noise
 from tsuiseki.tracking.trackers.deformable import DeformableSettings
 from tsuiseki.tracking.types import Status
 from tsuiseki.tracking.types.tracks import BodyTrack
+from tsuiseki.trainers.bodies.motion import learn_motion, pooled_steps
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND, Arm, Learnt
 from tsuiseki.trainers.experiments.goldfish.runs import NEVER, Clip, follow_fish, prepare_clip
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.motion import learn_motion, pooled_steps
 
 BODY = Goldfish()
 # Brighter than the mirror images in the glass; set on development clips.

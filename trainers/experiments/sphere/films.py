@@ -25,7 +25,7 @@ from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity, RandomWalk
 from tsuiseki.tracking.filters.particles.views import Covering
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
-from tsuiseki.tracking.trackers.sphere import SphereState, SphereTracker, TimedViews
+from tsuiseki.tracking.trackers.sphere.sphere import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.experiment import Watch
 

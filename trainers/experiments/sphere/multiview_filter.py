@@ -13,7 +13,7 @@ from tsuiseki.tracking.filters.particles.views import Covering
 from tsuiseki.tracking.filters.particles.weights import weighted_covariance, weighted_mean
 from tsuiseki.tracking.filters.smoothing import smooth
 from tsuiseki.tracking.likelihoods.views import PointLikelihood
-from tsuiseki.tracking.trackers.sphere import OPEN, TRUST, SphereState, SphereTracker, TimedViews
+from tsuiseki.tracking.trackers.sphere.sphere import OPEN, TRUST, SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # A detector seldom misses for long, so a view opens again soon.

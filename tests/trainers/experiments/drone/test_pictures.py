@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.evaluation.action_pairs import LabelledActions
+from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions
 from tsuiseki.tracking.pipelines.observations import Observation
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.labels import GroundTruth

@@ -1,0 +1,190 @@
+"""Export to ONNX: the file says what it is, gives what torch gives, and refuses to exist otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnx
+import pytest
+import torch
+from torch import Tensor, nn
+from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
+
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
+from tsuiseki.tracking.preprocessing import fit_image
+from tsuiseki.trainers.exporting import export
+from tsuiseki.trainers.exporting.export import export_detector, export_onnx
+from tsuiseki.trainers.networks.detector import DetectorTraining, detections
+
+CARD = ModelCard("appearance", "tiny", input_height=8, input_width=8, feature_length=6)
+EXAMPLE = torch.zeros(2, 3, 8, 8)
+
+
+class Tiny(nn.Module):
+    """A network with enough weights to store as float16."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        torch.manual_seed(0)
+        self.first = nn.Conv2d(3, 64, 3)
+        self.last = nn.Linear(64, 6)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """``(B, 3, 8, 8)`` to ``(B, 6)``."""
+        features: Tensor = self.last(self.first(images).relu().mean(dim=(2, 3)))
+        return features
+
+
+class Constant(nn.Module):
+    """Gives the same whatever it sees."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Zeros."""
+        return images.mean(dim=(2, 3)) * 0
+
+
+@pytest.mark.parametrize("float16", [False, True])
+def test_the_file_carries_its_card_and_gives_what_torch_gives(tmp_path: Path, float16: bool) -> None:
+    module = Tiny().eval()
+    path = tmp_path / "tiny.onnx"
+    difference = export_onnx(module, CARD, path, EXAMPLE, ["features"], float16)
+    assert difference < (1e-2 if float16 else 1e-5)
+    model = OnnxModel(path, "appearance", threads=1)
+    assert model.card.name == "tiny"
+    assert model.card.project_version
+    assert (model.input_names, model.output_names) == (["images"], ["features"])
+    inputs = torch.randn(5, 3, 8, 8)
+    got = model.run(inputs.numpy())[0]
+    # Weights of size 0.2 rounded to eleven bits, 27 and 64 of them in a sum.
+    assert np.allclose(got, module(inputs).detach().numpy(), atol=1e-2 if float16 else 1e-5)
+    kinds = {w.data_type for w in onnx.load(path).graph.initializer if np.prod(w.dims) >= 512}
+    assert kinds == {onnx.TensorProto.FLOAT16 if float16 else onnx.TensorProto.FLOAT}
+
+
+def test_nothing_of_this_machine_is_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "tiny.onnx"
+    export_onnx(Tiny(), CARD, path, EXAMPLE, ["features"])
+    assert str(Path(__file__).parents[3]).encode() not in path.read_bytes()
+    assert [e.key for e in onnx.load(path).metadata_props] == [METADATA_KEY]
+
+
+def test_a_difference_to_torch_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def wrong(convert: Callable[..., onnx.ModelProto]) -> Callable[..., onnx.ModelProto]:
+        def converted(module: nn.Module, example: Tensor, name: str, outputs: list[str]) -> onnx.ModelProto:
+            model = convert(module, example, name, outputs)
+            for weight in model.graph.initializer:
+                if weight.dims == [64, 3, 3, 3]:
+                    values = onnx.numpy_helper.to_array(weight) * np.float32(1.05)
+                    weight.CopyFrom(onnx.numpy_helper.from_array(values, weight.name))
+            return model
+
+        return converted
+
+    monkeypatch.setattr(export, "_convert", wrong(export._convert))
+    with pytest.raises(RunError, match=r"features differs from torch by 0\.0.*not exported"):
+        export_onnx(Tiny(), CARD, tmp_path / "tiny.onnx", EXAMPLE, ["features"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_output_that_says_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="features is constant"):
+        export_onnx(Constant(), CARD, tmp_path / "constant.onnx", EXAMPLE, ["features"])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_file_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "tiny.onnx"
+    path.write_text("mine")
+    with pytest.raises(RequestError, match="already exists"):
+        export_onnx(Tiny(), CARD, path, EXAMPLE, ["features"])
+    assert path.read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -> None:
+    module = DetectorTraining(
+        trunk="mobilenet_v3_small", height=64, width=96, anchors=[[(12, 28)], [(20, 50)], [(30, 60)]], channels=16
+    ).eval()
+    checkpoint = tmp_path / "last.ckpt"
+    torch.save(
+        {
+            "state_dict": module.state_dict(),
+            "hyper_parameters": dict(module.hparams),
+            "pytorch-lightning_version": "2.5.0",
+        },
+        checkpoint,
+    )
+    path = tmp_path / "detector.onnx"
+    export_detector(checkpoint, None, "ssdlite320", path, training_data="noise")
+    detector = Detector(path, score_threshold=0.0, threads=1)
+    assert detector.model.card.training_data == "noise"
+    assert detector.model.card.settings == {"variances": [0.1, 0.2]}
+    rng = np.random.default_rng(0)
+    image = np.asarray(cv2.resize(rng.integers(0, 256, (9, 12, 3), dtype=np.uint8), (120, 90)), dtype=np.uint8)
+    fitted, scale = fit_image(image, detector.model.card)
+    with torch.no_grad():
+        expected = detections(*module(torch.from_numpy(fitted[None])), module.network.anchors, module.card)[0]
+    found = detector.detect([image])[0]
+    inside = found.boxes * np.tile(scale, 2)
+    # The best are the same; further down, boxes that are cut off at the image's and not the input's border differ.
+    assert np.allclose(inside[:1], expected.boxes[:1], atol=1e-2)
+    assert np.allclose(found.scores[:1], expected.scores[:1], atol=1e-4)
+
+
+@pytest.mark.slow
+def test_coco_weights_become_a_person_detector(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    model = ssdlite320_mobilenet_v3_large(weights=None, weights_backbone=None, num_classes=91).eval()
+    # A trained network answers to its input; a new one hardly does.
+    for head in model.head.classification_head.module_list:
+        nn.init.normal_(head[-1].weight, std=2.0)
+    torch.save(model.state_dict(), tmp_path / "coco.pth")
+    path = tmp_path / "coco.onnx"
+    export_detector(None, "coco", "ssdlite320", path, state=tmp_path / "coco.pth")
+    card = OnnxModel(path, "detector", threads=1).card
+    assert (card.input_height, card.input_width, card.resize) == (320, 320, "stretch")
+    assert (card.mean, card.std) == ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
+    assert card.class_names == ("person",)
+    images = torch.randn(1, 3, 320, 320)
+    logits = OnnxModel(path, "detector", threads=1).run(images.numpy())[0]
+    with torch.no_grad():
+        expected = model.head(list(model.backbone(images).values()))["cls_logits"].softmax(dim=-1)[0, :, 1].numpy()
+    scores = 1 / (1 + np.exp(logits[0, :, 0] - logits[0, :, 1]))
+    assert np.allclose(scores, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "found none"), (b"no checkpoint", "DetectorTraining"), ({"a": 1}, "DetectorTraining")],
+)
+def test_what_is_no_checkpoint(tmp_path: Path, content: object, message: str) -> None:
+    checkpoint = tmp_path / "x.ckpt"
+    if isinstance(content, bytes):
+        checkpoint.write_bytes(content)
+    elif content is not None:
+        torch.save(content, checkpoint)
+    with pytest.raises(RequestError, match=message):
+        export_detector(checkpoint, None, "ssdlite320", tmp_path / "x.onnx")
+    assert not (tmp_path / "x.onnx").exists()
+
+
+def test_checkpoint_or_weights_but_not_both(tmp_path: Path) -> None:
+    for checkpoint, weights in ((None, None), (tmp_path / "x.ckpt", "coco")):
+        with pytest.raises(RequestError, match="either --checkpoint FILE or --weights coco"):
+            export_detector(checkpoint, weights, "ssdlite320", tmp_path / "x.onnx")  # type: ignore[arg-type]
+
+
+def test_coco_without_a_connection(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+
+    def unreachable(*_: object, **__: object) -> None:
+        raise OSError("no route to host")
+
+    monkeypatch.setattr("torchvision.models._api.load_state_dict_from_url", unreachable)
+    with pytest.raises(RequestError, match=r"expected to download .*no route to host"):
+        export_detector(None, "coco", "ssdlite320", tmp_path / "x.onnx")

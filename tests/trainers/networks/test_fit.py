@@ -1,0 +1,135 @@
+"""`tsuiseki train detector` from a configuration: results, resuming, and what a wrong request gets."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.trainers.networks.detector import DetectorTraining, detections, detector_card
+from tsuiseki.trainers.networks.fit import fit_detector
+from tsuiseki.trainers.networks.schedule import warmup_cosine
+
+
+def sequence(folder: Path, frames: int = 6) -> Path:
+    """A dark person walking over a light ground, 64x64."""
+    (folder / "img1").mkdir(parents=True)
+    (folder / "gt").mkdir()
+    rows = []
+    for n in range(frames):
+        image = np.full((64, 64, 3), 200, dtype=np.uint8)
+        image[18:46, 4 + 8 * n : 16 + 8 * n] = 30
+        cv2.imwrite(str(folder / "img1" / f"{n + 1:06d}.png"), image)
+        rows.append(f"{n + 1},1,{5 + 8 * n},19,12,28,1,1,1")
+    (folder / "gt" / "gt.txt").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    """A training of seconds."""
+    source = {"folder": str(sequence(tmp_path / "walk"))}
+    settings = {
+        "out": str(tmp_path / "out"),
+        "trainer": {"max_epochs": 1, "accelerator": "cpu", "num_sanity_val_steps": 0},
+        "model": {
+            "trunk": "mobilenet_v3_small",
+            "height": 64,
+            "width": 64,
+            "anchors": [[[12, 28]], [[20, 50]], [[30, 60]]],
+            "channels": 16,
+            "warmup_steps": 1,
+        },
+        "data": {"train": [source], "val": [source], "batch_size": 3, "examples_per_epoch": 6, "workers": 0},
+    }
+    path = tmp_path / "config.yaml"
+    path.write_text(yaml.safe_dump(settings))
+    return path
+
+
+def test_training_leaves_checkpoints_and_logs_and_goes_on(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    best = fit_detector(["--config", str(config)])
+    out = tmp_path / "out"
+    assert best == out / "checkpoints" / "best.ckpt"
+    for name in ("checkpoints/best.ckpt", "checkpoints/last.ckpt", "metrics/version_0/config.yaml"):
+        assert (out / name).is_file()
+    assert list((out / "tensorboard").glob("events*"))
+    assert "val/ap50" in (out / "metrics" / "version_0" / "metrics.csv").read_text().splitlines()[0]
+    assert "epoch 1/1" in capsys.readouterr().out
+    with pytest.raises(RequestError, match=r"already holds a training.*--ckpt_path"):
+        fit_detector(["--config", str(config)])
+    last = out / "checkpoints" / "last.ckpt"
+    fit_detector(["--config", str(config), "--ckpt_path", str(last), "--trainer.max_epochs", "2"])
+    state = torch.load(last, weights_only=True)
+    assert (state["epoch"], state["global_step"]) == (1, 4)
+    assert (out / "metrics" / "version_1" / "metrics.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (["--model.lerning_rate", "1"], "lerning_rate"),
+        (["--model.height", "tall"], "height"),
+        (["--data.train", "[{folder: x, frams: [1, 2]}]"], "frams"),
+        (["--ckpt_path", "nowhere.ckpt"], "expected a checkpoint at nowhere.ckpt"),
+        (["--model.architecture", "ssd300"], "300x300 images, got height 64 and width 64"),
+        (["--model.weights", "coco"], "ssdlite320 and ssd300, not for people"),
+        (["--model.height", "60"], "divide by 32"),
+    ],
+)
+def test_a_wrong_request_is_one_line(config: Path, change: list[str], message: str) -> None:
+    with pytest.raises(RequestError) as caught:
+        fit_detector(["--config", str(config), *change])
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_configuration_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match=r"missing\.yaml"):
+        fit_detector(["--config", str(tmp_path / "missing.yaml")])
+
+
+@pytest.mark.slow
+def test_a_person_is_learnt(config: Path, tmp_path: Path) -> None:
+    changes = ["--trainer.max_epochs", "4", "--data.examples_per_epoch", "90", "--model.learning_rate", "0.004"]
+    calm = "{scale: [0.9, 1.1], rotation: 0, shear: 0, colour: 0, grey: 0, blur: 0, noise: 0, compression: 0, holes: 0}"
+    fit_detector(["--config", str(config), *changes, "--data.augmentation", calm])
+    rows = (tmp_path / "out" / "metrics" / "version_0" / "metrics.csv").read_text().splitlines()
+    column = rows[0].split(",").index("val/ap50")
+    scores = [float(row.split(",")[column]) for row in rows[1:] if row.split(",")[column]]
+    assert max(scores) > 0.8
+
+
+def test_rate_rises_then_falls() -> None:
+    rates = [warmup_cosine(step, 20, 200, 0.01) for step in range(220)]
+    assert rates[:3] == pytest.approx([0.05, 0.1, 0.15])
+    assert max(rates) == 1.0
+    assert all(b <= a for a, b in itertools.pairwise(rates[20:]))
+    assert rates[-1] == pytest.approx(0.01)
+
+
+def test_detections_are_decoded_suppressed_and_cut_off() -> None:
+    card = detector_card("test", (64, 64), "letterbox", "imagenet")
+    anchors = torch.tensor([[10.0, 20.0, 12.0, 28.0], [11.0, 20.0, 12.0, 28.0], [60.0, 40.0, 20.0, 28.0]])
+    logits = torch.tensor([[[0.0, 2.0], [0.0, 1.0], [0.0, -1.0]]])
+    found = detections(logits, torch.zeros(1, 3, 4), anchors, card)[0]
+    assert found.boxes.tolist() == [[4.0, 6.0, 16.0, 34.0], [50.0, 26.0, 64.0, 54.0]]
+    assert found.scores.tolist() == pytest.approx([1 / (1 + np.exp(-2)), 1 / (1 + np.e)])
+
+
+def test_normalisation_is_that_of_the_card() -> None:
+    module = DetectorTraining(
+        trunk="mobilenet_v3_small", height=64, width=64, anchors=[[(12, 28)], [(20, 50)], [(30, 60)]], channels=16
+    ).eval()
+    image = torch.randint(0, 256, (1, 64, 64, 3), dtype=torch.uint8)
+    mean, std = (torch.tensor(v).view(1, 3, 1, 1) for v in (module.card.mean, module.card.std))
+    expected = module.network(((image.permute(0, 3, 1, 2) / 255) - mean) / std)
+    assert torch.allclose(module(image)[0], expected[0], atol=1e-5)

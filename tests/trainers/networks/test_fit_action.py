@@ -1,0 +1,201 @@
+"""Training action streams on generated clips, and exporting them."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+from importlib import resources
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from tsuiseki.datamodules.action import ActionData
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.action import ActionRecogniser, averaged
+from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
+from tsuiseki.tracking.onnx import OnnxModel
+from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.exporting.export_action import export_action, labelled_crops, quantise
+from tsuiseki.trainers.networks.action import ActionTraining
+from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_action
+
+TRAINED = ("rgb_local", "flow_global")
+
+
+def options(clips: Path, folder: Path, *more: str) -> list[str]:
+    """A training of seconds."""
+    groups = {
+        "data": {
+            "train_folders": f"[{clips / 'train'}]",
+            "validation_folders": f"[{clips / 'okutama'}]",
+            "cache": folder / "cache",
+            "batch_size": 16,
+            "batches": 15,
+            "cutting.step": 2,
+        },
+        "trainer": {"accelerator": "cpu", "max_epochs": 4, "use_distributed_sampler": "false"},
+        "model": {
+            "trunk": "mobilenet_v3_small", "size": 32, "warmup_steps": 5, "learning_rate": 0.003, "dropout": 0.2,
+            "streams": "[rgb_local,flow_global]", "flow": "dis_fast",
+        },
+    }  # fmt: skip
+    groups["trainer"]["num_sanity_val_steps"] = 0
+    return [f"--{g}.{k}={v}" for g, values in groups.items() for k, v in values.items()] + list(more)
+
+
+@pytest.fixture(scope="module")
+def trained(acting_clips: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished training."""
+    folder = tmp_path_factory.mktemp("action")
+    fit_action(options(acting_clips, folder, f"--out={folder / 'out'}"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def exported(trained: Path) -> list[Path]:
+    """The files of its streams."""
+    done = export_action(trained / "out/checkpoints/last.ckpt", trained / "action.onnx", "coloured boxes")
+    return [stream.path for stream in done]
+
+
+@pytest.mark.slow
+def test_training_learns_and_logs_every_stream(trained: Path) -> None:
+    with (trained / "out/metrics/version_0/metrics.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    loss = [float(row["train/loss"]) for row in rows if row["train/loss"]]
+    assert loss[-1] < 0.75 * loss[0]
+    last = [row for row in rows if row["val/map"]][-1]
+    # Three of twelve actions occur; guessing by how often gives 0.33.
+    assert float(last["val/map"]) > 0.6
+    assert {f"val/map_{name}" for name in TRAINED} <= last.keys()
+
+
+@pytest.mark.slow
+def test_exported_streams_say_what_the_trained_ones_say(
+    exported: list[Path], trained: Path, acting_clips: Path
+) -> None:
+    recogniser = ActionRecogniser(exported, threads=1)
+    assert recogniser.streams == TRAINED
+    assert {one.flow for one in recogniser.inputs} == {"dis_fast"}
+    assert recogniser.names == OKUTAMA_ACTIONS
+    assert {OnnxModel(path, "action").card.training_data for path in exported} == {"coloured boxes"}
+    paths = sorted((acting_clips / "validation/validation-0/img1").glob("*.jpg"))[4:6]
+    images = [np.asarray(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB), dtype=np.uint8) for path in paths]
+    boxes = np.array([[40, 4, 54, 28], [-5, 100, 20, 150], [60, 34, 74, 58.0]])
+    found = recogniser.recognise(images, boxes)
+    assert found.shape == (2, 3, 12)
+    module = load_module(ActionTraining, trained / "out/checkpoints/last.ckpt")
+    assert module.names == OKUTAMA_ACTIONS
+    crops = {name: torch.from_numpy(c)[:, None] for name, c in crops_of(recogniser, images, boxes).items()}
+    with torch.no_grad():
+        logits = module(crops)
+    for n, name in enumerate(TRAINED):
+        np.testing.assert_allclose(found[n], logits[name].sigmoid().numpy(), atol=2e-4)
+    np.testing.assert_allclose(averaged(found), found.mean(axis=0), atol=1e-6)
+    # Without a frame before there is no flow, which is not an error.
+    assert np.isfinite(recogniser.recognise(images[1:], boxes)).all()
+    assert recogniser.recognise(images, np.empty((0, 4))).shape == (2, 0, 12)
+
+
+def crops_of(recogniser: ActionRecogniser, images: list[np.ndarray], boxes: np.ndarray) -> dict[str, np.ndarray]:  # type: ignore[type-arg]
+    from tsuiseki.tracking.features.action_inputs import crop_squares, square_boxes
+
+    pictures = {True: recogniser.flow(images), False: images[-1]}
+    return {
+        one.stream: crop_squares(pictures[one.is_flow], square_boxes(boxes, one.scale), one.size)
+        for one in recogniser.inputs
+    }
+
+
+@pytest.mark.slow
+def test_int8_says_what_it_costs(
+    exported: list[Path], trained: Path, acting_clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    module = load_module(ActionTraining, trained / "out/checkpoints/last.ckpt")
+    # A clip in which everybody is out of view all the time adds nothing.
+    shutil.copytree(acting_clips / "validation/validation-0", tmp_path / "empty")
+    information = tmp_path / "empty/seqinfo.ini"
+    information.write_text(re.sub(r"(?m)^name=.*$", "name=empty", information.read_text()))
+    labels = tmp_path / "empty/gt/actions.txt"
+    labels.write_text(re.sub(r"^(\d+(?: \d+){5}) 0", r"\1 1", labels.read_text(), flags=re.MULTILINE))
+    crops = labelled_crops([acting_clips / "validation", tmp_path / "empty"], module)
+    assert "left out, since nobody is labelled there: empty" in capsys.readouterr().err
+    with pytest.raises(RequestError, match="expected labelled people with a frame before in the calibration clips"):
+        labelled_crops([tmp_path / "empty"], module)
+    before, after = quantise(exported[0], tmp_path / "small.onnx", crops, "rgb_local")
+    card = OnnxModel(tmp_path / "small.onnx", "action").card
+    assert (card.settings["map_float32"], card.settings["map_int8"]) == (round(before, 4), round(after, 4))
+    assert ActionRecogniser([tmp_path / "small.onnx"], threads=1).streams == ("rgb_local",)
+    # Weights take a quarter of the room; the graph around them is the same.
+    assert (tmp_path / "small.onnx").stat().st_size < 0.45 * exported[0].stat().st_size
+
+
+@pytest.mark.slow
+def test_streams_that_do_not_belong_together_are_refused(exported: list[Path], tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match="one file a stream"):
+        ActionRecogniser([exported[0], exported[0]])
+    with pytest.raises(RequestError, match="at least one"):
+        ActionRecogniser([])
+    weights = Path(str(resources.files("tsuiseki.tracking"))) / "weights/appearance_people.onnx"
+    with pytest.raises(RequestError, match="kind 'action'"):
+        ActionRecogniser([weights])
+    with pytest.raises(RequestError, match="ONNX file"):
+        ActionRecogniser([tmp_path / "none.onnx"])
+
+
+@pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
+@pytest.mark.parametrize(
+    ("name", "trunk", "size"),
+    [("action_drone", 576, 64), ("action_resnet18", 512, 112), ("action_resnet101", 2048, 224)],
+)
+def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tmp_path: Path) -> None:
+    config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
+    links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow", "compensate")
+    small = ["--model.streams=[rgb_local,flow_global]"]
+    words = ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu", *small]
+    words += ["--model.weights", "null", "--trainer.precision", "32"]
+    cli = TaskCLI(Task("action", ActionTraining, ActionData, "val/map", links), words)
+    assert cli.datamodule.size == size == cli.model.inputs["rgb_local"].size
+    assert cli.datamodule.streams == ("rgb_local", "flow_global")
+    assert cli.model.network.streams["rgb_local"].trunk.channels[-1] == trunk
+    assert cli.model.inputs["flow_global"].enlargement == cli.datamodule.cutting.enlargement == 3.0
+
+
+def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match="no_such_key"):
+        fit_action(options(acting_clips, tmp_path, f"--out={tmp_path / 'o'}", "--model.no_such_key=1"))
+    with pytest.raises(RequestError, match="12: Handshaking"):
+        fit_action(options(acting_clips, tmp_path, f"--out={tmp_path / 'o'}", "--model.actions=5"))
+    with pytest.raises(RequestError, match="expected a checkpoint at"):
+        export_action(tmp_path / "none.ckpt", tmp_path / "a.onnx")
+
+
+@pytest.mark.thesis_size
+@pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
+def test_the_thesis_configuration_trains_on_okutama_s_layout(acting_clips: Path, tmp_path: Path) -> None:
+    """A step of one stream at full size, TV-L1 flow included; what a GPU would do five thousand times."""
+    config = Path(str(resources.files("tsuiseki.configs"))) / "action_resnet101.yaml"
+    small = {
+        "out": tmp_path / "out",
+        "trainer.accelerator": "cpu",
+        "trainer.precision": 32,
+        "trainer.max_epochs": 1,
+        "trainer.limit_val_batches": 1,
+        "model.weights": "null",
+        "model.streams": "[flow_global]",
+        "data.train_folders": f"[{acting_clips / 'okutama'}]",
+        "data.validation_folders": f"[{acting_clips / 'validation'}]",
+        "data.cache": tmp_path / "cache",
+        "data.cutting.step": 10,
+        "data.batch_size": 2,
+        "data.batches": 1,
+        "data.workers": 0,
+    }
+    best = fit_action(["--config", str(config), *(f"--{name}={value}" for name, value in small.items())])
+    module = load_module(ActionTraining, best)
+    assert module.inputs["flow_global"].flow == "tv-l1"
+    assert module.names == OKUTAMA_ACTIONS

@@ -1,0 +1,103 @@
+"""Training an appearance network on rendered people, and exporting it."""
+
+from __future__ import annotations
+
+import csv
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from tsuiseki.datamodules.appearance import AppearanceData
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.exported import Appearance, crop_boxes
+from tsuiseki.trainers.exporting.export import export_appearance, load_module
+from tsuiseki.trainers.networks.appearance import AppearanceTraining
+from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_appearance
+
+
+def options(folder: Path, *more: str) -> list[str]:
+    """A training of seconds: twelve people, 64x32 pixels, and eight more to validate on."""
+    data = {
+        "rendered": folder / "people.npz",
+        "rendered_identities": 20,
+        "rendered_views": 6,
+        "rendered_validation": 8,
+        "identities": 6,
+        "views": 3,
+        "batches": 25,
+    }
+    trainer = {"accelerator": "cpu", "max_epochs": 6, "use_distributed_sampler": "false", "num_sanity_val_steps": 0}
+    model = {"height": 64, "width": 32, "feature_length": 32, "warmup_steps": 10}
+    groups = {"data": data, "trainer": trainer, "model": model}
+    return [f"--{g}.{k}={v}" for g, values in groups.items() for k, v in values.items()] + list(more)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished training."""
+    folder = tmp_path_factory.mktemp("appearance")
+    fit_appearance(options(folder, f"--out={folder / 'out'}"))
+    return folder
+
+
+def column(folder: Path, name: str) -> list[float]:
+    with (folder / "out" / "metrics" / "version_0" / "metrics.csv").open() as file:
+        return [float(row[name]) for row in csv.DictReader(file) if row[name]]
+
+
+@pytest.mark.slow
+def test_training_learns_and_logs(trained: Path) -> None:
+    loss = column(trained, "train/loss")
+    assert loss[-1] < 0.9 * loss[0]
+    # Eight people with four gallery views each: chance finds one in eight.
+    assert column(trained, "val/rank1")[-1] > 0.3
+    assert max(column(trained, "val/map")) > 0.3
+    assert (trained / "out" / "checkpoints" / "best.ckpt").is_file()
+
+
+@pytest.mark.slow
+def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: Path) -> None:
+    checkpoint = trained / "out" / "checkpoints" / "best.ckpt"
+    path = tmp_path / "a.onnx"
+    export_appearance(checkpoint, path, "rendered people")
+    appearance = Appearance(path, threads=1)
+    card = appearance.model.card
+    assert (card.input_height, card.input_width, card.feature_length) == (64, 32, 32)
+    assert card.training_data == "rendered people"
+    image = np.random.default_rng(0).integers(0, 256, (80, 90, 3)).astype(np.uint8)
+    boxes = np.array([[0, 0, 30, 60], [20, 10, 60, 80], [50, 5, 89, 70.0]])
+    features = appearance.describe(image, boxes)
+    np.testing.assert_allclose(np.linalg.norm(features, axis=1), 1, atol=1e-5)
+    network = load_module(AppearanceTraining, checkpoint).eval()
+    with torch.no_grad():
+        expected = network(torch.from_numpy(crop_boxes(image, boxes, 64, 32))).numpy()
+    np.testing.assert_allclose(features, expected, atol=1e-4)
+
+
+@pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
+@pytest.mark.parametrize("name", ["appearance_scenes", "appearance_mot", "appearance_wideresnet"])
+def test_configurations_build_what_they_say(name: str, tmp_path: Path) -> None:
+    config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
+    task = Task("appearance", AppearanceTraining, AppearanceData, "val/map", ("height", "width"))
+    cli = TaskCLI(task, ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu"])
+    images = torch.zeros(2, *cli.datamodule.size, 3, dtype=torch.uint8)
+    with torch.no_grad():
+        features = cli.model.eval()(images)
+    assert features.shape == (2, cli.model.card.feature_length)
+    assert (cli.model.card.input_height, cli.model.card.input_width) == cli.datamodule.size
+
+
+def test_request_errors(tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match="no_such_key"):
+        fit_appearance(options(tmp_path, f"--out={tmp_path / 'o'}", "--model.no_such_key=1"))
+    with pytest.raises(RequestError, match="trunk"):
+        fit_appearance(options(tmp_path, f"--out={tmp_path / 'o'}", "--model.trunk=alexnet"))
+    with pytest.raises(RequestError, match="expected a checkpoint at"):
+        export_appearance(tmp_path / "none.ckpt", tmp_path / "a.onnx")
+    (tmp_path / "foreign.ckpt").write_bytes(b"not a checkpoint")
+    with pytest.raises(RequestError, match=r"foreign\.ckpt"):
+        export_appearance(tmp_path / "foreign.ckpt", tmp_path / "a.onnx")
+    assert not (tmp_path / "a.onnx").exists()

@@ -1,0 +1,1 @@
+"""Tracks as a minimum-cost flow through the links of detections."""

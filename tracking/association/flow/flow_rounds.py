@@ -1,0 +1,243 @@
+"""Links of a flow network that are priced again along the tracks found, in turn with the flow.
+
+Two detections have a place each, and no velocity. Along the track that each belongs to there is one: so the flow is
+solved, a Kalman filter runs along its tracks from both sides, and all links are priced again by what the two sides say
+(see `link_cost`). This is the thesis's alternation of tracks and features (5.3) with motion for action. Prices go only
+part of the way to their new values, since two explanations that are about as good would otherwise take turns.
+
+Links over long gaps are needed only where a track ends or begins. In every round they are looked for near the ends of
+the tracks found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.costs import TransitionCost, cosine_distances, inner_products, pair_features
+from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.nearby import Pairs, Strips, centres, gaps, joined, sizes
+from tsuiseki.tracking.association.occlusion import hidden_between
+from tsuiseki.tracking.association.tracklets.action_refinement import window_means
+from tsuiseki.tracking.association.tracklets.chain_motion import Beliefs, Measurements
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class RoundSettings:
+    """Which links of detections there are, and how often they are priced.
+
+    Attributes:
+        window: longest gap of a link, seconds.
+        near: gaps up to this many seconds are linked everywhere, longer ones only near the ends of tracks.
+        ends: seconds from the end of a track that count as near it.
+        rounds: how often links are priced again; 0 keeps the prices of pairs.
+        keep: share of the old price in the new one.
+        dearest: links that cost more are left out; above entry + exit, for they may become cheaper.
+        averaged: seconds over which features are averaged along tracks.
+    """
+
+    window: float = 1.3
+    near: float = 0.6
+    ends: float = 0.3
+    rounds: int = 5
+    keep: float = 0.5
+    dearest: float = 14.0
+    averaged: float = 0.7
+
+    def __post_init__(self) -> None:
+        if not (self.near > 0 and self.window > 0 and self.ends >= 0 and self.rounds >= 0 and 0 <= self.keep < 1):
+            raise ValueError("expected window and near above 0, ends and rounds from 0 and keep in [0, 1)")
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The detections of a window, in the order of their frames.
+
+    Attributes:
+        numbers: ``(N,)`` increasing, counted over the whole video.
+        frames: ``(N,)``.
+        image: ``(N, 4)`` boxes where the image shows them, pixels.
+        boxes: ``(N, 4)`` boxes as if the camera stood still.
+        measured: the same as the filter takes them.
+        features: ``(N, D)`` of unit length, NaN where not known; None where nothing was described.
+        frame_rate: frames a second.
+        size: width and height of the image; None where not known.
+    """
+
+    numbers: IntArray
+    frames: IntArray
+    image: FloatArray
+    boxes: FloatArray
+    measured: Measurements
+    features: FloatArray | None
+    frame_rate: float
+    size: tuple[int, int] | None
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+
+@dataclass(frozen=True)
+class Links:
+    """Links between detections of a window.
+
+    Attributes:
+        tail: ``(P,)`` numbers of the earlier detections.
+        head: ``(P,)`` of the later ones.
+        cost: ``(P,)``.
+        along: ``(P,)`` whether they have been priced along tracks, and not as pairs only.
+        hidden: ``(P,)`` share of the person hidden in the middle of the gap, which no round changes.
+    """
+
+    tail: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    head: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    cost: FloatArray = field(default_factory=lambda: np.empty(0))
+    along: BoolArray = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
+    hidden: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def select(self, which: BoolArray | IntArray) -> Links:
+        """The links at a mask or at indices."""
+        return Links(self.tail[which], self.head[which], self.cost[which], self.along[which], self.hidden[which])
+
+
+def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost) -> Pairs:
+    """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
+    centre, side = centres(seen.boxes), sizes(seen.boxes).max(axis=1)
+    pairs: list[Pairs] = []
+    if len(tails) == 0 or len(heads) == 0:
+        return joined(pairs)
+    # In the order of their places, so that one search goes on where the last one ended.
+    tails = tails[np.lexsort((centre[tails, 0], seen.frames[tails]))]
+    furthest = float(cost.limits(side, longest / seen.frame_rate)[tails, 0].max())
+    strips = Strips.of(seen.frames, centre, tails, heads, furthest)
+    for gap in range(shortest, longest + 1):
+        reach = cost.limits(side, gap / seen.frame_rate)
+        i, j = strips.near(tails, reach, gap)
+        alike = np.abs(seen.measured.places[j, 3] - seen.measured.places[i, 3]) < cost.size
+        pairs.append((i[alike], j[alike]))
+    return joined(pairs)
+
+
+def priced(
+    seen: Seen,
+    i: IntArray,
+    j: IntArray,
+    past: Beliefs,
+    future: Beliefs,
+    cost: LinkCost,
+    dearest: float,
+    transition: TransitionCost | None = None,
+    means: tuple[FloatArray, FloatArray] | None = None,
+    hidden: FloatArray | None = None,
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Which links cost no more than ``dearest``, what they cost, and how much of the person is hidden in between.
+
+    Learnt costs of pairs, where there are any, speak in place of the appearance. ``means`` are the mean features of the
+    past and of the future of each detection along its track; without them single detections are compared.
+
+    Returns:
+        ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden: from ``hidden``, ``(P,)`` with NaN
+        where not known, or computed.
+    """
+    one_frame = 1 / seen.frame_rate
+    seconds = np.asarray((seen.frames[j] - seen.frames[i]) * one_frame, dtype=np.float64)
+    wander = seen.measured.wander[j] - seen.measured.wander[i]
+    total = cost.mismatch(past, future, i, j, seconds, wander)
+    distance = (
+        cosine_distances(seen.features, i, j) if means is None else np.clip(1 - inner_products(*means, i, j), 0, 2)
+    )
+    gap = seen.frames[j] - seen.frames[i]
+    # Learnt costs are right about the gaps that they were learnt on.
+    learnt = np.zeros(len(i), np.bool_) if transition is None else gap <= getattr(transition, "window", np.inf)
+    total += np.where(learnt, 0, cost.appearance_cost(distance, averaged=means is not None))
+    if transition is not None:
+        pairs = pair_features(seen.boxes, seen.features, i[learnt], j[learnt], gap[learnt])
+        total[learnt] += cost.learnt(transition(replace(pairs, appearance=distance[learnt])))
+    # What hides a person is looked at only where it matters.
+    least = total + cost.waiting(seconds, one_frame, np.ones(len(i)))
+    kept = np.flatnonzero(least < dearest)
+    covered = np.full(len(kept), np.nan) if hidden is None else hidden[kept]
+    asked = np.isnan(covered)
+    covered[asked] = hidden_between(i[kept[asked]], j[kept[asked]], seen.frames, seen.image, seen.size)
+    return kept, total[kept] + cost.waiting(seconds[kept], one_frame, covered), covered
+
+
+def near_ends(seen: Seen, labels: IntArray, seconds: float) -> tuple[IntArray, IntArray]:
+    """Detections near the last, and near the first detection of their tracks; those of no track are near both."""
+    frames = gaps(seconds, seen.frame_rate)
+    count = int(labels.max(initial=-1)) + 1
+    first, last = np.full(count + 1, np.iinfo(np.int64).max // 4), np.full(count + 1, -1)
+    np.minimum.at(first, labels, seen.frames)
+    np.maximum.at(last, labels, seen.frames)
+    alone = labels < 0
+    ending = alone | (last[labels] - seen.frames <= frames)
+    beginning = alone | (seen.frames - first[labels] <= frames)
+    return np.flatnonzero(ending), np.flatnonzero(beginning)
+
+
+def mean_features(seen: Seen, labels: IntArray, features: FloatArray, seconds: float) -> tuple[FloatArray, FloatArray]:
+    """``(N, D)`` mean features over the last seconds of each detection's track, and over the next: eq. 5.3 one-sided.
+
+    Args:
+        seen: the detections.
+        labels: ``(N,)`` track of each, -1 for none, which keeps its own features.
+        features: ``(N, D)``, NaN where not known.
+        seconds: length of the windows.
+
+    Returns:
+        Both of unit length, NaN where nothing is known.
+    """
+    known = np.asarray(~np.isnan(features).any(axis=1))
+    counted = np.concatenate([np.where(known[:, None], features, 0), known[:, None]], axis=1)
+    reach = gaps(seconds, seen.frame_rate)
+    both = []
+    for window in ((reach, 0), (0, reach)):
+        mean = window_means(seen.frames, labels, counted, seen.frames, labels, window)
+        length = np.linalg.norm(mean[:, :-1], axis=1, keepdims=True)
+        both.append(np.divide(mean[:, :-1], length, out=np.full_like(features, np.nan), where=length > 0))
+    return both[0], both[1]
+
+
+def repriced(
+    links: Links,
+    seen: Seen,
+    labels: IntArray,
+    past: Beliefs,
+    future: Beliefs,
+    cost: LinkCost,
+    settings: RoundSettings,
+    free: BoolArray,
+    transition: TransitionCost | None = None,
+) -> Links:
+    """The links with those that the ends of the tracks ask for, at the prices of what is known along the tracks.
+
+    Args:
+        links: as they were.
+        seen: the detections.
+        labels: ``(N,)`` track of each detection, -1 for none.
+        past: what the past of its track says at each detection.
+        future: likewise of the future.
+        cost: what links cost.
+        settings: which links there are.
+        free: ``(N,)`` detections that are not decided yet.
+        transition: learnt costs of pairs.
+    """
+    means = None if seen.features is None else mean_features(seen, labels, seen.features, settings.averaged)
+    tails, heads = near_ends(seen, labels, settings.ends)
+    tails, heads = tails[free[tails]], heads[free[heads]]
+    more = candidates(seen, tails, heads, 1, gaps(settings.window, seen.frame_rate), cost)
+    old = np.searchsorted(seen.numbers, links.tail) * len(seen) + np.searchsorted(seen.numbers, links.head)
+    key = np.sort(np.append(old, more[0] * len(seen) + more[1]))
+    key = key[np.diff(key, prepend=-1) > 0]
+    before, hidden = np.full(len(key), -1), np.full(len(key), np.nan)
+    place = np.searchsorted(key, old)
+    before[place], hidden[place] = np.arange(len(old)), links.hidden
+    i, j = np.divmod(key, max(len(seen), 1))
+    kept, new, hidden = priced(seen, i, j, past, future, cost, settings.dearest, transition, means=means, hidden=hidden)
+    before = before[kept]
+    again = before >= 0
+    before = before[again]
+    new[again] += np.where(links.along[before], settings.keep, 0) * (links.cost[before] - new[again])
+    return Links(seen.numbers[i[kept]], seen.numbers[j[kept]], new, np.ones(len(kept), dtype=np.bool_), hidden)

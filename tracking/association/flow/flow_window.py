@@ -1,0 +1,257 @@
+"""The part of a video that is not decided yet: its detections, its links, and the rounds of flow and prices over it."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.costs import TransitionCost
+from tsuiseki.tracking.association.flow.flow_rounds import (
+    Links,
+    RoundSettings,
+    Seen,
+    candidates,
+    priced,
+    repriced,
+)
+from tsuiseki.tracking.association.flow.link_cost import MOST_WORTH, LinkCost
+from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, track_labels
+from tsuiseki.tracking.association.flow.sliding_flow import Decision, SlidingFlow
+from tsuiseki.tracking.association.nearby import gaps
+from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, beliefs_along
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+# Seconds that the beliefs at undecided detections look back to decided ones.
+CONTEXT = 1.0
+
+
+@dataclass(frozen=True)
+class FlowCosts:
+    """What the flow over detections costs.
+
+    Attributes:
+        link: of links.
+        rounds: which links there are, and how often they are priced.
+        entry: cost of a track's start, c_entr.
+        exit: cost of a track's end, c_exit.
+    """
+
+    link: LinkCost = field(default_factory=LinkCost)
+    rounds: RoundSettings = field(default_factory=RoundSettings)
+    entry: float = 5.0
+    exit: float = 5.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf):
+            raise ValueError("expected finite entry and exit costs of 0 or more")
+
+
+class FlowWindow:
+    """Takes detections, decides them, and forgets what is decided but for what the beliefs look back to.
+
+    Args:
+        costs: of the flow.
+        frame_rate: frames a second.
+        size: width and height of the image; None where not known.
+        longest: most frames that may stay undecided; None never cuts.
+        transition: learnt costs of pairs, taken beside the motion; None for none.
+    """
+
+    def __init__(
+        self,
+        costs: FlowCosts,
+        frame_rate: float,
+        size: tuple[int, int] | None,
+        longest: int | None = None,
+        transition: TransitionCost | None = None,
+    ) -> None:
+        self.costs = costs
+        self._overlap = gaps(costs.rounds.window, frame_rate) + 1
+        self._flow = SlidingFlow(self._overlap, costs.entry + MOST_WORTH, longest)
+        self._transition = transition
+        self._seen = no_detections(frame_rate, size)
+        self._links = Links()
+        # Of decided detections: what follows them. Of undecided ones: what followed them in the last round.
+        self._follower = np.empty(0, dtype=np.int64)
+
+    @property
+    def exact(self) -> bool:
+        """False once a window was cut before its time."""
+        return self._flow.exact
+
+    @property
+    def seen(self) -> Seen:
+        """The detections that are kept, undecided and decided ones."""
+        return self._seen
+
+    def add(self, new: Seen) -> None:
+        """Take the detections of the next frames."""
+        if len(new) == 0:
+            return
+        self._seen = joined_detections(self._seen, new)
+        self._follower = np.append(self._follower, np.full(len(new), -1))
+        nothing, none = np.empty(0), np.empty(0, dtype=np.int64)
+        entry, exit = (np.full(len(new), cost) for cost in (self.costs.entry, self.costs.exit))
+        self._flow.extend(new.frames, FlowGraph(np.zeros(len(new)), entry, exit, none, none, nothing))
+        seen, rounds = self._seen, self.costs.rounds
+        free = np.flatnonzero(self._free())
+        fresh = np.flatnonzero(seen.numbers >= new.numbers[0])
+        longest = gaps(min(rounds.near, rounds.window), seen.frame_rate)
+        i, j = candidates(seen, free, fresh, 1, longest, self.costs.link)
+        past, future = beliefs_along(np.full(len(seen), -1), seen.measured, self.costs.link.motion)
+        kept, cost, hidden = priced(seen, i, j, past, future, self.costs.link, rounds.dearest, self._transition)
+        tail, head = seen.numbers[i[kept]], seen.numbers[j[kept]]
+        found = Links(tail, head, cost, np.zeros(len(kept), dtype=np.bool_), hidden)
+        self._links = joined_links(self._links, found)
+
+    def solve(self, observation: FloatArray) -> None:
+        """Alternate between the flow and the prices of its links.
+
+        Args:
+            observation: ``(U,)`` costs of the undecided detections.
+        """
+        before: set[bytes] = set()
+        for number in range(self.costs.rounds.rounds + 1):
+            self._flow.replace(self.graph(observation))
+            solution = self._flow.solution()
+            free = self._free()
+            undecided = self._flow.undecided
+            # Index -1, a track's end, picks the appended -1.
+            self._follower[free] = np.append(undecided, -1)[solution.follower]
+            key = self._follower.tobytes()
+            if number == self.costs.rounds.rounds or key in before:
+                return
+            before.add(key)
+            labels = self._labels(solution)
+            past, future = beliefs_along(labels, self._seen.measured, self.costs.link.motion)
+            self._links = repriced(
+                self._links,
+                self._seen,
+                labels,
+                past,
+                future,
+                self.costs.link,
+                self.costs.rounds,
+                free,
+                self._transition,
+            )
+
+    def decide(self, last_frame: int, before: int, *, whatever: bool = False) -> Decision:
+        """Decide what lies before a frame and no frame after ``last_frame`` can change, or ``whatever`` those say."""
+        flow = self._flow
+        decision = flow.decide_before(before) if whatever else flow.decide(last_frame, before)
+        place = np.searchsorted(self._seen.numbers, decision.numbers)
+        self._follower[place] = np.where(decision.used, decision.follower, -1)
+        self._forget()
+        return decision
+
+    def remainder(self) -> Decision:
+        """All that is not decided, as it is if the video ends here; nothing is forgotten."""
+        return self._flow.remainder()
+
+    def undecided(self) -> IntArray:
+        """``(U,)`` numbers of the detections that are not decided."""
+        return self._flow.undecided
+
+    def copy(self) -> FlowWindow:
+        """A copy that goes on by itself."""
+        other = copy(self)
+        other._flow, other._follower = copy(self._flow), self._follower.copy()
+        return other
+
+    def _free(self) -> BoolArray:
+        return np.isin(self._seen.numbers, self._flow.undecided, assume_unique=True)
+
+    def graph(self, observation: FloatArray) -> FlowGraph:
+        """The network of what is undecided, without the links that no cheapest flow can use."""
+        numbers, links = self._flow.undecided, self._links
+        worth = np.flatnonzero(links.cost < self.costs.entry + self.costs.exit)
+        tail, head = np.searchsorted(numbers, links.tail[worth]), np.searchsorted(numbers, links.head[worth])
+        entry, exit = (np.full(len(numbers), cost) for cost in (self.costs.entry, self.costs.exit))
+        return FlowGraph(observation, entry, exit, tail, head, links.cost[worth])
+
+    def _labels(self, solution: FlowSolution) -> IntArray:
+        """``(N,)`` tracks over decided and undecided detections alike."""
+        numbers = self._seen.numbers
+        place = np.searchsorted(numbers, self._follower).clip(max=len(numbers) - 1)
+        follower = np.where((self._follower >= 0) & (numbers[place] == self._follower), place, -1)
+        used = np.ones(len(numbers), dtype=np.bool_)
+        used[self._free()] = solution.used
+        return track_labels(FlowSolution(used, follower, np.zeros(len(numbers)), 0.0))
+
+    def _forget(self) -> None:
+        """Drop links of decided detections, and detections too old to matter."""
+        numbers = self._flow.undecided
+        kept = np.isin(self._links.tail, numbers) & np.isin(self._links.head, numbers)
+        self._links = self._links.select(kept)
+        frames = self._seen.frames
+        free = self._free()
+        oldest = frames[free].min() if free.any() else frames.max(initial=0)
+        recent = free | (frames >= oldest - self._overlap - round(CONTEXT * self._seen.frame_rate))
+        self._seen = select_detections(self._seen, recent)
+        self._follower = self._follower[recent]
+
+
+def no_detections(frame_rate: float, size: tuple[int, int] | None) -> Seen:
+    """A table of nothing."""
+    none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
+    measured = Measurements(nothing, np.empty((0, 4)), nothing, nothing)
+    return Seen(none, none, np.empty((0, 4)), np.empty((0, 4)), measured, None, frame_rate, size)
+
+
+def select_detections(seen: Seen, which: BoolArray | IntArray) -> Seen:
+    """The detections at a mask or at indices."""
+    measured = Measurements(
+        seen.measured.times[which],
+        seen.measured.places[which],
+        seen.measured.noise[which],
+        seen.measured.wander[which],
+    )
+    features = None if seen.features is None else seen.features[which]
+    return replace(
+        seen,
+        numbers=seen.numbers[which],
+        frames=seen.frames[which],
+        image=seen.image[which],
+        boxes=seen.boxes[which],
+        measured=measured,
+        features=features,
+    )
+
+
+def joined_detections(one: Seen, other: Seen) -> Seen:
+    """The detections of two tables, one after the other."""
+    measured = Measurements(
+        np.append(one.measured.times, other.measured.times),
+        np.concatenate([one.measured.places, other.measured.places]),
+        np.append(one.measured.noise, other.measured.noise),
+        np.append(one.measured.wander, other.measured.wander),
+    )
+    features = None
+    width = next((part.features.shape[1] for part in (one, other) if part.features is not None), None)
+    if width is not None:
+        features = np.concatenate(
+            [np.full((len(part), width), np.nan) if part.features is None else part.features for part in (one, other)]
+        )
+    return replace(
+        one,
+        numbers=np.append(one.numbers, other.numbers),
+        frames=np.append(one.frames, other.frames),
+        image=np.concatenate([one.image, other.image]),
+        boxes=np.concatenate([one.boxes, other.boxes]),
+        measured=measured,
+        features=features,
+    )
+
+
+def joined_links(one: Links, other: Links) -> Links:
+    """The links of two tables, one after the other."""
+    return Links(
+        np.append(one.tail, other.tail),
+        np.append(one.head, other.head),
+        np.append(one.cost, other.cost),
+        np.append(one.along, other.along),
+        np.append(one.hidden, other.hidden),
+    )

@@ -1,0 +1,130 @@
+"""Which detections or ends of chains can be the same person, and what it costs to link them.
+
+A link from i to j compares what the past of i's chain predicts at j with what the future of j's chain says there. With
+e the difference of place and velocity in one coordinate and Σ its covariance, the cost is
+
+    Σ_coordinates [ ½ log(|Σ| / 4 r² v²) + (ν + 2)/2 · log(1 + eᵀ Σ⁻¹ e / ν) ]
+    + miss · (τ − one frame) · (1 − covering · hidden)
+
+the negative logarithm of Student's t density over its value between two chains of one detection each that agree, plus
+what it costs that nobody detected the person in between: less where a nearer box hides the place, or the image ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsuiseki.tracking.association.tracklets.chain_motion import GROUPS, Beliefs, MotionNoise
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+# However well two chains fit, a link is worth no more: a track's end may always be bought.
+MOST_WORTH = 15.0
+PAIRS_AT_ONCE = 8192
+
+
+@dataclass(frozen=True)
+class LinkCost:
+    """What links cost.
+
+    Attributes:
+        motion: noise of detections and of motion.
+        tails: ν, degrees of freedom; the fewer, the less a large difference counts.
+        miss: cost of a second without a detection.
+        covering: share of that which is not paid where the person is hidden.
+        appearance: weight of the cosine distance of two appearance features, and of two averaged along tracks.
+        neutral: cosine distance that speaks neither for nor against, taken also where it is not known; likewise two.
+        most_learnt: learnt costs count for no more than this, either way.
+        reach: differences of centres in x and in y that are considered, longer sides of the earlier box.
+        speed: what is added to them every second.
+        size: largest difference of log heights that is considered.
+    """
+
+    motion: MotionNoise = field(default_factory=MotionNoise)
+    tails: float = 2.5
+    miss: float = 1.5
+    covering: float = 0.7
+    appearance: tuple[float, float] = (14.0, 18.0)
+    neutral: tuple[float, float] = (0.27, 0.24)
+    most_learnt: float = 5.0
+    reach: tuple[float, float] = (0.3, 0.3)
+    speed: tuple[float, float] = (2.1, 1.2)
+    size: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not (self.tails > 0 and self.miss >= 0 and 0 <= self.covering <= 1 and self.size > 0):
+            raise ValueError("expected tails and size above 0, miss from 0 and covering from 0 to 1")
+        if min(self.reach) <= 0 or min(self.speed) < 0:
+            raise ValueError(f"expected reach above 0 and speed from 0, got {self.reach} and {self.speed}")
+
+    def limits(self, sides: FloatArray, seconds: float) -> FloatArray:
+        """``(N, 2)`` largest differences of centres in pixels, after a gap, for boxes of ``(N,)`` longer sides."""
+        return sides[:, None] * (np.array(self.reach) + np.array(self.speed) * seconds)
+
+    def waiting(self, seconds: FloatArray, one_frame: float, hidden: FloatArray) -> FloatArray:
+        """``(P,)`` what the time between two detections costs in which the person was not detected."""
+        return np.asarray(self.miss * (seconds - one_frame) * (1 - self.covering * hidden))
+
+    def appearance_cost(self, distance: FloatArray, *, averaged: bool) -> FloatArray:
+        """``(P,)`` what cosine distances of single, or of averaged features say; NaN where one is not known."""
+        weight, neutral = self.appearance[averaged], self.neutral[averaged]
+        return np.asarray(weight * np.nan_to_num(distance - neutral))
+
+    def learnt(self, cost: FloatArray) -> FloatArray:
+        """``(P,)`` what learnt costs -log P say: -logit P, within bounds, since no single pair is beyond doubt."""
+        probability = np.exp(-cost)
+        return np.clip(np.log1p(-probability + 1e-9) + cost, -self.most_learnt, self.most_learnt)
+
+    def mismatch(
+        self, past: Beliefs, future: Beliefs, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
+    ) -> FloatArray:
+        """``(P,)`` how ill the past of ``i`` and the future of ``j`` go together: the sum over the coordinates.
+
+        Args:
+            past: what the past of its chain says at each detection.
+            future: likewise of the future.
+            i: ``(P,)`` indices of the earlier detections.
+            j: ``(P,)`` of the later ones.
+            seconds: ``(P,)`` between the two.
+            wander: ``(P,)`` variance that the camera's motion adds in between, squared heights.
+        """
+        cost = np.empty(len(i))
+        for start in range(0, len(i), PAIRS_AT_ONCE):
+            part = slice(start, start + PAIRS_AT_ONCE)
+            cost[part] = self._mismatch(past, future, i[part], j[part], seconds[part], wander[part])
+        return np.asarray(np.maximum(cost, -MOST_WORTH))
+
+    def _mismatch(
+        self, past: Beliefs, future: Beliefs, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
+    ) -> FloatArray:
+        """`mismatch` without its bound, of as many pairs as the processor holds close by."""
+        r2, q2, v2 = (
+            np.square(values) for values in (self.motion.measurement, self.motion.acceleration, self.motion.velocity)
+        )
+        # A column at a time lies together in memory.
+        place, later_place = past.place[i].T.copy(), future.place[j].T.copy()
+        velocity, later_velocity = past.velocity[i].T.copy(), future.velocity[j].T.copy()
+        covariance = past.covariance[i].reshape(-1, 9).T.copy().reshape(3, 3, -1)
+        later_covariance = future.covariance[j].reshape(-1, 9).T.copy().reshape(3, 3, -1)
+        # The longer side, so that a car is as large as it is long; of people it is the height.
+        side = np.exp((np.maximum(*place[2:]) + np.maximum(*later_place[2:])) / 2)
+        # One logarithm of products instead of one for each coordinate.
+        fit, volume = np.ones(len(i)), np.ones(len(i))
+        for group in range(3):
+            a, b, c = covariance[group]
+            later_a, later_b, later_c = later_covariance[group]
+            q = q2[group]
+            aa = a + seconds * (2 * b + seconds * (c + seconds * (q / 3))) + later_a
+            if group == 0:
+                aa = aa + wander
+            bb, cc = b + seconds * (c + seconds * (q / 2)) + later_b, c + q * seconds + later_c
+            determinant = aa * cc - bb**2
+            for k in np.flatnonzero(group == GROUPS):
+                unit = side if group == 0 else 1.0
+                apart = (place[k] + velocity[k] * seconds - later_place[k]) / unit
+                turn = (velocity[k] - later_velocity[k]) / unit
+                squared = (cc * apart**2 - 2 * bb * apart * turn + aa * turn**2) / determinant
+                fit *= 1 + squared / self.tails
+                volume *= determinant / (4 * r2[group] * v2[group])
+        return np.asarray((self.tails + 2) / 2 * np.log(fit) + 0.5 * np.log(volume))

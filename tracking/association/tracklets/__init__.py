@@ -1,0 +1,1 @@
+"""Chains of detections: their motion, their joining, their gaps and their actions."""

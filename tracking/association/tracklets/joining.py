@@ -1,0 +1,172 @@
+"""Joining tracklets over longer gaps, by the motion and the appearance of whole tracklets.
+
+The same evidence as for links of detections (`link_cost`), at the ends of tracklets: what the filter knows there, the
+time between, what hides the place, and how alike the two look on average. Ends and starts are matched for the least
+total cost, no pair above ``limit``. Ends of longer chains are known better, so it is done again until nothing joins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from tsuiseki.tracking.association.costs import cosine_distances
+from tsuiseki.tracking.association.flow.flow_rounds import Seen
+from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.nearby import Pairs
+from tsuiseki.tracking.association.occlusion import hidden_between
+from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class JoinSettings:
+    """Which tracklets are joined.
+
+    Attributes:
+        window: longest gap, seconds.
+        looks_window: longest gap where the appearance of both is known, seconds.
+        limit: a link that costs more joins nothing.
+        miss: cost of a second without a detection.
+        passes: how often all ends are matched, at most.
+    """
+
+    window: float = 2.0
+    looks_window: float = 5.0
+    limit: float = 12.0
+    miss: float = 0.6
+    passes: int = 4
+
+    def __post_init__(self) -> None:
+        if min(self.window, self.looks_window, self.miss) < 0 or self.passes < 0:
+            raise ValueError("expected windows, miss and passes from 0")
+
+
+def join(
+    seen: Seen, labels: IntArray, appearance: FloatArray | None, link: LinkCost, settings: JoinSettings
+) -> IntArray:
+    """``(N,)`` track of each detection, -1 for none; tracks are numbered by their first tracklet.
+
+    Args:
+        seen: the detections; their own features are not used.
+        labels: ``(N,)`` tracklet of each from 0 on, -1 for none.
+        appearance: ``(M, D)`` mean features of the tracklets, NaN where not known; None where not described.
+        link: what links cost.
+        settings: of the joining.
+    """
+    link = replace(link, miss=settings.miss)
+    for _ in range(settings.passes):
+        ends = Ends.of(labels)
+        if len(ends.track) == 0:
+            break
+        i, j, cost = join_costs(seen, labels, ends, appearance, link, settings)
+        before, after = cheapest_matching(i, j, cost - settings.limit)
+        if len(before) == 0:
+            break
+        into = np.arange(max(int(labels.max(initial=-1)) + 1, 0 if appearance is None else len(appearance)))
+        into[after] = before
+        while (into != into[into]).any():
+            into = into[into]
+        if appearance is not None:
+            appearance = _means(appearance, into, np.bincount(labels[labels >= 0], minlength=len(into)))
+        labels = np.append(into, -1)[labels]
+    return labels
+
+
+@dataclass(frozen=True)
+class Ends:
+    """First and last detection of M tracks.
+
+    Attributes:
+        track: ``(M,)`` increasing numbers of the tracks.
+        first: ``(M,)`` index of its first detection.
+        last: ``(M,)`` index of its last one.
+    """
+
+    track: IntArray
+    first: IntArray
+    last: IntArray
+
+    @classmethod
+    def of(cls, labels: IntArray) -> Ends:
+        """The ends of all tracks in ``labels``."""
+        used = np.flatnonzero(labels >= 0)
+        order = used[np.argsort(labels[used], kind="stable")]
+        track, first = np.unique(labels[order], return_index=True)
+        last = np.append(first[1:], len(order))[: len(first)] - 1
+        return cls(track, order[first], order[last])
+
+
+def join_costs(
+    seen: Seen, labels: IntArray, ends: Ends, appearance: FloatArray | None, link: LinkCost, settings: JoinSettings
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Numbers of the tracks that may follow each other, and what it costs."""
+    i, j = _in_time(seen, ends, settings.looks_window if appearance is not None else settings.window)
+    past, future = beliefs_along(labels, seen.measured, link.motion)
+    tails, heads = ends.last[i], ends.first[j]
+    one_frame = 1 / seen.frame_rate
+    seconds = np.asarray((seen.frames[heads] - seen.frames[tails]) * one_frame, dtype=np.float64)
+    wander = seen.measured.wander[heads] - seen.measured.wander[tails]
+    cost = link.mismatch(past, future, tails, heads, seconds, wander)
+    hidden = hidden_between(tails, heads, seen.frames, seen.image, seen.size)
+    cost = cost + link.waiting(seconds, one_frame, hidden)
+    if appearance is not None:
+        distance = cosine_distances(appearance, ends.track[i], ends.track[j])
+        cost = np.where(
+            np.isnan(distance) & (seconds > settings.window),
+            np.inf,
+            cost + link.appearance_cost(distance, averaged=True),
+        )
+    return ends.track[i], ends.track[j], cost
+
+
+def _in_time(seen: Seen, ends: Ends, window: float) -> Pairs:
+    """All pairs of tracks of which the second starts within a window after the first ends."""
+    order = np.argsort(seen.frames[ends.first], kind="stable")
+    starts, ending = seen.frames[ends.first][order], seen.frames[ends.last]
+    first = np.searchsorted(starts, ending, side="right")
+    count = np.searchsorted(starts, ending + window * seen.frame_rate + 1e-9, side="right") - first
+    i = np.repeat(np.arange(len(starts)), count)
+    return i, order[np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)]
+
+
+def cheapest_matching(i: IntArray, j: IntArray, cost: FloatArray) -> Pairs:
+    """The pairs of a one-to-one matching of the least total cost; pairs that cost 0 or more are left out.
+
+    Args:
+        i: ``(P,)`` from 0 on.
+        j: ``(P,)`` from 0 on.
+        cost: ``(P,)``.
+    """
+    worth = cost < 0
+    i, j, cost = i[worth], j[worth], cost[worth]
+    if len(i) == 0:
+        return i, j
+    rows, columns = int(i.max()) + 1, int(j.max()) + 1
+    links = coo_array((np.ones(len(i)), (i, rows + j)), shape=(rows + columns,) * 2)
+    part = connected_components(links, directed=False)[1][i]
+    order = np.argsort(part, kind="stable")
+    before, after = [], []
+    for group in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        left, a = np.unique(i[group], return_inverse=True)
+        right, b = np.unique(j[group], return_inverse=True)
+        table = np.zeros((len(left), len(right)))
+        table[a, b] = cost[group]
+        chosen = linear_sum_assignment(table)
+        kept = table[chosen] < 0
+        before.append(left[chosen[0][kept]])
+        after.append(right[chosen[1][kept]])
+    return np.concatenate(before), np.concatenate(after)
+
+
+def _means(appearance: FloatArray, into: IntArray, weight: IntArray) -> FloatArray:
+    """Mean features of the tracks that tracklets were joined to, as rows of their first tracklets."""
+    known = ~np.isnan(appearance).any(axis=1)
+    sums = np.zeros_like(appearance)
+    np.add.at(sums, into[known], appearance[known] * weight[known, None])
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))

@@ -1,0 +1,1 @@
+"""Motion between frames: of every pixel, and of the camera."""

@@ -1,0 +1,1 @@
+"""Detection and appearance by networks: exported ones, those of other projects, and any function."""

@@ -1,0 +1,174 @@
+"""Detection and appearance by exported networks: `Detector` and `Appearance` wrap ONNX files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.foreign_appearance import ForeignAppearance
+from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
+from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions, DetectorOptions
+from tsuiseki.tracking.geometry import clip_boxes, suppress
+from tsuiseki.tracking.onnx import OnnxModel, has_card, open_session
+from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+
+MOST_CANDIDATES = 400
+
+
+class Detect(Protocol):
+    """Finds people in images."""
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """One `Detections` an image."""
+
+
+class Describe(Protocol):
+    """Gives the appearance features of people in an image."""
+
+    def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N, D)`` unit-length features of ``(N, 4)`` boxes."""
+
+
+class Detector:
+    """A person detector of the SSD family, exported to ONNX with raw heads.
+
+    Args:
+        path: the ONNX file.
+        score_threshold: detections below it are dropped; in [0, 1].
+        iou_threshold: of the non-maximum suppression; in [0, 1].
+        threads: CPU threads; 0 leaves it to onnxruntime.
+
+    Raises:
+        RequestError: the file is no detector (see `OnnxModel`).
+    """
+
+    def __init__(
+        self, path: str | Path, score_threshold: float = 0.3, iou_threshold: float = 0.5, threads: int = 0
+    ) -> None:
+        self.model = OnnxModel(path, "detector", threads)
+        self.score_threshold = score_threshold
+        self.iou_threshold = iou_threshold
+        card = self.model.card
+        if self.model.output_names != ["logits", "offsets", "anchors"] or "variances" not in card.settings:
+            raise RequestError(
+                f"{path}: expected outputs logits, offsets and anchors, got {', '.join(self.model.output_names)}; "
+                "export the detector again"
+            )
+
+    @property
+    def input_size(self) -> tuple[int, int]:
+        """Height and width of the input, pixels."""
+        return self.model.card.input_height, self.model.card.input_width
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """People in ``images``, each ``(H, W, 3)`` uint8 RGB, all in one batch; boxes are cut off at the border."""
+        if not images:
+            return []
+        card = self.model.card
+        inputs, scales = zip(*(fit_image(image, card) for image in images), strict=True)
+        logits, offsets, anchors = self.model.run(normalise(np.stack(inputs), card))
+        return [
+            self._decode(logits[n], offsets[n], anchors, scales[n], images[n].shape[:2]) for n in range(len(images))
+        ]
+
+    def _decode(
+        self,
+        logits: NDArray[np.float32],
+        offsets: NDArray[np.float32],
+        anchors: NDArray[np.float32],
+        scale: tuple[float, float],
+        size: tuple[int, int],
+    ) -> Detections:
+        # No softmax exceeds that of its class and the background alone, so few anchors need the whole of it.
+        threshold = np.clip(self.score_threshold, 1e-9, 1 - 1e-9)
+        margin = logits[:, 1:].max(axis=1) - logits[:, 0]
+        candidates = np.flatnonzero(margin >= np.log(threshold / (1 - threshold)))
+        exponentials = np.exp(logits[candidates] - logits[candidates].max(axis=1, keepdims=True))
+        scores = exponentials[:, 1:].max(axis=1) / exponentials.sum(axis=1)
+        candidates, scores = candidates[scores >= self.score_threshold], scores[scores >= self.score_threshold]
+        if len(candidates) > MOST_CANDIDATES:
+            best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
+            candidates, scores = candidates[best], scores[best]
+        variances = self.model.card.settings["variances"]
+        boxes = decode_boxes(offsets[candidates], anchors[candidates], variances) / np.tile(scale, 2)
+        boxes = clip_boxes(boxes, size[1], size[0])
+        whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
+        boxes, scores = boxes[whole], scores[whole]
+        kept = suppress(boxes, scores, self.iou_threshold)
+        return Detections(boxes[kept], scores[kept])
+
+
+class Appearance:
+    """An appearance network exported to ONNX: crops in, unit-length features out.
+
+    Args:
+        path: the ONNX file.
+        threads: CPU threads; 0 leaves it to onnxruntime.
+        batch_size: most crops of one inference call.
+
+    Raises:
+        RequestError: the file is no appearance network (see `OnnxModel`).
+    """
+
+    def __init__(self, path: str | Path, threads: int = 0, batch_size: int = 32) -> None:
+        self.model = OnnxModel(path, "appearance", threads)
+        self.batch_size = batch_size
+
+    def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N, D)`` unit-length features of the people in ``(N, 4)`` boxes of an ``(H, W, 3)`` uint8 RGB image."""
+        card = self.model.card
+        features = [np.empty((0, card.feature_length), dtype=np.float32)]
+        for some in np.array_split(boxes, range(self.batch_size, len(boxes), self.batch_size)):
+            if len(some):
+                crops = crop_boxes(image, some, card.input_height, card.input_width)
+                features += self.model.run(normalise(crops, card))
+        return np.concatenate(features).astype(np.float64)
+
+
+def open_detector(
+    path: str | Path,
+    score_threshold: float = 0.3,
+    iou_threshold: float = 0.5,
+    threads: int = 0,
+    options: DetectorOptions | None = None,
+) -> Detector | ForeignDetector:
+    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises.
+
+    Raises:
+        RequestError: see the two; or ``options`` for a detector of this toolkit, which needs none.
+    """
+    if not has_card(open_session(path, threads)):
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options)
+    if options not in (None, DetectorOptions()):
+        raise RequestError(f"{path} tells all by itself; leave the detector options out")
+    return Detector(path, score_threshold, iou_threshold, threads)
+
+
+def open_appearance(
+    path: str | Path, threads: int = 0, batch_size: int = 32, options: AppearanceOptions | None = None
+) -> Appearance | ForeignAppearance:
+    """The appearance network at ``path``: one of this toolkit, or any that `ForeignAppearance` can run.
+
+    Raises:
+        RequestError: see the two; or ``options`` for a network of this toolkit, which needs none.
+    """
+    if not has_card(open_session(path, threads)):
+        return ForeignAppearance(path, threads, batch_size, options)
+    if options not in (None, AppearanceOptions()):
+        raise RequestError(f"{path} tells all by itself; leave the appearance options out")
+    return Appearance(path, threads, batch_size)
+
+
+def decode_boxes(offsets: NDArray[np.float32], anchors: NDArray[np.float32], variances: Sequence[float]) -> FloatArray:
+    """``(N, 4)`` x1, y1, x2, y2 from SSD box codes ``(N, 4)`` and anchors ``(N, 4)`` cx, cy, w, h, in input pixels."""
+    anchors = anchors.astype(np.float64)
+    middle = anchors[:, :2] + offsets[:, :2] * variances[0] * anchors[:, 2:]
+    # Beyond a factor of 1000 / 16 the code of an untrained or unsure anchor would overflow.
+    half = anchors[:, 2:] * np.exp(np.minimum(offsets[:, 2:] * variances[1], np.log(1000 / 16))) / 2
+    return np.concatenate([middle - half, middle + half], axis=1)

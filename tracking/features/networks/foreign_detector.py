@@ -1,0 +1,257 @@
+"""Detectors that people already have: ONNX files of other projects, recognised by their inputs and outputs."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.features.networks.detector_layouts import LAYOUTS, Size
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions, LayoutName
+from tsuiseki.tracking.features.networks.image_input import ImageInput
+from tsuiseki.tracking.features.networks.layout_recognition import possible_layouts
+from tsuiseki.tracking.geometry import clip_boxes, suppress
+from tsuiseki.tracking.onnx import image_input, open_session
+from tsuiseki.tracking.types import Detections, ImageArray
+
+PERSON_NAMES = ("person", "pedestrian", "people", "human", "persons", "pedestrians")
+# Where people stand in COCO, by how many classes a network tells: 80 without gaps, 90 or 91 with COCO's own numbers.
+_COCO = {80: 0, 90: 1, 91: 1}
+_MOST_CANDIDATES = 400
+# A picture side for recognising networks that take any size.
+_TRIAL_SIDE = 320
+
+
+class ForeignDetector:
+    """A detector of another project, exported to ONNX.
+
+    Args:
+        path: the ONNX file.
+        score_threshold: detections below it are dropped; in [0, 1].
+        iou_threshold: of the non-maximum suppression, where the network does none itself; in [0, 1].
+        threads: CPU threads; 0 leaves it to onnxruntime.
+        options: what the file does not tell.
+
+    Attributes:
+        layout: that was recognised.
+        person: number of the class of people.
+
+    Raises:
+        RequestError: the file is no such detector, several layouts fit it, or its class of people is unknown.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        score_threshold: float = 0.3,
+        iou_threshold: float = 0.5,
+        threads: int = 0,
+        options: DetectorOptions | None = None,
+    ) -> None:
+        options = options or DetectorOptions()
+        self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
+        self.session = open_session(path, threads)
+        self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
+        self._check_task()
+        self.size = self._input_size(options)
+        self.names = options.classes or _class_names(self.metadata)
+        trial = self._try()
+        self.layout = self._choose_layout(trial, options)
+        self.input = _changed(LAYOUTS[self.layout].input, options, whole=self.size is None)
+        self.person = self._choose_person(list(trial.values()), options)
+
+    @property
+    def input_size(self) -> Size | None:
+        """Height and width of the input, pixels; None where it takes any."""
+        return self.size
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """People in ``images``, each ``(H, W, 3)`` uint8 RGB; boxes are cut off at the border.
+
+        Raises:
+            RunError: the network gives NaN, or nothing but zeros where it should give a row for every place.
+        """
+        if not images:
+            return []
+        fitted = [self.input.fit(image, self.size or image.shape[:2]) for image in images]
+        outputs = self._run([image for image, _ in fitted])
+        return [
+            self._decode(outputs[n], fitted[n][0].shape[:2], fitted[n][1], images[n].shape[:2])
+            for n in range(len(images))
+        ]
+
+    def _decode(
+        self, outputs: Sequence[NDArray[Any]], fitted: Size, scale: tuple[float, float], size: Size
+    ) -> Detections:
+        self._check_values(outputs)
+        boxes, scores = LAYOUTS[self.layout].read(outputs, fitted, self.person)
+        good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
+        good = good[np.argsort(-scores[good], kind="stable")][:_MOST_CANDIDATES]
+        boxes, scores = clip_boxes(boxes[good] / np.tile(scale, 2), size[1], size[0]), scores[good].clip(0, 1)
+        whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
+        boxes, scores = boxes[whole], scores[whole]
+        if not LAYOUTS[self.layout].suppressed:
+            kept = suppress(boxes, scores, self.iou_threshold)
+            boxes, scores = boxes[kept], scores[kept]
+        return Detections(boxes, scores)
+
+    def _run(self, images: Sequence[ImageArray]) -> list[list[NDArray[Any]]]:
+        """Outputs of each picture without their batch axis; all in one call where the file takes any batch."""
+        several = self._batched and isinstance(self._wanted.shape[0], str) and len(images) > 1
+        if several:
+            whole = self._call(np.stack(images))
+            if all(len(x) == len(images) for x in whole):
+                return [[x[n] for x in whole] for n in range(len(images))]
+        return [[_single(x) for x in self._call(image[None])] for image in images]
+
+    def _call(self, images: NDArray[np.uint8]) -> list[NDArray[Any]]:
+        values = self.input.normalise(images, self._wanted.dtype)
+        inputs: dict[str, NDArray[Any]] = {self._wanted.name: values if self._batched else values[0]}
+        for other in self.session.get_inputs():
+            if other.name != self._wanted.name:  # RT-DETR asks for the size that its boxes are to be in
+                inputs[other.name] = np.tile(np.array(images.shape[2:0:-1], dtype=np.int64), (len(images), 1))
+        try:
+            found: list[NDArray[Any]] = self.session.run(None, inputs)
+        except Exception as error:
+            reason = " ".join(str(error).split())[:160]
+            raise RequestError(f"{self.path}: the network refuses its input; onnxruntime says: {reason}") from error
+        return found
+
+    def _check_task(self) -> None:
+        task = self.metadata.get("task", "detect")
+        if task != "detect":
+            raise RequestError(f"{self.path}: expected a detector, got a network for {task!r}; export one for 'detect'")
+
+    def _input_size(self, options: DetectorOptions) -> Size | None:
+        """Height and width, or None for a network of torchvision's kind, which takes pictures of any size."""
+        self._wanted = image_input(self.session, self.path)
+        self._batched = len(self._wanted.shape) == 4
+        height, width = (x if isinstance(x, int) else None for x in self._wanted.shape[-2:])
+        told = _told_size(self.metadata)
+        height = height or options.height or (told[0] if told else None)
+        width = width or options.width or (told[1] if told else None)
+        if height and width:
+            return height, width
+        if len(self.session.get_outputs()) == 3:
+            return None
+        raise RequestError(
+            f"{self.path}: height and width of its input are open and its metadata do not tell them; "
+            "give the detector options height and width, or export with fixed ones"
+        )
+
+    def _try(self) -> dict[str, NDArray[Any]]:
+        """Outputs by name for a noise picture."""
+        self.input = ImageInput("as-is")
+        size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
+        noise = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
+        names = [x.name for x in self.session.get_outputs()]
+        outputs = dict(zip(names, self._run([noise])[0], strict=True))
+        if any(np.isnan(x).any() for x in outputs.values() if np.issubdtype(x.dtype, np.floating)):
+            raise RequestError(f"{self.path}: its outputs for a picture of noise are NaN; export it again in float32")
+        return outputs
+
+    def _choose_layout(self, trial: Mapping[str, NDArray[Any]], options: DetectorOptions) -> LayoutName:
+        size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
+        found = possible_layouts(trial, size, len(self.names) if self.names else None)
+        if options.layout is not None:
+            if options.layout not in found and not _readable(options.layout, trial, size):
+                raise RequestError(
+                    f"{self.path}: its outputs {_shapes(trial)} are not {LAYOUTS[options.layout].description}, "
+                    f"as layout {options.layout} asks for"
+                )
+            return options.layout
+        if len(found) == 1:
+            return found[0]
+        if not found:
+            known = "; ".join(f"{name} {layout.description}" for name, layout in LAYOUTS.items())
+            raise RequestError(f"{self.path}: its outputs {_shapes(trial)} are of no known layout; known are {known}")
+        fitting = " or ".join(f"{name} {LAYOUTS[name].description}" for name in found)
+        raise RequestError(
+            f"{self.path}: its outputs {_shapes(trial)} could be {fitting}; say which with the detector option layout"
+        )
+
+    def _choose_person(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> int:
+        count = LAYOUTS[self.layout].classes(trial) or (len(self.names) if self.names else None)
+        if options.person is not None:
+            if options.person < 0 or (count is not None and options.person >= count):
+                raise RequestError(f"{self.path}: expected a class of people from 0 to {count}, got {options.person}")
+            return options.person
+        if self.names:
+            lowered = [name.strip().lower() for name in self.names]
+            found = [n for n, name in enumerate(lowered) if name in PERSON_NAMES]
+            if len(found) == 1:
+                return found[0]
+            listed = ", ".join(self.names[:8]) + (", …" if len(self.names) > 8 else "")
+            what = "several classes of people" if found else "no class of people"
+            raise RequestError(f"{self.path}: {what} among {listed}; say which one with the detector option person")
+        if count == 1:
+            return 0
+        if count in _COCO:
+            return _COCO[count]
+        which = "an unknown number of" if count is None else str(count)
+        raise RequestError(
+            f"{self.path}: {which} classes without names; say which one is people with the detector option person "
+            "(COCO: 0 in YOLO, 1 in torchvision)"
+        )
+
+    def _check_values(self, outputs: Sequence[NDArray[Any]]) -> None:
+        floats = [x for x in outputs if np.issubdtype(x.dtype, np.floating)]
+        if any(np.isnan(x).any() for x in floats):
+            raise RunError(f"{self.path}: the network gives NaN; check its normalisation, or export it in float32")
+        if not LAYOUTS[self.layout].suppressed and all(not x.any() for x in floats):
+            raise RunError(f"{self.path}: the network gives nothing but zeros; export it again")
+
+
+def _changed(usual: ImageInput, options: DetectorOptions, *, whole: bool) -> ImageInput:
+    names = ("resize", "colour", "pixels", "mean", "std")
+    given: dict[str, Any] = {"resize": "as-is"} if whole else {}
+    given |= {name: value for name in names if (value := getattr(options, name)) is not None}
+    return replace(usual, **given)
+
+
+def _class_names(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
+    """Names of the classes as Ultralytics writes them: the text of a dict from numbers to names."""
+    try:
+        names = ast.literal_eval(metadata["names"])
+    except (KeyError, ValueError, SyntaxError):
+        return None
+    if isinstance(names, dict) and sorted(names) == list(range(len(names))):
+        names = [names[n] for n in range(len(names))]
+    return tuple(str(x) for x in names) if isinstance(names, list | tuple) and names else None
+
+
+def _told_size(metadata: Mapping[str, str]) -> Size | None:
+    """Height and width that the metadata tell (``imgsz``)."""
+    try:
+        size = ast.literal_eval(metadata["imgsz"])
+        height, width = (size, size) if isinstance(size, int) else size
+        return int(height), int(width)
+    except (KeyError, ValueError, SyntaxError, TypeError):
+        return None
+
+
+def _readable(layout: LayoutName, trial: Mapping[str, NDArray[Any]], size: Size) -> bool:
+    """Whether the user's choice can be read at all."""
+    classes = LAYOUTS[layout].classes(list(trial.values())) if len(trial) == LAYOUTS[layout].outputs else 0
+    if classes is not None and classes < 1:
+        return False
+    try:
+        boxes, scores = LAYOUTS[layout].read(list(trial.values()), size, 0)
+    except (IndexError, ValueError, StopIteration, AttributeError):
+        return False
+    return boxes.ndim == 2 and boxes.shape == (len(scores), 4)
+
+
+def _shapes(outputs: Mapping[str, NDArray[Any]]) -> str:
+    return ", ".join(f"{name} {tuple(x.shape)}" for name, x in outputs.items())
+
+
+def _single(output: NDArray[Any]) -> NDArray[Any]:
+    """Without the batch axis: torchvision's outputs have none."""
+    return output[0] if output.ndim == 3 or (output.ndim == 2 and len(output) == 1 and output.shape[1] != 4) else output

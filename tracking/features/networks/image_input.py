@@ -1,0 +1,60 @@
+"""What a network of others wants its pictures to be: size, fit, order of colours, range and normalisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.features.networks.foreign_options import IMAGENET_MEAN, IMAGENET_STD, Colour, PixelRange, Resize
+from tsuiseki.tracking.preprocessing import letterbox, stretched
+from tsuiseki.tracking.types import ImageArray
+
+
+@dataclass(frozen=True)
+class ImageInput:
+    """How a picture becomes the input of a network.
+
+    Attributes:
+        resize: ``letterbox`` keeps the aspect ratio and fills the right and lower rest with ``fill``; ``stretch`` does
+            not keep it; ``as-is`` leaves the picture at its size, for networks that take any.
+        colour: order of the channels.
+        pixels: ``unit`` for values in [0, 1], ``bytes`` for values in [0, 255].
+        mean: subtracted from the channels after that.
+        std: divides them after that.
+        fill: grey level of 255 beside the picture.
+    """
+
+    resize: Resize = "letterbox"
+    colour: Colour = "RGB"
+    pixels: PixelRange = "unit"
+    mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    std: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    fill: int = 114
+
+    def fit(self, image: ImageArray, size: tuple[int, int]) -> tuple[ImageArray, tuple[float, float]]:
+        """``(H, W, 3)`` uint8 RGB at ``size`` (height, width), and the scales from its pixels in x and y."""
+        if self.resize == "as-is":
+            return image, (1.0, 1.0)
+        if self.resize == "stretch":
+            return stretched(image, *size)
+        return letterbox(image, *size, (self.fill,) * 3)
+
+    def normalise(self, images: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
+        """``(N, H, W, 3)`` uint8 RGB to the ``(N, 3, H, W)`` that the network takes."""
+        if self.colour == "BGR":
+            images = images[..., ::-1]
+        values = np.arange(256, dtype=np.float64)[:, None] / (255 if self.pixels == "unit" else 1)
+        tables = ((values - np.asarray(self.mean)) / np.asarray(self.std)).astype(np.float32)
+        count, height, width, _ = images.shape
+        planes = np.empty((count, 3, height, width), dtype=np.float32)
+        for image, target in zip(images, planes, strict=True):
+            for channel in range(3):
+                cv2.LUT(np.ascontiguousarray(image[..., channel]), tables[:, channel], dst=target[channel])
+        return planes.astype(dtype, copy=False)
+
+
+IMAGENET = ImageInput("stretch", mean=IMAGENET_MEAN, std=IMAGENET_STD)

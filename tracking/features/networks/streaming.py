@@ -1,0 +1,95 @@
+"""Networks over a stream of frames: batch by batch, on one core or several batches at a time on several.
+
+A network that shares one picture among several cores waits for the slowest at every layer. Whole batches side by side
+do not wait for each other, so each session runs on one thread (``threads=1``) and `stream` works on several batches.
+The result is the same with any number of workers: batches are cut and networks run as with one.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeAlias
+
+from tsuiseki.tracking.features.networks.exported import Describe, Detect
+from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.types import Detections, Frame
+
+_Found: TypeAlias = list[tuple[Frame, Detections]]
+
+
+def workers_of(threads: int) -> int:
+    """How many batches to work on at a time with ``threads`` threads; 0 takes all cores that this process may use."""
+    if threads:
+        return threads
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def stream(
+    frames: Iterable[Frame],
+    detect: Detect | Sequence[Detections],
+    describe: Describe | None = None,
+    batch_size: int = 4,
+    times: StageTimes | None = None,
+    workers: int = 1,
+) -> Iterator[tuple[Frame, Detections]]:
+    """Frames with the people found in them, in order.
+
+    Args:
+        frames: the video.
+        detect: finds people, or their given detections, one entry a frame number.
+        describe: adds appearance features, where given.
+        batch_size: frames of one inference call.
+        times: gets the seconds of the stages ``decode``, ``detect`` and ``describe``, summed over the workers.
+        workers: batches that are worked on at a time; with more than one, ``detect`` and ``describe`` are called from
+            several threads, and as many batches are decoded ahead: at most ``2 * workers * batch_size`` frames are
+            held.
+    """
+    times = times or StageTimes()
+    batches = _batches(frames, batch_size, times)
+    if workers == 1:
+        for batch in batches:
+            yield from _look(batch, detect, describe, times)
+        return
+    # Detectors may choose by the first frames how to look at the others.
+    for batch in itertools.islice(batches, 1):
+        yield from _look(batch, detect, describe, times)
+    waiting: deque[Future[_Found]] = deque()
+    with ThreadPoolExecutor(workers, "tsuiseki") as pool:
+        try:
+            for batch in batches:
+                waiting.append(pool.submit(_look, batch, detect, describe, times))
+                if len(waiting) >= 2 * workers:
+                    yield from waiting.popleft().result()
+            while waiting:
+                yield from waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _batches(frames: Iterable[Frame], size: int, times: StageTimes) -> Iterator[list[Frame]]:
+    iterator = iter(frames)
+    while True:
+        with times.measure("decode"):
+            batch = list(itertools.islice(iterator, size))
+        if not batch:
+            return
+        yield batch
+
+
+def _look(
+    batch: list[Frame], detect: Detect | Sequence[Detections], describe: Describe | None, times: StageTimes
+) -> _Found:
+    with times.measure("detect"):
+        if isinstance(detect, Sequence):
+            found = [detect[f.index] if f.index < len(detect) else Detections.empty() for f in batch]
+        else:
+            found = detect.detect([frame.image for frame in batch])
+    if describe is not None:
+        with times.measure("describe"):
+            found = [d.with_features(describe.describe(f.image, d.boxes)) for f, d in zip(batch, found, strict=True)]
+    return list(zip(batch, found, strict=True))

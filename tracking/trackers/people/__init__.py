@@ -1,0 +1,1 @@
+"""Trackers of people from their detections, online and by network flow."""

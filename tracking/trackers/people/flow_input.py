@@ -1,0 +1,180 @@
+"""Detections as the flow takes them: without duplicates, as if the camera stood still, with their noise and worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
+from tsuiseki.tracking.association.flow.flow_rounds import Seen
+from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
+from tsuiseki.tracking.association.occlusion import hidden_parts
+from tsuiseki.tracking.association.rows import DetectionRows, rows_of
+from tsuiseki.tracking.association.score_calibration import DetectionCost, ScoreCalibration, borne_out
+from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, MotionNoise
+from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
+from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
+
+# Deviation of the place of a box where the camera stands still and nothing says otherwise, heights.
+STILL = 0.002
+
+
+@dataclass(frozen=True)
+class InputSettings:
+    """How detections are prepared.
+
+    Attributes:
+        detection: what scores are worth.
+        camera: how its motion is estimated from boxes; None takes it to stand still.
+        duplicate: of two boxes of a frame that overlap by more (intersection over union), the one of the lower score
+            is left out.
+    """
+
+    detection: DetectionCost = field(default_factory=DetectionCost)
+    camera: CameraFromBoxes | None = field(default_factory=CameraFromBoxes)
+    duplicate: float = 0.95
+
+    def __post_init__(self) -> None:
+        if not 0 < self.duplicate <= 1:
+            raise ValueError(f"expected duplicate in (0, 1], got {self.duplicate}")
+
+
+@dataclass
+class FlowInput:
+    """Turns the detections of one stretch of frames after the other into rows.
+
+    Attributes:
+        settings: of the preparation.
+        noise: of measurements.
+        frame_rate: frames a second.
+        size: width and height of the image; None where not known.
+        path: the camera's motion from images; None takes the boxes.
+        camera: the trajectory so far.
+        calibration: of the scores so far.
+        duplicates: boxes left out so far.
+    """
+
+    settings: InputSettings
+    noise: MotionNoise
+    frame_rate: float
+    size: tuple[int, int] | None
+    path: CameraPath | None = None
+    duplicates: int = 0
+    _last: Detections = field(default_factory=Detections.empty)
+    _count: int = 0
+
+    def __post_init__(self) -> None:
+        self.camera = CameraTrajectory("boxes" if self.path is None else "images")
+        self.calibration = ScoreCalibration(self.settings.detection)
+        self._shifts: list[float] = []
+
+    def copy(self) -> FlowInput:
+        """A copy that goes on by itself."""
+        other = copy(self)
+        other.camera, other.calibration = self.camera.copy(), copy(self.calibration)
+        return other
+
+    def rows(self, found: Sequence[Detections]) -> tuple[Seen, FloatArray]:
+        """The detections of the next frames, and their scores.
+
+        Args:
+            found: of at least one frame.
+        """
+        first = len(self.camera)
+        rows = rows_of(found, first, self._count)
+        kept = ~duplicates(rows.frames, rows.boxes, rows.scores, self.settings.duplicate)
+        self.duplicates += int((~kept).sum())
+        rows = rows.select(kept)
+        rows = DetectionRows(self._count + np.arange(len(rows)), rows.frames, rows.boxes, rows.scores, rows.features)
+        self._count += len(rows)
+        before = self._last
+        self._follow_camera(rows, first, len(found))
+        boxes = self.camera.to_first(rows.boxes, rows.frames)
+        self._calibrate(rows, boxes, before, first)
+        last = rows.frames == len(self.camera) - 1
+        self._last = Detections(rows.boxes[last], rows.scores[last])
+        measured = Measurements(
+            rows.frames / self.frame_rate,
+            np.concatenate([centres(boxes), np.log(sizes(boxes))], axis=1),
+            self._noise(rows),
+            self.camera.variance(rows.frames),
+        )
+        seen = Seen(rows.numbers, rows.frames, rows.boxes, boxes, measured, rows.features, self.frame_rate, self.size)
+        return seen, rows.scores
+
+    def _noise(self, rows: DetectionRows) -> FloatArray:
+        """``(N,)`` by how much more than r each measurement deviates."""
+        hidden = hidden_parts(rows.frames, rows.boxes)
+        unsure = 1 - self.calibration(rows.scores)
+        return 1 + self.noise.unsure * unsure + self.noise.hidden * hidden
+
+    def _follow_camera(self, rows: DetectionRows, first: int, count: int) -> None:
+        """Extend the trajectory by ``count`` frames from ``first`` on."""
+        if self.path is not None:
+            for frame in range(first, first + count):
+                step = self.path.step(frame)
+                self.camera.append(step, 0.0 if step is not None or frame == 0 else self._usual_shift())
+            return
+        if self.settings.camera is None:
+            for _ in range(count):
+                self.camera.append(np.eye(3)[:2])
+            return
+        boxes = np.concatenate([self._last.boxes, rows.boxes])
+        frames = np.append(np.zeros(len(self._last), np.int64), rows.frames - first + 1)
+        steps = steps_from_boxes(frames, boxes, count + 1, self.frame_rate, self.settings.camera)
+        for index in range(1, count + 1):
+            self._append_step(steps, index, self.settings.camera)
+
+    def _append_step(self, steps: Steps, index: int, settings: CameraFromBoxes) -> None:
+        shift, support = float(steps.shift[index]), float(steps.support[index])
+        usual = self._usual_shift()
+        moving = usual * self.frame_rate > settings.moving
+        if support >= settings.least:
+            self._shifts = [*self._shifts, shift][-round(max(self.frame_rate, 2)) :]
+            self.camera.append(steps.similarity[index])
+        elif moving and support > 0:
+            self.camera.append(steps.similarity[index])
+            self.camera.unknown.append(len(self.camera) - 1)
+        else:
+            self.camera.append(None, usual if moving else STILL)
+
+    def _usual_shift(self) -> float:
+        """By how much the camera moved from frame to frame over the last second, heights of a box."""
+        return float(np.median(self._shifts)) if self._shifts else 0.0
+
+    def _calibrate(self, rows: DetectionRows, boxes: FloatArray, before: Detections, first: int) -> None:
+        """Take in which detections were found again; those of the newest frame only look back."""
+        earlier = self.camera.to_first(before.boxes, np.full(len(before), first - 1)) if len(before) else before.boxes
+        frames = np.append(np.full(len(before), first - 1), rows.frames)
+        scores = np.append(before.scores, rows.scores)
+        back, ahead = borne_out(frames, np.concatenate([earlier, boxes]), self.settings.detection, self.frame_rate)
+        looks_back, looks_ahead = frames > max(first - 1, 0), frames < len(self.camera) - 1
+        self.calibration.add(
+            np.append(scores[looks_back], scores[looks_ahead]), np.append(back[looks_back], ahead[looks_ahead])
+        )
+
+
+def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray, overlap: float) -> BoolArray:
+    """``(N,)`` boxes that lie on another one of their frame that scores more, or as much and comes first.
+
+    Args:
+        frames: ``(N,)``.
+        boxes: ``(N, 4)`` pixels.
+        scores: ``(N,)``, NaN where there is none.
+        overlap: intersection over union above which two boxes are one.
+    """
+    double = np.zeros(len(frames), dtype=np.bool_)
+    if len(frames) == 0:
+        return double
+    every, size = np.arange(len(frames)), sizes(boxes)
+    i, j = near_pairs(frames, centres(boxes), size * (1 - overlap), 0, every, every)
+    same = (i < j) & (iou_pairs(boxes[i], boxes[j]) > overlap)
+    i, j = i[same], j[same]
+    known = np.nan_to_num(scores, nan=-np.inf)
+    double[np.where(known[j] > known[i], i, j)] = True
+    return double

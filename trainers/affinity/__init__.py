@@ -1,0 +1,1 @@
+"""Learning the costs of the flow from labelled video."""

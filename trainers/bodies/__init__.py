@@ -1,0 +1,1 @@
+"""Learning how bodies look and move, from silhouettes and tracks."""

@@ -1,0 +1,342 @@
+"""`tsuiseki export`: from a trained network to an ONNX file that runs without torch, and the proof that both agree."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import logging
+import pickle
+import tempfile
+import warnings
+from collections.abc import Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import lightning
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from tsuiseki.models.detector import Detector, OneClass
+from tsuiseki.models.pretrained import CocoArchitecture, coco_person_detector
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+from tsuiseki.tracking.output import check_output_file, output_file
+from tsuiseki.trainers.networks.appearance import AppearanceTraining
+from tsuiseki.trainers.networks.calibration import calibration_of
+from tsuiseki.trainers.networks.detector import COCO_NORMALISATIONS, FIXED_SIDES, DetectorTraining, detector_card
+
+# Largest difference to torch, relative to the largest value of an output. Float32 sums in another order differ by a
+# few 1e-6 a layer; weights rounded to float16 by 5e-4 each, which some sixty layers add up to.
+FLOAT32_TOLERANCE = 1e-3
+FLOAT16_TOLERANCE = 3e-2
+_PARITY_BATCHES = (1, 3)
+# Tensors smaller than this stay float32: biases and scales matter more than their bytes.
+_SMALLEST_HALVED = 512
+
+Module = TypeVar("Module", bound=lightning.LightningModule)
+
+
+def export_onnx(
+    module: nn.Module,
+    card: ModelCard,
+    path: Path,
+    example: Tensor,
+    outputs: Sequence[str],
+    float16: bool = False,
+    overwrite: bool = False,
+    spread: float = 1.0,
+) -> float:
+    """Write ``module`` as ONNX with ``card`` in its metadata, once it gives what torch gives.
+
+    The batch is dynamic. The file appears under its name only when it is complete and checked.
+
+    Args:
+        module: takes one tensor, gives one or several whose first axis is the batch, or constants.
+        card: what the file will say about itself; the version of the project is filled in.
+        path: of the file.
+        example: ``(B, ...)`` an input; tells the shape, and the card's layout its name.
+        outputs: their names in order.
+        float16: store weights as float16; computation stays float32.
+        overwrite: replace an existing file.
+        spread: standard deviation of the random inputs that both are compared on.
+
+    Returns:
+        The largest difference to torch over all outputs, relative to the largest value of the output.
+
+    Raises:
+        RequestError: the path cannot be written to.
+        RunError: onnxruntime and torch disagree.
+    """
+    card = dataclasses.replace(card, project_version=metadata.version("tsuiseki"))
+    with output_file(path, overwrite) as work, _evaluating(module):
+        work.parent.mkdir(parents=True, exist_ok=True)
+        model = _convert(module, example, "features" if card.layout == "NF" else "images", outputs)
+        if float16:
+            store_float16(model)
+        entry = model.metadata_props.add()
+        entry.key, entry.value = METADATA_KEY, card.to_json()
+        onnx.save(model, work)
+        return check_parity(module, work, example, FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE, spread)
+
+
+class RawHeads(nn.Module):
+    """A detector with its anchors as a third output, as the exported file has it.
+
+    Args:
+        detector: of one class.
+        calibration: scale and shift of the logit of its score.
+    """
+
+    def __init__(self, detector: Detector | OneClass, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
+        super().__init__()
+        self.detector = detector
+        self.calibration = calibration
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """``(B, 3, H, W)`` to logits ``(B, A, 2)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
+        logits, offsets = self.detector(images)
+        scale, shift = self.calibration
+        if self.calibration != (1.0, 0.0):
+            logits = logits * scale + torch.tensor([0.0, shift])
+        return logits, offsets, self.detector.anchors
+
+
+def export_detector(
+    checkpoint: Path | None,
+    weights: Literal["coco"] | None,
+    architecture: CocoArchitecture,
+    out: Path,
+    training_data: str = "",
+    float16: bool = False,
+    overwrite: bool = False,
+    state: Path | None = None,
+    calibrate: Path | None = None,
+    size: tuple[int, int] | None = None,
+) -> float:
+    """Write a trained detector, or torchvision's COCO-trained one reduced to people, as ONNX.
+
+    Args:
+        checkpoint: of `tsuiseki train detector`; or None with ``weights``.
+        weights: ``coco``; or None with ``checkpoint``.
+        architecture: of the COCO weights.
+        out: the file to write.
+        training_data: for the card, in words.
+        float16: store weights as float16.
+        overwrite: replace an existing file.
+        state: file of torchvision's state dict, for a machine that cannot download it.
+        calibrate: labelled pictures in the MOTChallenge layout; the scores become probabilities there.
+        size: height and width of the input, where another than in training; only ``people`` takes any.
+
+    Returns:
+        The largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: not exactly one of checkpoint and weights, a missing or foreign file, no connection.
+        RunError: the exported file does not give what torch gives.
+    """
+    if (checkpoint is None) == (weights is None):
+        raise RequestError("expected either --checkpoint FILE or --weights coco")
+    network: Detector | OneClass
+    if checkpoint is not None:
+        try:
+            module = load_module(DetectorTraining, checkpoint, size)
+        except ValueError as error:  # the network does not take this size
+            raise RequestError(str(error)) from error
+        network, card = module.network, module.card
+    else:
+        network, card = _coco(architecture, state)
+        training_data = training_data or "COCO 2017, torchvision's weights"
+    card = dataclasses.replace(card, training_data=training_data)
+    network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    outputs = ("logits", "offsets", "anchors")
+    if calibrate is None:
+        return export_onnx(RawHeads(network), card, out, example, outputs, float16, overwrite)
+    check_output_file(out, overwrite)
+    with tempfile.TemporaryDirectory() as folder:
+        raw = Path(folder) / "raw.onnx"
+        export_onnx(RawHeads(network), card, raw, example, outputs)
+        calibration = calibration_of(raw, calibrate)
+    card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
+    return export_onnx(RawHeads(network, calibration), card, out, example, outputs, float16, overwrite)
+
+
+def export_appearance(
+    checkpoint: Path, out: Path, training_data: str = "", float16: bool = False, overwrite: bool = False
+) -> float:
+    """Write a trained appearance network as ONNX.
+
+    Args:
+        checkpoint: of `tsuiseki train appearance`.
+        out: the file to write.
+        training_data: for the card, in words.
+        float16: store weights as float16.
+        overwrite: replace an existing file.
+
+    Returns:
+        The largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: a missing or foreign file.
+        RunError: the exported file does not give what torch gives.
+    """
+    module = load_module(AppearanceTraining, checkpoint)
+    card = dataclasses.replace(module.card, training_data=training_data)
+    network = module.network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    return export_onnx(network, card, out, example, ("features",), float16, overwrite)
+
+
+def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | None = None) -> Module:
+    """The LightningModule in ``checkpoint``; nothing but tensors and plain values is unpickled.
+
+    Args:
+        kind: of the module.
+        checkpoint: its file.
+        size: height and width of another input than it was trained with; where it takes any.
+
+    Raises:
+        RequestError: the file is missing, no checkpoint, or of another module.
+    """
+    if not checkpoint.is_file():
+        raise RequestError(f"expected a checkpoint at {checkpoint}, found none; `tsuiseki train` writes best.ckpt")
+    try:
+        # What the training started from is overwritten here; without it nothing is downloaded.
+        changes: dict[str, Any] = {"weights": None, "start": None}
+        if size is not None:
+            changes |= {"height": size[0], "width": size[1]}
+        module = kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, **changes)
+    except (RuntimeError, KeyError, TypeError, AttributeError, EOFError, pickle.UnpicklingError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise RequestError(f"{checkpoint}: expected a checkpoint of {kind.__name__}, got: {reason}") from error
+    return module.eval()
+
+
+def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[OneClass, ModelCard]:
+    if state is not None and not state.is_file():
+        raise RequestError(f"expected a state dict at {state}, found none")
+    try:
+        network = coco_person_detector(architecture, state)
+    except (ConnectionError, ValueError, pickle.UnpicklingError) as error:
+        raise RequestError(str(error)) from error
+    side = FIXED_SIDES[architecture]
+    card = detector_card(f"{architecture}-coco", (side, side), "stretch", COCO_NORMALISATIONS[architecture])
+    return network.eval(), card
+
+
+def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float, spread: float = 1.0) -> float:
+    """The largest relative difference between ``module`` and the file on random inputs, batch 1 and 3.
+
+    Raises:
+        RunError: it is larger than ``tolerance``, or an output does not depend on the input.
+    """
+    session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+    name = session.get_inputs()[0].name
+    generator = torch.Generator().manual_seed(0)
+    worst = 0.0
+    for batch in _PARITY_BATCHES:
+        # Normal numbers are what normalised images look like: no unit of the network saturates on all of them.
+        inputs = spread * torch.randn((batch, *example.shape[1:]), generator=generator)
+        with torch.no_grad():
+            expected = [x.numpy() for x in _as_tuple(module(inputs))]
+        got = session.run(None, {name: inputs.numpy()})
+        for output, a, b in zip(session.get_outputs(), expected, got, strict=True):
+            worst = max(worst, _difference(path.name, output.name, a, b, tolerance))
+    return worst
+
+
+def store_float16(model: onnx.ModelProto) -> None:
+    """Turn the large float32 weights of ``model`` into float16 ones followed by a cast, in place.
+
+    onnxruntime folds the casts when it loads the file: half the bytes, the same speed.
+    """
+    outputs = {output.name for output in model.graph.output}
+    casts = []
+    for weight in model.graph.initializer:
+        values = onnx.numpy_helper.to_array(weight)
+        if values.dtype != np.float32 or values.size < _SMALLEST_HALVED or weight.name in outputs:
+            continue
+        name = weight.name
+        limit = np.finfo(np.float16).max
+        weight.CopyFrom(onnx.numpy_helper.from_array(values.clip(-limit, limit).astype(np.float16), f"{name}_half"))
+        casts.append(onnx.helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT))
+    nodes = [*casts, *model.graph.node]
+    del model.graph.node[:]
+    model.graph.node.extend(nodes)
+    halved = {cast.output[0] for cast in casts}
+    described = [v for v in model.graph.value_info if v.name not in halved]
+    del model.graph.value_info[:]
+    model.graph.value_info.extend(described)
+
+
+def _convert(module: nn.Module, example: Tensor, name: str, outputs: Sequence[str]) -> onnx.ModelProto:
+    # A batch of one would be taken for a constant.
+    several = torch.cat((example, example)) if len(example) == 1 else example
+    with _quiet():
+        program = torch.onnx.export(
+            module,
+            (several,),
+            dynamo=True,
+            input_names=[name],
+            output_names=list(outputs),
+            dynamic_shapes=({0: torch.export.Dim("batch")},),
+            verbose=False,
+        )
+    assert program is not None
+    model: onnx.ModelProto = program.model_proto
+    for node in model.graph.node:
+        # The exporter leaves the Python stack of every node, with the paths of this machine.
+        del node.metadata_props[:]
+        node.doc_string = ""
+    return model
+
+
+def _difference(file: str, output: str, expected: NDArray[Any], got: NDArray[Any], tolerance: float) -> float:
+    scale = float(np.abs(expected).max())
+    if expected.shape != got.shape:
+        raise RunError(f"{file}: output {output} has shape {got.shape} in onnxruntime and {expected.shape} in torch")
+    if not np.isfinite(expected).all() or scale == 0 or float(np.ptp(expected)) == 0:
+        raise RunError(f"{file}: output {output} is constant or not finite; is the network trained? not exported")
+    difference = float(np.abs(expected - got).max()) / scale
+    if not difference <= tolerance:
+        raise RunError(
+            f"{file}: output {output} differs from torch by {difference:.2g} of its range, expected at most "
+            f"{tolerance:.2g}; not exported"
+        )
+    return difference
+
+
+def _as_tuple(outputs: Tensor | Sequence[Tensor]) -> tuple[Tensor, ...]:
+    return (outputs,) if isinstance(outputs, Tensor) else tuple(outputs)
+
+
+@contextlib.contextmanager
+def _evaluating(module: nn.Module) -> Iterator[None]:
+    training = module.training
+    module.eval()
+    try:
+        yield
+    finally:
+        module.train(training)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Without the exporter's progress lines and notices about itself."""
+    loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript", "onnx_ir")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,64 @@
+"""Scores that mean what they say: a detector's scores turned into probabilities on labelled pictures.
+
+Hard negative mining teaches a detector on a quarter of people where pictures hold far fewer, and a short training
+leaves it unsure, so its scores order detections well and mean little. A logistic regression of "this detection is a
+labelled person" on the logit of the score (Platt 1999) gives each score its probability; trackers can then use one
+threshold for any detector. The order of detections, and so the average precision, stays as it is.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from sklearn.linear_model import LogisticRegression
+
+from tsuiseki.datamodules.readers.images import labelled_images
+from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
+from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.video import read_image
+
+LOWEST_SCORE = 0.05
+MATCH_OVERLAP = 0.5
+
+
+def matched_scores(detector: Detector, folder: Path) -> tuple[FloatArray, BoolArray]:
+    """Scores ``(N,)`` of the detections in the labelled pictures of ``folder``, and which are labelled people.
+
+    Detections that lie on an ignored label are left out.
+    """
+    scores, right = [], []
+    for sample in labelled_images(folder):
+        found = detector.detect([read_image(sample.path)])[0]
+        people, ignored = sample.boxes[~sample.ignored], sample.boxes[sample.ignored]
+        matched = np.zeros(len(found), dtype=np.bool_)
+        matched[assign_overlaps(iou_matrix(found.boxes, people), MATCH_OVERLAP)[0]] = True
+        inside = intersections(found.boxes[:, None], ignored[None]) / areas(found.boxes)[:, None]
+        counted = matched | ~(inside > MATCH_OVERLAP).any(axis=1)
+        scores.append(found.scores[counted])
+        right.append(matched[counted])
+    return np.concatenate(scores), np.concatenate(right)
+
+
+def fit_calibration(scores: FloatArray, right: BoolArray) -> tuple[float, float]:
+    """Scale and shift of the logit that turn ``(N,)`` scores in (0, 1) into probabilities of ``(N,)`` being right.
+
+    Raises:
+        RequestError: all detections are right, or none is.
+    """
+    if right.all() or not right.any():
+        raise RequestError("expected right and wrong detections to calibrate scores on; give more labelled pictures")
+    logit = np.log(scores) - np.log1p(-scores)
+    fit = LogisticRegression(C=1e6).fit(logit[:, None], right)
+    scale = float(fit.coef_[0, 0])
+    if scale <= 0:
+        raise RequestError("the detector's scores say nothing about these pictures; train it longer")
+    return scale, float(fit.intercept_[0])
+
+
+def calibration_of(path: Path, folder: Path) -> tuple[float, float]:
+    """Scale and shift for the exported detector at ``path`` on the labelled pictures of ``folder``."""
+    return fit_calibration(*matched_scores(Detector(path, LOWEST_SCORE), folder))

@@ -1,0 +1,282 @@
+"""Fitting detectors of the SSD family to labelled boxes."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Literal
+
+import lightning
+import torch
+from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
+from torch import Tensor, nn
+from torch.optim import SGD, AdamW, Optimizer
+from torchvision.ops import batched_nms
+
+from tsuiseki.datamodules.detection import DetectionBatch
+from tsuiseki.models.anchors import VARIANCES, decode
+from tsuiseki.models.backbones import TrunkName, build_trunk
+from tsuiseki.models.detector import Detector, people_detector
+from tsuiseki.models.losses import IGNORED, PADDING, MultiBoxLoss
+from tsuiseki.models.pretrained import coco_start
+from tsuiseki.models.quality_losses import QualityLoss
+from tsuiseki.models.ssd import ssd300, ssd512, ssdlite320
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.types import Detections
+from tsuiseki.trainers.exporting.exported_weights import exported_weights, restore_normalisations
+from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
+
+Architecture = Literal["people", "ssdlite320", "ssd300", "ssd512"]
+Resize = Literal["letterbox", "stretch"]
+Normalisation = Literal["imagenet", "symmetric", "bytes"]
+
+# Widths and heights of people in street views, in pixels of a 640x480 input, at strides 8, 16, 32 and 64.
+STREET_ANCHORS: list[list[tuple[float, float]]] = [
+    [(9.0, 22.0), (13.0, 32.0), (18.0, 46.0)],
+    [(25.0, 64.0), (36.0, 92.0)],
+    [(52.0, 132.0), (78.0, 190.0)],
+    [(120.0, 280.0)],
+]
+FIXED_SIDES = {"ssdlite320": 320, "ssd300": 300, "ssd512": 512}
+# Mean and standard deviation of the channels: of torchvision's classifiers, and of its two COCO detectors.
+_NORMALISATIONS: dict[Normalisation, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "imagenet": ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
+    "symmetric": ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5)),
+    "bytes": ((0.48235, 0.45882, 0.40784), (1 / 255, 1 / 255, 1 / 255)),
+}
+COCO_NORMALISATIONS: dict[str, Normalisation] = {"ssdlite320": "symmetric", "ssd300": "bytes"}
+_CANDIDATES = 300
+# Pictures that tell the normalisations of an exported network their statistics.
+_NORM_EXAMPLES = 32
+
+
+def build_detector(
+    architecture: Architecture,
+    trunk: TrunkName,
+    weights: Literal["imagenet", "coco"] | None,
+    size: tuple[int, int],
+    anchors: list[list[tuple[float, float]]],
+    channels: int,
+    fine: bool = False,
+) -> Detector:
+    """The person detector that a configuration names.
+
+    Raises:
+        RequestError: the parts do not fit together, or weights cannot be downloaded.
+    """
+    side = FIXED_SIDES.get(architecture)
+    if side is not None and size != (side, side):
+        raise RequestError(f"{architecture} takes {side}x{side} images, got height {size[0]} and width {size[1]}")
+    if weights == "coco" and architecture not in ("ssdlite320", "ssd300"):
+        raise RequestError(f"weights coco exist for ssdlite320 and ssd300, not for {architecture}")
+    try:
+        if weights == "coco":
+            return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
+        start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
+        if architecture == "people":
+            return people_detector(build_trunk(trunk, start), size, anchors, channels, fine)
+        if architecture == "ssd512":
+            return ssd512(trunk=build_trunk("vgg16", start))
+        if architecture == "ssd300":
+            return ssd300(trunk=build_trunk("vgg16", start))
+        return ssdlite320(trunk=None if start is None else build_trunk("mobilenet_v3_large", start))
+    except (ValueError, ConnectionError) as error:
+        raise RequestError(str(error)) from error
+
+
+def take_over(network: nn.Module, checkpoint: Path) -> int:
+    """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; returns how many do.
+
+    Args:
+        network: to fill.
+        checkpoint: of a training, or a detector that was exported from one (``.onnx``).
+
+    Raises:
+        RequestError: the file is missing or no checkpoint, or no tensor fits.
+    """
+    if not checkpoint.is_file():
+        raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
+    if checkpoint.suffix == ".onnx":
+        return _fill(network, exported_weights(checkpoint), checkpoint)
+    try:
+        found = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
+    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
+        raise RequestError(f"{checkpoint}: expected a checkpoint of `tsuiseki train detector`") from error
+    return _fill(network, {name.removeprefix("network."): value for name, value in found.items()}, checkpoint)
+
+
+def _fill(network: nn.Module, weights: dict[str, Tensor], checkpoint: Path) -> int:
+    own = network.state_dict()
+    fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
+    if not fitting:
+        raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
+    network.load_state_dict(fitting, strict=False)
+    return len(fitting)
+
+
+def detector_card(name: str, size: tuple[int, int], resize: Resize, normalisation: Normalisation) -> ModelCard:
+    """What the exported detector will say about its input."""
+    mean, std = _NORMALISATIONS[normalisation]
+    return ModelCard(
+        kind="detector",
+        name=name,
+        class_names=("person",),
+        input_height=size[0],
+        input_width=size[1],
+        resize=resize,
+        mean=mean,
+        std=std,
+        settings={"variances": list(VARIANCES)},
+    )
+
+
+class DetectorTraining(lightning.LightningModule):
+    """A person detector, its loss and its schedule; validates by AP50.
+
+    Args:
+        architecture: ``people`` (stride 8, any input), ``ssdlite320``, ``ssd300`` or ``ssd512``.
+        trunk: of ``people``.
+        weights: start from torchvision's ``imagenet`` trunk, its ``coco`` detector, or null for scratch.
+        start: checkpoint of another detector training, or exported detector, whose weights are taken over where their
+            shapes fit.
+        height: of the input, pixels.
+        width: likewise.
+        resize: how images are fitted into the input.
+        normalisation: of the channels; null is what the starting weights were trained with.
+        anchors: of ``people``: for strides 8, 16, 32 and maybe 64 the ``[width, height]`` of its anchors in input
+            pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels.
+        channels: of the top-down path of ``people``.
+        fine: add the trunk's map of stride 4 to the finest map of ``people``.
+        loss: ``multibox`` (smooth L1, hard negatives) or ``quality`` (complete IoU, scores that are to be the overlap).
+        optimiser: ``adamw`` or ``sgd``.
+        learning_rate: at the end of the warm-up.
+        weight_decay: of convolution weights; normalisations and biases have none.
+        warmup_steps: of linear rise.
+        final_share: of the learning rate that the cosine decay ends with.
+        box_weight: of the box loss against the class loss; 2 suits ``quality``.
+    """
+
+    def __init__(
+        self,
+        architecture: Architecture = "people",
+        trunk: TrunkName = "mobilenet_v3_large",
+        weights: Literal["imagenet", "coco"] | None = None,
+        start: str | None = None,
+        height: int = 384,
+        width: int = 512,
+        resize: Resize = "letterbox",
+        normalisation: Normalisation | None = None,
+        anchors: list[list[tuple[float, float]]] = STREET_ANCHORS,
+        channels: int = 96,
+        fine: bool = False,
+        loss: Literal["multibox", "quality"] = "multibox",
+        optimiser: Literal["adamw", "sgd"] = "adamw",
+        learning_rate: float = 2e-3,
+        weight_decay: float = 0.02,
+        warmup_steps: int = 200,
+        final_share: float = 0.01,
+        box_weight: float = 1.0,
+    ) -> None:
+        super().__init__()
+        self.save_hyperparameters()
+        self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels, fine)
+        self._foreign_norms = start is not None and start.endswith(".onnx")
+        if start is not None:
+            take_over(self.network, Path(start))
+        name = f"people-{trunk}" if architecture == "people" else architecture
+        if normalisation is None:
+            normalisation = COCO_NORMALISATIONS[architecture] if weights == "coco" else "imagenet"
+        # A checkpoint is loaded without its starting weights, which must not change its normalisation.
+        self.hparams["normalisation"] = normalisation
+        self.card = detector_card(name, (height, width), resize, normalisation)
+        losses = {"multibox": MultiBoxLoss, "quality": QualityLoss}
+        self.loss = losses[loss](box_weight=box_weight)
+        self.optimiser = optimiser
+        self.learning_rate = learning_rate
+        self.weight_decay = weight_decay
+        self.warmup_steps = warmup_steps
+        self.final_share = final_share
+        self.register_buffer("mean", 255 * torch.tensor(self.card.mean).view(1, 3, 1, 1), persistent=False)
+        self.register_buffer("std", 255 * torch.tensor(self.card.std).view(1, 3, 1, 1), persistent=False)
+        self._truth: list[LabelledBoxes] = []
+        self._found: list[Detections] = []
+        # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
+        self.network.to(memory_format=torch.channels_last)
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Raw heads of ``(B, H, W, 3)`` uint8 images; see `Detector.forward`."""
+        assert isinstance(self.mean, Tensor)
+        assert isinstance(self.std, Tensor)
+        logits, offsets = self.network((images.permute(0, 3, 1, 2).float() - self.mean) / self.std)
+        return logits, offsets
+
+    def on_fit_start(self) -> None:
+        """Weights of an exported file get their normalisations back."""
+        if not self._foreign_norms:
+            return
+        examples = [self.trainer.datamodule.training[n] for n in range(_NORM_EXAMPLES)]  # type: ignore[attr-defined]
+        images = torch.stack([torch.from_numpy(e.image) for e in examples]).to(self.device)
+        assert isinstance(self.mean, Tensor)
+        assert isinstance(self.std, Tensor)
+        restore_normalisations(self.network, (images.permute(0, 3, 1, 2).float() - self.mean) / self.std)
+        self.network.train()
+
+    def training_step(self, batch: DetectionBatch, batch_index: int) -> Tensor:
+        """The loss of a batch."""
+        del batch_index
+        logits, offsets = self(batch.images)
+        class_loss, box_loss = self.loss(logits, offsets, self.network.anchors, batch.boxes, batch.labels)
+        self.log_dict({"train/class_loss": class_loss, "train/box_loss": box_loss}, on_step=False, on_epoch=True)
+        total: Tensor = class_loss + box_loss
+        return total
+
+    def validation_step(self, batch: DetectionBatch, batch_index: int) -> None:
+        """Keep what was found in a batch, and what was there."""
+        del batch_index
+        logits, offsets = self(batch.images)
+        self._found += detections(logits, offsets, self.network.anchors, self.card)
+        for boxes, labels in zip(batch.boxes.double().cpu().numpy(), batch.labels.cpu().numpy(), strict=True):
+            real = labels != PADDING
+            self._truth.append(LabelledBoxes(boxes[real], labels[real] == IGNORED))
+
+    def on_validation_epoch_end(self) -> None:
+        """Log AP50 over the validation images of this device."""
+        if not self.trainer.sanity_checking:
+            scores = evaluate_detections(self._truth, self._found)
+            self.log("val/ap50", scores.average_precision, prog_bar=True, sync_dist=True)
+            self.log("val/f1", scores.best_f1, sync_dist=True)
+        self._truth, self._found = [], []
+
+    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
+        """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""
+        return scheduled(self._optimiser(), self.trainer, self.warmup_steps, self.final_share)
+
+    def _optimiser(self) -> Optimizer:
+        groups = decay_groups(self.network, self.weight_decay)
+        if self.optimiser == "sgd":
+            return SGD(groups, lr=self.learning_rate, momentum=0.9, nesterov=True)
+        return AdamW(groups, lr=self.learning_rate)
+
+
+def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard) -> list[Detections]:
+    """The best boxes of each image after suppression at IoU 0.5, in input pixels, cut off at its border.
+
+    Args:
+        logits: ``(B, A, 2)``.
+        offsets: ``(B, A, 4)``.
+        anchors: ``(A, 4)`` centre form.
+        card: says the size of the input.
+    """
+    scores, which = logits.float().softmax(dim=-1)[..., 1].topk(min(_CANDIDATES, len(anchors)), dim=1)
+    chosen = torch.gather(offsets.float(), 1, which[..., None].expand(-1, -1, 4))
+    boxes = decode(chosen, anchors[which])
+    limit = torch.tensor([card.input_width, card.input_height] * 2, device=boxes.device)
+    boxes = torch.minimum(boxes.clamp(min=0), limit)
+    image = torch.arange(len(boxes), device=boxes.device)[:, None].expand_as(scores)
+    real = (boxes[..., 2:] - boxes[..., :2]).amin(dim=-1) >= 1
+    flat = [x[real] for x in (boxes, scores, image)]
+    kept = batched_nms(flat[0], flat[1], flat[2], 0.5)
+    found, score, owner = (x[kept].double().cpu().numpy() for x in flat)
+    return [Detections(found[owner == n], score[owner == n]) for n in range(len(logits))]

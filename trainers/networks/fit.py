@@ -1,0 +1,213 @@
+"""`tsuiseki train detector|appearance|action`: LightningCLI with the toolkit's checkpoints, logs and errors."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import lightning
+from jsonargparse import ArgumentError
+from lightning.pytorch.callbacks import Callback, LearningRateMonitor, ModelCheckpoint
+from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
+from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger
+
+from tsuiseki.tracking.errors import RequestError
+
+
+@dataclass(frozen=True)
+class Task:
+    """What `fit` trains.
+
+    Attributes:
+        name: of the sub-command.
+        model: its LightningModule.
+        data: its LightningDataModule.
+        monitor: the validation metric whose largest value makes the best checkpoint.
+        links: arguments of the model that the data takes over, by name.
+    """
+
+    name: str
+    model: type[lightning.LightningModule]
+    data: type[lightning.LightningDataModule]
+    monitor: str
+    links: tuple[str, ...] = ()
+
+
+def fit_detector(arguments: Sequence[str]) -> Path:
+    """Train a detector as the command line ``arguments`` say; see `fit`."""
+    from tsuiseki.datamodules.detection import DetectionData
+    from tsuiseki.trainers.networks.detector import DetectorTraining
+
+    links = ("height", "width", "resize")
+    return fit(Task("detector", DetectorTraining, DetectionData, "val/ap50", links), arguments)
+
+
+def fit_appearance(arguments: Sequence[str]) -> Path:
+    """Train an appearance network as the command line ``arguments`` say; see `fit`."""
+    from tsuiseki.datamodules.appearance import AppearanceData
+    from tsuiseki.trainers.networks.appearance import AppearanceTraining
+
+    links = ("height", "width")
+    return fit(Task("appearance", AppearanceTraining, AppearanceData, "val/map", links), arguments)
+
+
+def fit_action(arguments: Sequence[str]) -> Path:
+    """Train an action network as the command line ``arguments`` say; see `fit`."""
+    from tsuiseki.datamodules.action import ActionData
+    from tsuiseki.trainers.networks.action import ActionTraining
+
+    links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow", "compensate")
+    return fit(Task("action", ActionTraining, ActionData, "val/map", links), arguments)
+
+
+def fit(task: Task, arguments: Sequence[str]) -> Path:
+    """Train as the command line ``arguments`` say.
+
+    Besides ``--config FILE``, ``--trainer.*``, ``--model.*`` and ``--data.*`` these are ``--out DIR``,
+    ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``checkpoints/{best,last}.ckpt``,
+    ``metrics/version_N/{metrics.csv,config.yaml}`` (N counts the sittings) and TensorBoard events.
+
+    Returns:
+        The best checkpoint.
+
+    Raises:
+        RequestError: an unknown key, a wrong type, a missing file, or an output folder that holds a training.
+    """
+    with warnings.catch_warnings():
+        # Lightning advises more loader processes than a small machine has cores for.
+        warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+        warnings.filterwarnings("ignore", message=".*isinstance.treespec, LeafSpec.*")
+        warnings.filterwarnings("ignore", message=".*number of training batches.*smaller than the logging interval.*")
+        warnings.filterwarnings("ignore", message=".*Checkpoint directory .* exists and is not empty.*")
+        # Lightning calls jsonargparse by names that newer versions discourage.
+        warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning.pytorch.cli")
+        logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+        cli = _parse(task, arguments)
+        checkpoint = cli.config.ckpt_path
+        cli.trainer.fit(cli.model, datamodule=cli.datamodule, ckpt_path=None if checkpoint is None else str(checkpoint))
+    best = Path(cli.out) / "checkpoints" / "best.ckpt"
+    if cli.trainer.is_global_zero:
+        print(f"best checkpoint: {best}")
+    return best
+
+
+class TaskCLI(LightningCLI):
+    """Parses, builds model, data and trainer; `fit` runs them."""
+
+    def __init__(self, task: Task, arguments: Sequence[str]) -> None:
+        self.task = task
+        super().__init__(
+            task.model,
+            task.data,
+            seed_everything_default=0,
+            parser_kwargs={"exit_on_error": False, "prog": f"tsuiseki train {task.name}", "description": None},
+            save_config_kwargs={"overwrite": True},
+            args=list(arguments),
+            run=False,
+            auto_configure_optimizers=False,
+        )
+
+    @property
+    def out(self) -> Path:
+        """The folder of results."""
+        return Path(self.config.out)
+
+    def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
+        """The arguments that are not Lightning's."""
+        parser.add_argument("--out", type=str, required=True, help="folder for checkpoints and logs")
+        parser.add_argument("--ckpt_path", type=Path | None, default=None, help="checkpoint to go on from")
+        parser.add_argument("--overwrite", type=bool, default=False, help="replace a training in the folder")
+        for name in self.task.links:
+            parser.link_arguments(f"model.{name}", f"data.{name}")
+
+    def parse_arguments(self, parser: LightningArgumentParser, args: object) -> None:
+        """As LightningCLI does, whatever else stands on the command line."""
+        assert isinstance(args, list)
+        self.config = parser.parse_args(args)
+
+    def before_instantiate_classes(self) -> None:
+        """Refuse what would fail only after minutes of preparation."""
+        checkpoint = self.config.ckpt_path
+        if checkpoint is not None and not checkpoint.is_file():
+            raise RequestError(f"expected a checkpoint at {checkpoint}, found none; give last.ckpt of a training")
+        if self.out.exists() and not self.out.is_dir():
+            raise RequestError(f"expected --out to be a folder, but {self.out} is a file")
+        taken = (self.out / "checkpoints").exists()
+        if taken and checkpoint is None and not self.config.overwrite:
+            raise RequestError(
+                f"{self.out} already holds a training; go on with --ckpt_path {self.out}/checkpoints/last.ckpt, "
+                "or start anew with --overwrite true"
+            )
+
+    def instantiate_trainer(self, **kwargs: object) -> lightning.Trainer:
+        """The configured trainer with our loggers and callbacks added."""
+        out = str(self.out)
+        loggers: list[Logger] = [
+            CSVLogger(out, name="metrics"),
+            TensorBoardLogger(out, name="", version="tensorboard"),
+        ]
+        on_terminal = sys.stdout.isatty()
+        callbacks: list[Callback] = [
+            ModelCheckpoint(
+                self.out / "checkpoints",
+                filename="best",
+                monitor=self.task.monitor,
+                mode="max",
+                enable_version_counter=False,
+            ),
+            # By itself: save_last of the one above would only follow the best.
+            ModelCheckpoint(self.out / "checkpoints", filename="last", enable_version_counter=False),
+            LearningRateMonitor(logging_interval="epoch"),
+        ]
+        self.trainer_defaults["callbacks"] = callbacks if on_terminal else [*callbacks, EpochLines()]
+        return super().instantiate_trainer(
+            logger=loggers,
+            default_root_dir=out,
+            enable_progress_bar=on_terminal,
+            enable_model_summary=on_terminal,
+            **kwargs,
+        )
+
+
+class EpochLines(Callback):
+    """One plain line an epoch, for logs and wherever there is no terminal."""
+
+    def __init__(self) -> None:
+        self._start = 0.0
+        self._trained = 0.0
+
+    def on_train_epoch_start(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
+        """Start the clock."""
+        del trainer, pl_module
+        self._start = time.perf_counter()
+
+    def on_validation_start(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
+        """Stop the clock of training."""
+        del trainer, pl_module
+        self._trained = time.perf_counter() - self._start
+
+    def on_train_epoch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
+        """Print the metrics of the epoch."""
+        del pl_module
+        if not trainer.is_global_zero:
+            return
+        values = "  ".join(f"{k} {float(v):.4g}" for k, v in sorted(trainer.callback_metrics.items()))
+        pace = f"{trainer.num_training_batches / max(self._trained, 1e-9):.2f} batches/s"
+        print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {values}  {pace}", flush=True)
+
+
+def _parse(task: Task, arguments: Sequence[str]) -> TaskCLI:
+    try:
+        return TaskCLI(task, arguments)
+    except ArgumentError as error:
+        raise RequestError(one_line(error)) from error
+
+
+def one_line(error: Exception) -> str:
+    """The message of a parser's ``error`` without its line breaks."""
+    return " ".join(str(error).split())
