@@ -67,6 +67,20 @@ def sphere_outlines(camera: PinholeCamera, centres: FloatArray, radius: float) -
     return Outlines(camera.project_local(local), middle * scale + offset, first * scale, second * scale)
 
 
+def sphere_circles(camera: PinholeCamera, centres: FloatArray, radius: float) -> Outlines:
+    """Circles of radius focal length x radius / depth about the images of ``centres`` ``(N, 3)``, metres.
+
+    The one radius r0 of figure 1 of the sphere paper; right on the optical axis of a lens without distortion. NaN where
+    a sphere is not before the camera.
+    """
+    pixels, depth = camera.project(centres)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.where(depth > 0, radius / depth, np.nan)[:, None] * camera.focal
+    nothing = np.zeros(len(size))
+    first, second = np.stack([size[:, 0], nothing], axis=1), np.stack([nothing, size[:, 1]], axis=1)
+    return Outlines(pixels, pixels, first, second)
+
+
 def _bent(
     camera: PinholeCamera, middle: FloatArray, first: FloatArray, second: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,26 +1,34 @@
-"""The contour likelihood of a sphere, section 2.2.2 of the sphere paper.
+"""How well a sphere's outline agrees with an image; the samples of section 2.2.2 of the sphere paper.
 
 Each image is resampled in polar coordinates about the projected centre of every particle; the absolute first derivative
-along r is weighted by a Gaussian around the radius r0 that the sphere has there, and summed. Here r0 follows the true,
-elliptic outline (`tracking.cameras.outline`): samples lie on the rays from the projected centre through the outline, at
-r / r0 from ``1 - reach`` to ``1 + reach``.
+along r is weighted by a Gaussian around the radius r0 that the sphere has there, and summed (`outline_sums`). That sum
+over all rays is the paper's likelihood (`tracking.likelihoods.printed_contour`). `outline_support` goes beyond the
+paper: it divides each ray's sum by the sum without the Gaussian.
+
+r0 follows the true, elliptic outline (`tracking.cameras.outline`), or a circle: samples lie on the rays from the
+projected centre through the outline, at r / r0 from ``1 - reach`` to ``1 + reach``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.cameras.outline import sphere_outlines
+from tsuiseki.tracking.cameras.outline import Outlines, sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # cv2.remap takes fewer than 32768 columns.
 MOST_COLUMNS = 32000
+
+OutlinesOf: TypeAlias = Callable[[PinholeCamera, FloatArray, float], Outlines]
+"""Outlines of spheres of a radius at ``(N, 3)`` centres."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +40,7 @@ class ContourSettings:
         radii: R samples along each ray.
         reach: half the sampled range of r / r0.
         width: standard deviation of the Gaussian over r / r0.
-        contrast: grey levels (summed over the three channels) of variation along a ray at which an edge counts half;
-            infinite would give the paper's plain sum, in which one strong edge outweighs a whole weak outline.
+        contrast: grey levels (summed over the three channels) of variation along a ray at which an edge counts half.
         steepness: log-likelihood of a perfect outline over none.
         clutter: support at which a view speaks neither for a particle nor against, [0, 1]; by default what strong and
             even texture gives, the mean of the Gaussian over the sampled range.
@@ -69,12 +76,25 @@ class PolarMaps:
     inside: NDArray[np.bool_]
 
 
-def polar_maps(camera: PinholeCamera, centres: FloatArray, radius: float, settings: ContourSettings) -> PolarMaps:
+def polar_maps(
+    camera: PinholeCamera,
+    centres: FloatArray,
+    radius: float,
+    settings: ContourSettings,
+    outlines_of: OutlinesOf = sphere_outlines,
+) -> PolarMaps:
     """The polar samples around spheres at ``centres`` ``(N, 3)``.
 
     A sample is ``centre + s (outline(t) - centre)``. OpenCV counts pixels from the first one's centre, here it is 0.5.
+
+    Args:
+        camera: that took the image.
+        centres: metres.
+        radius: of the spheres, metres.
+        settings: of the samples.
+        outlines_of: the true ellipses, or the circles of `sphere_circles`.
     """
-    outlines = sphere_outlines(camera, centres, radius)
+    outlines = outlines_of(camera, centres, radius)
     centre = outlines.centre - 0.5
     spokes = np.stack([outlines.middle - outlines.centre, outlines.first, outlines.second], axis=2)
     # A particle behind the camera has NaN here, which remap must not see.
@@ -94,14 +114,22 @@ def polar_maps(camera: PinholeCamera, centres: FloatArray, radius: float, settin
     return PolarMaps(columns, rows, inside.reshape(-1, settings.angles))
 
 
-def outline_support(image: ImageArray, maps: PolarMaps, settings: ContourSettings) -> FloatArray:
-    """``(N, 2)``: the support of each particle's outline in [0, 1], and the share of it that lies in the image."""
+def outline_sums(
+    image: ImageArray, maps: PolarMaps, settings: ContourSettings
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """``(N, A)`` each: the Gaussian sum of 2.2.2 along every ray, and the sum without the Gaussian; grey levels."""
     samples = fetch(image, maps)
     slopes = cv2.absdiff(samples[1:], samples[:-1]).reshape(settings.radii - 1, -1).astype(np.float32)
-    # One product gives the Gaussian sum of the paper and the plain sum that it is measured against.
+    # One product gives both.
     sums = (_radial_weights(settings) @ slopes).reshape(2, *maps.inside.shape, -1)
     peak, plain = sums if sums.shape[3] == 1 else sums[..., :1] + sums[..., 1:2] + sums[..., 2:]
-    response = peak[..., 0] / (plain[..., 0] + np.float32(settings.contrast))
+    return peak[..., 0], plain[..., 0]
+
+
+def outline_support(image: ImageArray, maps: PolarMaps, settings: ContourSettings) -> FloatArray:
+    """``(N, 2)``: the support of each particle's outline in [0, 1], and the share of it that lies in the image."""
+    peak, plain = outline_sums(image, maps, settings)
+    response = peak / (plain + np.float32(settings.contrast))
     count = maps.inside.sum(axis=1)
     support = np.einsum("na,na->n", response, maps.inside.astype(np.float32)) / np.maximum(count, 1)
     return np.stack([support, count / settings.angles], axis=1).astype(np.float64)

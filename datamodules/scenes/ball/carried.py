@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
+import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.body import Pose, place
@@ -28,6 +30,8 @@ AZIMUTHS = np.deg2rad([-38.0, 38.0, 100.0, -100.0, 0.0, 180.0])
 DISTANCES = (4.0, 4.0, 3.9, 3.85, 3.9, 4.1)
 HEIGHTS = (1.5, 1.7, 2.0, 2.0, 2.3, 2.2)
 AIM = (0.0, 0.0, 0.95)
+# Instants whose mean stands for a smeared picture, and bands of rows for a rolling shutter.
+EXPOSURE_BLINKS, READOUT_BANDS = 4, 4
 
 LIGHT = Light(
     np.array([0.24, -0.31, 0.92], dtype=np.float32) / np.float32(1.0001),
@@ -65,6 +69,10 @@ class CarriedBallSettings:
         noise: standard deviation, grey levels of 255.
         samples: rays along each side of a pixel.
         covers: boards before cameras.
+        exposure: time for which light falls on a pixel, s: what moves is smeared.
+        defocus: standard deviation of the lens's blur, pixels.
+        readout: time from the first row's exposure to the last one's, s: a rolling shutter.
+        lateness: time by which each camera takes its frames later than it says, s; none for all by default.
     """
 
     cameras: int = 2
@@ -75,12 +83,18 @@ class CarriedBallSettings:
     noise: float = 3.0
     samples: int = 3
     covers: tuple[Cover, ...] = field(default_factory=tuple)
+    exposure: float = 0.0
+    defocus: float = 0.0
+    readout: float = 0.0
+    lateness: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not 2 <= self.cameras <= len(AZIMUTHS):
             raise ValueError(f"expected 2 to {len(AZIMUTHS)} cameras, got {self.cameras}")
         if self.frames < 1 or self.frame_rate <= 0 or self.radius <= 0 or self.noise < 0 or self.samples < 1:
             raise ValueError("expected positive frames, frame rate, radius and samples, and noise of at least 0")
+        if min(self.exposure, self.defocus, self.readout) < 0 or len(self.lateness) not in (0, self.cameras):
+            raise ValueError("expected exposure, defocus and readout of at least 0, and a lateness for each camera")
 
 
 @dataclass(frozen=True)
@@ -134,18 +148,39 @@ def make_scene(settings: CarriedBallSettings, seed: int) -> BallScene:
 def film(scene: BallScene, seed: int) -> Iterator[list[ImageArray]]:
     """The images of all cameras, moment by moment: ``(600, 800, 3)`` uint8 RGB."""
     rng = np.random.default_rng((seed, 1))
+    late = scene.settings.lateness or (0.0,) * len(scene.cameras)
     for index, time in enumerate(scene.times):
-        things = _things(scene, float(time))
         images = []
-        for k, (camera, room) in enumerate(zip(scene.cameras, scene.rooms, strict=True)):
+        for k in range(len(scene.cameras)):
             if any(c.camera == k and c.first <= index <= c.last for c in scene.settings.covers):
                 images.append(covered_image(scene, k, rng))
-                continue
-            dark = shadows(things, camera, LIGHT.direction, softness=2.5)
-            lit = replace(room.picture, colour=room.picture.colour - room.direct * dark[:, :, None])
-            picture, _ = compose(lit, things, camera, LIGHT)
-            images.append(expose(picture.colour, scene.settings.noise, rng))
+            else:
+                images.append(expose(_shot(scene, k, float(time) + late[k]), scene.settings.noise, rng))
         yield images
+
+
+def _shot(scene: BallScene, camera: int, time: float) -> Float32:
+    """Linear light ``(H, W, 3)`` that a camera gathers about ``time``: smeared, row after row, out of focus."""
+    settings = scene.settings
+    bands = READOUT_BANDS if settings.readout else 1
+    blinks = EXPOSURE_BLINKS if settings.exposure else 1
+    edges = np.linspace(0, HEIGHT, bands + 1).astype(int)
+    colour = np.zeros((HEIGHT, WIDTH, 3), dtype=np.float32)
+    for band, (top, bottom) in enumerate(pairwise(edges)):
+        begins = time + settings.readout * ((band + 0.5) / bands - 0.5)
+        for blink in range(blinks):
+            drawn = _light(scene, camera, begins + settings.exposure * ((blink + 0.5) / blinks - 0.5))
+            colour[top:bottom] += drawn[top:bottom] / np.float32(blinks)
+    return np.asarray(cv2.GaussianBlur(colour, (0, 0), settings.defocus), np.float32) if settings.defocus else colour
+
+
+def _light(scene: BallScene, camera: int, time: float) -> Float32:
+    """Linear light ``(H, W, 3)`` in a camera at one instant."""
+    things, room, pinhole = _things(scene, time), scene.rooms[camera], scene.cameras[camera]
+    dark = shadows(things, pinhole, LIGHT.direction, softness=2.5)
+    lit = replace(room.picture, colour=room.picture.colour - room.direct * dark[:, :, None])
+    picture, _ = compose(lit, things, pinhole, LIGHT)
+    return picture.colour
 
 
 def covered_image(scene: BallScene, camera: int, rng: np.random.Generator) -> ImageArray:

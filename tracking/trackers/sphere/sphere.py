@@ -1,9 +1,10 @@
 """A ball in space from calibrated cameras, by the particle filter of the sphere paper.
 
 A particle is a position and a velocity. A step predicts (2.1), weighs every particle by its outline in each camera
-(2.2.2) or by the background difference (2.2.1), and resamples (2.3); the estimate is the weighted mean. What the paper
-leaves open: cameras are multiplied (as it says for 2.2.1), a covered camera is recognised and left out
-(`tracking.filters.views`), and particles are weighed in two stages (`tracking.filters.tempering`).
+(2.2.2) or by the background difference (2.2.1), and resamples (2.3); the estimate is the weighted mean. Cameras are
+multiplied, as the paper says for 2.2.1. Beyond the paper: a covered camera is recognised and left out
+(`tracking.filters.views`), and particles are weighed in two stages (`tracking.filters.tempering`). Without these two
+(``covering=None, stages=1``), with `RandomWalk` and `likelihoods.printed_contour`, it is the paper's filter.
 """
 
 from __future__ import annotations
@@ -88,11 +89,11 @@ class SphereTracker:
     Attributes:
         likelihood: weighs positions by the views.
         motion: moves them.
-        covering: how cameras get covered; None trusts every view, as in the paper.
+        covering: how cameras get covered; None trusts every view, as the paper does.
         largest_deviation: standard deviation of the position (root of the covariance's largest eigenvalue) up to which
             it counts as known, m.
         patience: seconds without that until the status turns from ``searching`` to ``lost``.
-        stages: in which a step weighs (`tracking.filters.tempering`), at most; 1 weighs at once, as in the paper.
+        stages: in which a step weighs (`tracking.filters.tempering`), at most; 1 weighs at once, as the paper does.
     """
 
     likelihood: ViewLikelihood
@@ -206,5 +207,8 @@ class _Stages:
 
     def _path(self, share: float) -> FloatArray:
         assert self.ratios is not None
+        if share == 0.0:
+            # Not 0 times the logarithm of a likelihood of zero.
+            return np.zeros(len(self.ratios))
         ratios = share * self.ratios
         return np.asarray((ratios if self._tracker.covering is None else weigh_views(ratios, self._open)).sum(axis=1))

@@ -1,14 +1,13 @@
-"""Films of a ball moved by hand before several cameras, followed by both likelihoods, against the exact truth.
+"""Films of a ball moved by hand before several cameras, followed in several ways, against the exact truth.
 
-Everything runs over one film per seed, so that all configurations see the same images. The filter's parameters are the
-same for all seeds.
+All configurations of one kind of film see the same images, one film a seed. The filter's parameters are the same for
+all seeds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,47 +19,13 @@ from tsuiseki.datamodules.scenes.ball.carried import (
     film,
     make_scene,
 )
+from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
-from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity, RandomWalk
-from tsuiseki.tracking.filters.particles.views import Covering
-from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
-from tsuiseki.tracking.trackers.sphere.sphere import SphereState, SphereTracker, TimedViews
+from tsuiseki.tracking.filters.views import Covering
+from tsuiseki.tracking.trackers.sphere import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.experiment import Watch
-
-WALK, FLIGHT = RandomWalk(0.12), ConstantVelocity(0.8)
-PARTICLES = (50, 100, 200, 500, 1000, 2000)
-CAMERAS = (2, 3, 4, 6)
-COVERED = (0, 5, 10, 20, 40)
-FIRST_COVERED = 30
-
-
-@dataclass(frozen=True)
-class Configuration:
-    """One way to track the film.
-
-    Attributes:
-        group: which table it belongs to.
-        name: of the row there.
-        likelihood: of the two of section 2.2.
-        motion: as section 2.1, or with velocity.
-        particles: how many.
-        cameras: the first so many.
-        covered: frames from `FIRST_COVERED` on in which a board covers the first camera.
-        notices: whether covered cameras are recognised.
-        stages: of weighing in a step.
-    """
-
-    group: Literal["section 3", "particles", "cameras", "covered"]
-    name: str
-    likelihood: Literal["background", "contour"] = "contour"
-    motion: Motion = WALK
-    particles: int = 500
-    cameras: int = 2
-    covered: int = 0
-    notices: bool = True
-    stages: int = 2
+from tsuiseki.trainers.experiments.sphere.configurations import FIRST_COVERED, LIKELIHOODS, Configuration
 
 
 @dataclass(frozen=True)
@@ -70,29 +35,12 @@ class FilmErrors:
     Attributes:
         to_position: distance to the true position at the same time.
         to_path: distance to the true path, the paper's error.
+        points: ``(T, 3)`` the estimates, metres.
     """
 
     to_position: DistanceScores
     to_path: DistanceScores
-
-
-def configurations() -> list[Configuration]:
-    """Everything that is compared."""
-    rows = [
-        Configuration("section 3", "background, random walk", "background", notices=False, stages=1),
-        Configuration("section 3", "contour, random walk, weighed at once", notices=False, stages=1),
-        Configuration("section 3", "contour, random walk"),
-        Configuration("section 3", "contour, constant velocity", motion=FLIGHT),
-    ]
-    rows += [Configuration("particles", str(n), particles=n) for n in PARTICLES]
-    rows += [Configuration("cameras", str(n), cameras=n) for n in CAMERAS]
-    for cameras, notices in ((2, True), (3, True), (3, False)):
-        kind = f"{cameras} cameras" + ("" if notices else ", every view trusted")
-        rows += [
-            Configuration("covered", f"{n} frames, {kind}", "contour", FLIGHT, 500, cameras, n, notices)
-            for n in COVERED
-        ]
-    return rows
+    points: FloatArray
 
 
 def run_film(
@@ -106,7 +54,7 @@ def run_film(
     Args:
         seed: of room, person, noise and particles.
         settings: of the film.
-        rows: configurations.
+        rows: configurations; all of one kind of film.
         watch: is told how far it is.
     """
     scene = make_scene(settings, seed)
@@ -124,12 +72,10 @@ class _Run:
     """One configuration on its way through a film."""
 
     def __init__(self, row: Configuration, scene: BallScene, empty: Sequence[ImageArray], seed: int) -> None:
-        cameras = scene.cameras[: row.cameras]
-        likelihood: ViewLikelihood = (
-            ContourLikelihood(cameras, scene.settings.radius)
-            if row.likelihood == "contour"
-            else BackgroundLikelihood(cameras, empty[: row.cameras])
-        )
+        wrong = np.random.default_rng((seed, 5))
+        cameras = [turned(camera, row.camera_error, wrong) for camera in scene.cameras[: row.cameras]]
+        radius = scene.settings.radius * (1 + row.radius_error)
+        likelihood = LIKELIHOODS[row.likelihood](cameras, radius, empty[: row.cameras])
         self.row, self.scene = row, scene
         self.tracker = SphereTracker(likelihood, row.motion, Covering() if row.notices else None, stages=row.stages)
         self.rng = np.random.default_rng((seed, 4))
@@ -151,12 +97,23 @@ class _Run:
     def errors(self) -> FilmErrors:
         points = np.array(self.points)
         away = np.sqrt(np.square(points - self.scene.truth).sum(axis=1))
-        return FilmErrors(distance_scores(away), distance_scores(distance_to_path(points, self.scene.truth)))
+        return FilmErrors(distance_scores(away), distance_scores(distance_to_path(points, self.scene.truth)), points)
 
 
-def over_seeds(films: Mapping[int, Sequence[FilmErrors]], row: int) -> tuple[DistanceScores, DistanceScores]:
-    """Mean over the seeds of the mean, deviation and median, and the greatest maximum; to position and to path."""
-    return _pooled([o[row].to_position for o in films.values()]), _pooled([o[row].to_path for o in films.values()])
+def turned(camera: PinholeCamera, pixels: float, rng: np.random.Generator) -> PinholeCamera:
+    """The camera turned in a random direction so far that the middle of its image moves by ``pixels``."""
+    direction = rng.uniform(0, 2 * np.pi)
+    angle = float(np.arctan(pixels / camera.focal.mean()))
+    # Rodrigues' formula about an axis across the optical one.
+    x, y = np.cos(direction), np.sin(direction)
+    cross = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return replace(camera, rotation=turn @ camera.rotation)
+
+
+def over_seeds(films: Mapping[int, FilmErrors]) -> tuple[DistanceScores, DistanceScores]:
+    """Mean over the films of the mean, deviation and median, and the greatest maximum; to position and to path."""
+    return _pooled([f.to_position for f in films.values()]), _pooled([f.to_path for f in films.values()])
 
 
 def _pooled(scores: Sequence[DistanceScores]) -> DistanceScores:

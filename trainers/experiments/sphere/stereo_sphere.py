@@ -4,34 +4,39 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from itertools import islice
 
 from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings
+from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, backgrounds, film, make_scene
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
-from tsuiseki.trainers.experiments.sphere.films import Configuration, FilmErrors, configurations, over_seeds, run_film
+from tsuiseki.trainers.experiments.sphere.configurations import Configuration, Group, configurations
+from tsuiseki.trainers.experiments.sphere.films import FilmErrors, over_seeds, run_film
+from tsuiseki.trainers.experiments.sphere.plots import Results, errors_figure, paths_figure, pictures_figure
 
 # Mean, maximum and standard deviation of the distance to the path, metres (section 3).
 PAPER = {"background": (0.200, 0.295, 0.0990), "contour": (0.0320, 0.0488, 0.0103)}
-# The paper's rows stand below the two configurations that are its own.
-PAPER_BELOW = 1
-TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
+# The paper's own numbers stand below the row that is their method.
+PAPER_BELOW = {"background": "background", "printed, scaled": "contour"}
 COLUMNS = ("to position: mean", "max", "sd", "to path: mean", "max", "sd")
 NOT_THE_PAPERS = ("–", "–", "–")
+PAPER_FRAME = 20
+"""The frame of figures 2 and 5, counted from 1."""
 
 
-def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: bool = False, seed: int = 0) -> Outcome:
+def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: Group | None = None, seed: int = 0) -> Outcome:
     """Section 3 of the sphere paper: a ball moved by hand, by background difference and by outline, paper beside here.
 
-    DIR gets results.json, tables.md and errors.png.
+    The contour likelihood is there as printed, and then with one addition after the other. DIR gets results.json,
+    tables.md, figures 2 to 5 as pictures.png and paths.png, and errors.png.
 
     Args:
         bench: where it works.
         seeds: number of films, each with its own room, person, ball and noise.
         frames: of each film.
-        only: leave out the error against particles, cameras and covered frames, which needs six cameras.
+        only: one table alone: section 3; or disturbed, the error with inexact cameras and radius, blur and clocks that
+            differ; or the error against particles, cameras or covered frames.
         seed: of the first film; the others follow.
 
     Raises:
@@ -40,71 +45,73 @@ def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: bool = Fals
     at_least_one(seeds=seeds)
     if frames < 2 or seed < 0:
         raise RequestError(f"expected at least 2 frames and a seed from 0, got {frames} frames and seed {seed}")
-    rows = [row for row in configurations() if row.group == "section 3" or not only]
-    settings = CarriedBallSettings(cameras=max(row.cameras for row in rows), frames=frames)
-    films = {n: bench.store.recall(run_film, n, settings, rows, bench.watch) for n in range(seed, seed + seeds)}
-    values = [
-        {
-            "group": row.group,
-            "name": row.name,
-            "films": {str(film): dataclasses.asdict(found[number]) for film, found in films.items()},
-        }
-        for number, row in enumerate(rows)
-    ]
+    rows = [row for row in configurations() if only in (None, row.group)]
+    results: dict[Configuration, dict[int, FilmErrors]] = {row: {} for row in rows}
+    for number in range(seed, seed + seeds):
+        for kind in dict.fromkeys((row.group == "disturbed", row.of_film) for row in rows):
+            alike = [row for row in rows if (row.group == "disturbed", row.of_film) == kind]
+            found = bench.store.recall(run_film, number, _film_settings(alike, frames), alike, bench.watch)
+            for row, errors in zip(alike, found, strict=True):
+                results[row][number] = errors
     groups = dict.fromkeys(row.group for row in rows)
-    tables = [*(_group_table(group, rows, films) for group in groups), _film_table(rows, films)]
-    plots = {} if only else {"errors": _figure(rows, films)}
-    notes = [f"Errors in cm over {len(films)} films: mean over films of mean and sd, greatest max."]
-    return Outcome(values, tables, plots, notes=notes)
+    tables = [*(_group_table(group, results) for group in groups), _film_table(results)]
+    return Outcome(
+        [_values(row, films) for row, films in results.items()],
+        tables,
+        _plots(results, frames, seed),
+        notes=[f"Errors in cm over {seeds} films: mean over films of mean and sd, greatest max."],
+    )
 
 
-def _group_table(group: str, rows: Sequence[Configuration], films: Mapping[int, Sequence[FilmErrors]]) -> Table:
+def _film_settings(rows: Sequence[Configuration], frames: int) -> CarriedBallSettings:
+    exposure, defocus, readout, late = rows[0].of_film
+    cameras = max(row.cameras for row in rows)
+    lateness = (0.0, late, *[0.0] * (cameras - 2)) if late else ()
+    return CarriedBallSettings(
+        cameras=cameras, frames=frames, exposure=exposure, defocus=defocus, readout=readout, lateness=lateness
+    )
+
+
+def _values(row: Configuration, films: Mapping[int, FilmErrors]) -> dict[str, object]:
+    scores = {
+        str(number): {
+            "to_position": dataclasses.asdict(film.to_position),
+            "to_path": dataclasses.asdict(film.to_path),
+        }
+        for number, film in films.items()
+    }
+    return {"group": row.group, "name": row.name, "films": scores}
+
+
+def _group_table(group: str, results: Results) -> Table:
     lines: list[Sequence[str]] = []
-    for number, row in enumerate(rows):
+    for row, films in results.items():
         if row.group != group:
             continue
-        values = [100 * v for s in over_seeds(films, number) for v in (s.mean, s.maximum, s.deviation)]
+        values = [100 * v for s in over_seeds(films) for v in (s.mean, s.maximum, s.deviation)]
         lines.append((row.name, *(f"{v:.2f}" for v in values)))
-        if number == PAPER_BELOW:
-            lines += [
-                (f"{name}, the paper", *NOT_THE_PAPERS, *(f"{100 * v:.2f}" for v in paper))
-                for name, paper in PAPER.items()
-            ]
+        paper = PAPER_BELOW.get(row.likelihood) if group == "section 3" else None
+        if paper is not None:
+            lines.append((f"{paper}, the paper's film", *NOT_THE_PAPERS, *(f"{100 * v:.2f}" for v in PAPER[paper])))
     return Table("", (group, *COLUMNS), lines)
 
 
-def _film_table(rows: Sequence[Configuration], films: Mapping[int, Sequence[FilmErrors]]) -> Table:
-    lines = [
-        (row.name, *(f"{100 * found[number].to_position.mean:.2f}" for found in films.values()))
-        for number, row in enumerate(rows)
-        if row.group == "section 3"
-    ]
-    return Table("", ("mean distance to the position in film", *map(str, films)), lines)
+def _film_table(results: Results) -> Table:
+    chosen = {row: films for row, films in results.items() if row.group == "section 3"}
+    lines = [(row.name, *(f"{100 * f.to_position.mean:.2f}" for f in films.values())) for row, films in chosen.items()]
+    numbers = next(iter(results.values()))
+    return Table("", ("mean distance to the position in film", *map(str, numbers)), lines)
 
 
-def _figure(rows: Sequence[Configuration], films: Mapping[int, Sequence[FilmErrors]]) -> Figure:
-    figure = Figure(figsize=(11, 3.4), dpi=110, layout="constrained")
-    panels = (("particles", "particles"), ("cameras", "cameras"), ("covered", "covered"))
-    for axes, (group, label) in zip(figure.subplots(1, 3, sharey=True), panels, strict=True):
-        series: dict[str, list[tuple[float, float]]] = {}
-        for number, row in enumerate(rows):
-            if row.group != group:
-                continue
-            name = row.name.partition(", ")[2] if group == "covered" else "contour"
-            x = {"particles": row.particles, "cameras": row.cameras, "covered": row.covered}[group]
-            series.setdefault(name, []).append((x, 100 * over_seeds(films, number)[0].mean))
-        for colour, (name, points) in zip(COLOURS, series.items(), strict=False):
-            axes.plot(*zip(*points, strict=True), "o-", color=colour, label=name)
-        axes.set_xlabel({"covered": "covered frames of camera 1"}.get(label, label))
-        axes.set_yscale("log")
-        axes.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS], minor=False)
-        axes.minorticks_off()
-        axes.grid(alpha=0.3)
-        if group == "particles":
-            axes.set_ylabel("mean distance to the true position, cm")
-            axes.set_xscale("log")
-            axes.set_xticks([row.particles for row in rows if row.group == group])
-            axes.xaxis.set_major_formatter("{x:g}")
-        if len(series) > 1:
-            axes.legend(frameon=False, fontsize=8)
-    return figure
+def _plots(results: Results, frames: int, seed: int) -> dict[str, Figure]:
+    groups = {row.group for row in results}
+    plots: dict[str, Figure] = {}
+    if "section 3" in groups:
+        scene = make_scene(CarriedBallSettings(frames=frames), seed)
+        frame = min(PAPER_FRAME, frames) - 1
+        images = next(islice(film(scene, seed), frame, None))
+        plots["pictures"] = pictures_figure(images, backgrounds(scene, seed), frame + 1)
+        plots["paths"] = paths_figure(results, scene.truth, seed)
+    if {"particles", "cameras", "covered"} <= groups:
+        plots["errors"] = errors_figure(results)
+    return plots
