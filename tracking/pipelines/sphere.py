@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -18,6 +18,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity, RandomWalk
 from tsuiseki.tracking.likelihoods.background import median_background
+from tsuiseki.tracking.likelihoods.printed_contour import PrintedContourLikelihood
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
 from tsuiseki.tracking.synchronise import align, default_tolerance, read_timestamps
 from tsuiseki.tracking.timing import StageTimes
@@ -27,6 +28,7 @@ from tsuiseki.tracking.trackers.sphere.sphere_search import find_ball
 from tsuiseki.tracking.types import FloatArray, Frame, Position
 from tsuiseki.tracking.video import Source, open_source, read_image
 
+PresetName = Literal["extended", "paper"]
 MotionName = Literal["constant-velocity", "random-walk", "ballistic"]
 LikelihoodName = Literal["contour", "background"]
 BACKGROUND_FRAMES = 25
@@ -37,9 +39,13 @@ class SphereSettings:
     """How a ball is followed; lengths in metres.
 
     Attributes:
+        preset: extended, or the filter as the paper prints it: the plain sum over the contour (2.2.2) or the background
+            difference (2.2.1), multiplied over the cameras, particles weighed at once. It needs a start and never
+            searches, and no camera counts as covered.
         spread: standard deviation of the start.
         particles: how many; more are more exact and slower.
-        motion: with a velocity, by random steps as in the paper, or in free flight with bounces.
+        motion: with a velocity, by random steps as in the paper, or in free flight with bounces; by default with a
+            velocity, with the preset paper by random steps.
         agitation: how restless the motion is: change of velocity in one second, m/s (random walk: of position, m); by
             default 1.5 (random walk 0.15, ballistic 1).
         floor: height of the floor off which a ballistic ball bounces.
@@ -49,9 +55,10 @@ class SphereSettings:
             the shortest time between frames.
     """
 
+    preset: PresetName = "extended"
     spread: float = 0.05
     particles: int = 500
-    motion: MotionName = "constant-velocity"
+    motion: MotionName | None = None
     agitation: float | None = None
     floor: float = 0.0
     bounce: float = 0.75
@@ -169,11 +176,16 @@ def sphere_run(
         if place.shape != (3,):
             raise RequestError(f"`start`: expected x, y, z in metres, got shape {place.shape}")
         check_start(place, placed)
-    weigh = chosen_likelihood(settings.likelihood, placed, opened, radius, backgrounds)
+    printed = settings.preset == "paper"
+    if printed and place is None:
+        raise RequestError("`start`: expected x, y, z with the preset paper, which measures where the ball is at first")
+    weigh = chosen_likelihood(settings, placed, opened, radius, backgrounds)
     moves = chosen_motion(settings, radius)
     # The background difference is the paper's baseline, without what goes beyond the paper.
-    plain = settings.likelihood == "background"
+    plain = printed or settings.likelihood == "background"
     tracker = SphereTracker(weigh, moves, covering=None, stages=1) if plain else SphereTracker(weigh, moves)
+    if printed:
+        tracker = replace(tracker, patience=np.inf)
     broad = weigh.broad() if isinstance(weigh, ContourLikelihood) else weigh
     search = partial(find_ball, weigh, broad, pinholes, radius, box, settings.particles)
     begin = Start(place, settings.spread, settings.particles, search)
@@ -251,31 +263,33 @@ def checked_frames(source: Source, placed: PlacedCamera) -> Iterator[Frame]:
 def chosen_motion(settings: SphereSettings, radius: float) -> Motion:
     """The motion that the settings name."""
     agitation = settings.agitation
-    if settings.motion == "random-walk":
+    motion = settings.motion or ("random-walk" if settings.preset == "paper" else "constant-velocity")
+    if motion == "random-walk":
         return RandomWalk(0.15 if agitation is None else agitation)
-    if settings.motion == "ballistic":
+    if motion == "ballistic":
         restless = 1.0 if agitation is None else agitation
         return Ballistic(radius, settings.floor, restitution=settings.bounce, agitation=restless)
     return ConstantVelocity(1.5 if agitation is None else agitation)
 
 
 def chosen_likelihood(
-    name: LikelihoodName,
+    settings: SphereSettings,
     placed: Sequence[PlacedCamera],
     sources: Sequence[Source],
     radius: float,
     backgrounds: Sequence[Path] | None = None,
 ) -> ViewLikelihood:
-    """The likelihood of a name.
+    """The likelihood that the settings name.
 
     Raises:
         RequestError: backgrounds are given and not used, or of another number than the videos.
     """
     cameras = [p.camera for p in placed]
-    if name == "contour":
+    if settings.likelihood == "contour":
         if backgrounds is not None:
             raise RequestError("`backgrounds`: expected only with the likelihood background; the outline needs none")
-        return ContourLikelihood(cameras, radius)
+        printed = settings.preset == "paper"
+        return PrintedContourLikelihood(cameras, radius) if printed else ContourLikelihood(cameras, radius)
     if backgrounds is None:
         pictures = []
         for source in sources:

@@ -56,6 +56,17 @@ def test_a_film_is_tracked_and_everything_is_written(film, track):
     assert "Distance to the true position" in page
 
 
+def test_the_preset_paper_walks_and_never_searches(film, track):
+    status, _, result = track("--start", start_of(film), "--preset", "paper", "--particles", "100")
+    assert status == 0
+    found = read_path3d(result / "track3d.csv")
+    # Eight frames of a ball that is carried 2 cm a frame: the plain sum leaves it behind slowly.
+    assert distance_to_position(found, read_path3d(film / "truth.csv")).mean() < 0.3
+    record = json.loads((result / "run.json").read_text())
+    assert "lost" not in record["frames"]["status"]
+    assert "search" not in record["seconds"]
+
+
 def test_an_offset_shifts_one_video_against_the_other(film, track):
     shift = str(2 / 15)
     status, _, result = track("--start", start_of(film), "--offsets", f"0,{shift}", "--particles", "50")
@@ -77,6 +88,7 @@ def test_an_offset_shifts_one_video_against_the_other(film, track):
         (["--backgrounds", "a.png,b.png"], {}, "--backgrounds: expected only with the likelihood background"),
         (["--truth", "nowhere.csv"], {}, "nowhere.csv: expected a CSV file"),
         (["--motion", "flying"], {}, "--motion: expected one of"),
+        (["--preset", "paper"], {}, "--start: expected x, y, z with the preset paper"),
     ],
 )
 def test_a_wrong_request_is_one_clear_line(track, words, options, reason):

@@ -58,6 +58,7 @@ def paths_figure(results: Results, truth: FloatArray, film: int) -> Figure:
         for limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
             limits(centre - reach, centre + reach)
         axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
+        axes.locator_params(nbins=4)
         axes.set_title(title, fontsize=9)
     return figure
 
