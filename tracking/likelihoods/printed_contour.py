@@ -15,7 +15,6 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.outline import sphere_circles
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.filters.weights import logarithms
 from tsuiseki.tracking.likelihoods.sphere import ContourSettings, OutlinesOf, outline_sums, outline_support, polar_maps
 from tsuiseki.tracking.likelihoods.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray
@@ -46,7 +45,7 @@ class PrintedContourLikelihood:
                 maps = polar_maps(camera, positions, self.radius, self.settings, self.outlines_of)
                 peak, _ = outline_sums(image, maps, self.settings)
                 total = np.where(maps.inside, peak, 0.0).sum(axis=1, dtype=np.float64)
-                ratios[:, k] = self.power * logarithms(total)
+                ratios[:, k] = self.power * _logarithms(total)
         return ratios
 
 
@@ -75,7 +74,7 @@ class DividedContourLikelihood:
             if image is not None:
                 maps = polar_maps(camera, positions, self.radius, self.settings, self.outlines_of)
                 support, share = outline_support(image, maps, self.settings).T
-                ratios[:, k] = logarithms(support * share)
+                ratios[:, k] = _logarithms(support * share)
         return ratios
 
 
@@ -95,5 +94,10 @@ class MinMaxWeights:
         least, greatest = float(product.min(initial=1.0)), float(product.max(initial=0.0))
         scaled = np.zeros_like(ratios)
         # Equal weights stay equal.
-        scaled[:, 0] = logarithms((product - least) / (greatest - least)) if greatest > least else 0.0
+        scaled[:, 0] = _logarithms((product - least) / (greatest - least)) if greatest > least else 0.0
         return scaled
+
+
+def _logarithms(values: FloatArray) -> FloatArray:
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(values))

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion_3d import ConstantVelocity, RandomWalk
+from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity, RandomWalk
 from tsuiseki.tracking.likelihoods.printed_contour import (
     DividedContourLikelihood,
     MinMaxWeights,

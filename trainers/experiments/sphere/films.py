@@ -21,8 +21,8 @@ from tsuiseki.datamodules.scenes.ball.carried import (
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
-from tsuiseki.tracking.filters.views import Covering
-from tsuiseki.tracking.trackers.sphere import SphereState, SphereTracker, TimedViews
+from tsuiseki.tracking.filters.particles.views import Covering
+from tsuiseki.tracking.trackers.sphere.sphere import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.experiment import Watch
 from tsuiseki.trainers.experiments.sphere.configurations import FIRST_COVERED, LIKELIHOODS, Configuration
