@@ -38,8 +38,8 @@ def follow(
         method: ``combined`` is a correlation filter with colours and sizes that particles help when the target is
             hidden; ``kcf`` is a plain filter, and faster; ``kcf-particle`` is the thesis's way of joining filter and
             particles; or a tracker of one target.
-        preset: constants of the last two: ``robust`` is ours; ``thesis`` and ``paper`` (``kcf`` only) are the
-            published ones.
+        preset: constants of the last two: ``robust`` is ours; ``thesis``, ``printed`` (``kcf-particle`` only: to the
+            letter) and ``paper`` (``kcf`` only) are the published ones.
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         seed: of all random numbers.
 
@@ -69,11 +69,21 @@ def single_tracker(method: SingleMethod | SingleTracker, preset: Preset = "robus
         return method
     if method not in METHODS:
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
-    if preset not in get_args(Preset) or (preset == "paper" and method != "kcf"):
-        raise RequestError(f"expected the preset robust or thesis, or paper with the method kcf, got {preset!r}")
-    if preset != "robust" and method not in ("kcf", "kcf-particle"):
-        raise RequestError(f"expected the preset {preset} with the methods kcf or kcf-particle, got {method}")
+    if preset not in get_args(Preset):
+        raise RequestError(f"expected the preset {', '.join(get_args(Preset))}, got {preset!r}")
+    check_preset(method, preset)
     return make_tracker(method, preset, seed=seed)
+
+
+def check_preset(method: SingleMethod, preset: Preset) -> None:
+    """Refuse constants that a method does not have.
+
+    Raises:
+        RequestError: the two do not go together.
+    """
+    takers = {"paper": ("kcf",), "printed": ("kcf-particle",), "thesis": ("kcf", "kcf-particle")}.get(preset)
+    if takers is not None and method not in takers:
+        raise RequestError(f"`preset` {preset}: expected with the method {' or '.join(takers)}, got {method}")
 
 
 def follow_frames(frames: Iterator[Frame], box: FloatArray, tracker: SingleTracker) -> Iterator[tuple[Frame, Estimate]]:

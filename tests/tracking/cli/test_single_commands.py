@@ -66,7 +66,7 @@ def test_a_box_without_labels(labelled, tmp_path):
             ["--box", "20,20,9,9", "--method", "csk", "--scale", "true"],
             "--scale: expected with --method combined, regularised, kcf-particle or kcf",
         ),
-        (["--box", "20,20,9,9", "--preset", "paper"], "--preset paper: expected with --method kcf only"),
+        (["--box", "20,20,9,9", "--preset", "paper"], "--preset paper: expected with the method kcf, got combined"),
         (["--select"], "--select: expected a display"),
         (["--box", "20,20,9,9", "--method", "struck"], "--method"),
     ],
@@ -145,7 +145,7 @@ def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tm
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--parts", "sweep"], "--parts: expected some of unseen, sweeps, comparison"),
+        (["--parts", "sweep"], "--parts: expected some of unseen, readings, sweeps"),
         (["--seeds", "0"], "--seeds: expected at least 1"),
         (["--data", "nowhere"], "expected a folder of sequences or a label file at nowhere"),
     ],

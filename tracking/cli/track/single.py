@@ -49,7 +49,8 @@ def single(
         method: how to follow. combined is a correlation filter with colours and sizes that particles help when the
             target is hidden; regularised is that filter alone; kcf is a plain filter, and faster; kcf-particle joins
             kcf and particles as the thesis does; the others are simpler and are there to compare with.
-        preset: constants of kcf and kcf-particle. robust is ours; thesis and paper (kcf only) are the published ones.
+        preset: constants of kcf and kcf-particle. robust is ours; thesis, printed (kcf-particle only: the thesis to
+            the letter) and paper (kcf only) are the published ones.
         scale: whether combined, regularised, kcf and kcf-particle also look for other sizes; by default the first two
             do, and the others as the preset says.
         past: how kcf-particle draws filters of the past, all alike or by their score; by default as the preset says.
@@ -120,14 +121,12 @@ def _tracker(
     from dataclasses import asdict, replace
 
     from tsuiseki.tracking.features.objectness import read_objectness
+    from tsuiseki.tracking.pipelines.single import check_preset
     from tsuiseki.tracking.trackers.single.combined import Combined
     from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
     from tsuiseki.tracking.trackers.single.methods import make_tracker
 
-    if preset == "paper" and method != "kcf":
-        raise RequestError(f"`preset` paper: expected with --method kcf only, got --method {method}")
-    if preset == "thesis" and method not in ("kcf", "kcf-particle"):
-        raise RequestError(f"`preset` thesis: expected with --method kcf-particle or kcf, got --method {method}")
+    check_preset(method, preset)
     tracker = make_tracker(method, preset, scale, seed)
     if isinstance(tracker, KcfParticle):
         settings = tracker.settings

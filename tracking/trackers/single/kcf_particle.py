@@ -6,6 +6,10 @@ stored in the past. When the particles agree, the best one's filter goes on alon
 
 Where the text leaves a choice:
 
+* (3.4) adds r and v with shares alpha and 1 - alpha. A search starts where every response is at most epsilon_1 = 0.2,
+  and v is about 0.5 nearly everywhere, so with r as it comes out of the filter the particles are weighed by v alone:
+  r gives 0.06 of 0.41 at most. `THESIS` divides r by the greatest response of the frame, `PRINTED` does not.
+* (3.3) see `particles.step_deviation`: S holds deviations in `THESIS` and variances in `PRINTED`.
 * (3.5) the displacement is measured from the tracker's box in the frame before, one for all particles: so one window
   serves all filters, whose responses come out of one batched transform. Outside the window the response is zero.
 * Algorithm 1: hypothesis ``m`` is a copy of the present filter with the target at maximum ``m``. The copies become
@@ -13,7 +17,7 @@ Where the text leaves a choice:
 * 3.2.7: a filter learns from the place of its heaviest particle, in every frame, at the rate of KCF; a stored one
   that is in use learns as well, in its copy: the store keeps it as it was. The filter with the greatest response is
   stored. A filter that no particle carries any more is dropped.
-* (3.7): see `particles.dispersion` for the matrix C and the filter numbers, `particles.step_deviation` for ``a``.
+* (3.7): see `particles.dispersion` for the matrix C and the filter numbers.
 * Particles are drawn anew in every frame of the search, systematically.
 
 What the preset `ROBUST` adds, each for a failure seen on videos, stands second in `KcfParticleSettings`.
@@ -49,6 +53,7 @@ from tsuiseki.tracking.trackers.single.particles import (
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 PROPOSALS = 100
+LEAST_RESPONSE = 1e-6
 Windows = tuple[Samples, FloatArray]
 
 
@@ -102,7 +107,8 @@ class KcfParticle:
         settings = self.settings
         self.model = kcf.Kcf.of(settings.kcf, float(size[0]), float(size[1]))
         self.target = kcf.start(self.model, image, box_centre(box))
-        self._deviation = step_deviation(self.model.target, settings.divisor) * settings.spread
+        step = step_deviation(self.model.target, settings.divisor, settings.covariance)
+        self._deviation = step * settings.spread
         self._archive = Archive(settings.stored, self.target.bank if settings.keeps_first else None)
         self._confidence = Confidence.start(settings, image, box)
         self._frame = self._plain_left = self._doubted = self.searched_frames = 0
@@ -198,6 +204,8 @@ class KcfParticle:
         settings, view = self.settings, observation
         boxes = self._boxes(particles)
         response = view.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
+        if settings.response_scale == "greatest":
+            response = response / max(float(view.maps.maps.max()), LEAST_RESPONSE)
         overlap = object_overlap(boxes, view.proposals) if settings.response_share < 1 else np.zeros(len(boxes))
         result = log_likelihood(response, overlap, settings.response_share)
         confidence = self._confidence
@@ -233,7 +241,8 @@ class KcfParticle:
         numbers = np.searchsorted(used, state.particles[:, 2])
         particles = np.column_stack([state.particles[:, :2], numbers])
         self.search = Search(ParticleState(particles, state.log_weights), bank, search.frames + 1)
-        spread = dispersion(particles, weights, self._deviation**2) / float(np.prod(self.model.target))
+        variances = self._deviation**2 if settings.agreement == "covariance" else np.ones(2)
+        spread = dispersion(particles, weights, variances) / float(np.prod(self.model.target))
         if spread >= settings.convergence:
             return
         colour = self._confidence.colour_score(view.image, self._box())

@@ -8,11 +8,14 @@ from typing import Literal
 from tsuiseki.tracking.trackers.single import kcf
 
 Past = Literal["uniform", "score"]
+Covariance = Literal["variances", "deviations"]
+ResponseScale = Literal["printed", "greatest"]
+Agreement = Literal["covariance", "pixels"]
 
 
 @dataclass(frozen=True)
 class KcfParticleSettings:
-    """Constants; the defaults are Table 3.2 and the choices of 3.3.3.
+    """Constants; the defaults are Table 3.2 and the choices of 3.3.3, as they are printed.
 
     Attributes:
         kcf: of the correlation filters.
@@ -26,6 +29,10 @@ class KcfParticleSettings:
         response_share: alpha of equation (3.4); 1 leaves objectness out.
         hypotheses: M, maxima of the response.
         past: filters of the past drawn all alike, or by the response that each had when it was stored.
+
+        covariance: what w1 / a and h1 / a of S are, see `particles.step_deviation`.
+        response_scale: r of (3.4) as it is ``printed``, or over the ``greatest`` response of the frame.
+        agreement: C of (3.7) is the ``covariance`` S, or one square pixel (``pixels``).
 
         spread: factor on the standard deviation of S: 2.7 pixels for a target of 25 is less than people move.
         reach: windows searched to each side of the one about the target; 0 is the thesis.
@@ -59,6 +66,10 @@ class KcfParticleSettings:
     hypotheses: int = 20
     past: Past = "uniform"
 
+    covariance: Covariance = "variances"
+    response_scale: ResponseScale = "printed"
+    agreement: Agreement = "covariance"
+
     spread: float = 1.0
     reach: int = 0
     sharpness: float = 1.0
@@ -78,7 +89,8 @@ class KcfParticleSettings:
     redetect_reach: int = 0
 
 
-THESIS = KcfParticleSettings()
+PRINTED = KcfParticleSettings()
+THESIS = KcfParticleSettings(covariance="deviations", response_scale="greatest")
 ROBUST = KcfParticleSettings(
     kcf=kcf.KcfSettings(),
     plain_frames=3,

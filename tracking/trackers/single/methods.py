@@ -12,7 +12,12 @@ from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSetting
 from tsuiseki.tracking.trackers.single.gradient import MeanShift, MedianFlow, Mil
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS, KcfParticleSettings
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import (
+    PRINTED,
+    ROBUST,
+    THESIS,
+    KcfParticleSettings,
+)
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.matching import HistogramMatching, TemplateMatching
 from tsuiseki.tracking.trackers.single.mosse import Mosse
@@ -37,7 +42,7 @@ SingleMethod = Literal[
     "mil",
 ]
 METHODS: tuple[SingleMethod, ...] = get_args(SingleMethod)
-Preset = Literal["robust", "thesis", "paper"]
+Preset = Literal["robust", "thesis", "printed", "paper"]
 
 
 def make_tracker(
@@ -47,7 +52,8 @@ def make_tracker(
 
     Args:
         method: one of `METHODS`.
-        preset: constants of ``kcf`` and ``kcf-particle``: ours, the thesis's, or (``kcf``) those of the KCF paper.
+        preset: constants of ``kcf`` and ``kcf-particle``: ours (``robust``), the thesis's as we read it (``thesis``)
+            or to the letter (``printed``, of ``kcf-particle``), or (``kcf``) those of the KCF paper.
         scale_search: whether those two, ``combined`` and ``regularised`` try other sizes; by default as the preset
             says, and for the last two they do.
         seed: of its random numbers.
@@ -74,6 +80,7 @@ def make_tracker(
 
 
 KCF_PRESETS: dict[Preset, kcf.KcfSettings] = {"robust": kcf.KcfSettings(), "thesis": kcf.THESIS, "paper": kcf.KCF_PAPER}
+PARTICLE_PRESETS: dict[Preset, KcfParticleSettings] = {"robust": ROBUST, "thesis": THESIS, "printed": PRINTED}
 
 
 def _sized(settings: kcf.KcfSettings, scale_search: bool | None) -> kcf.KcfSettings:
@@ -88,5 +95,5 @@ def _combined_settings(scale_search: bool | None) -> CombinedSettings:
 
 
 def _particle_settings(preset: Preset, scale_search: bool | None) -> KcfParticleSettings:
-    settings = THESIS if preset == "thesis" else ROBUST
+    settings = PARTICLE_PRESETS[preset]
     return replace(settings, kcf=_sized(settings.kcf, scale_search))

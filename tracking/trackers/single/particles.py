@@ -9,16 +9,21 @@ from __future__ import annotations
 import numpy as np
 
 from tsuiseki.tracking.filters.base import Motion, each_frame
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import Covariance
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 
-def step_deviation(target: FloatArray, divisor: float) -> FloatArray:
+def step_deviation(target: FloatArray, divisor: float, covariance: Covariance = "variances") -> FloatArray:
     """Standard deviations ``(2,)`` of x and y, pixels, for a target ``(2,)`` of first size ``w1, h1``.
 
-    The thesis puts ``w1 / a`` and ``h1 / a`` on the diagonal of the covariance matrix S, so they are variances in
-    square pixels although they are lengths: the standard deviation is ``sqrt(w1 / a)``, 2.7 pixels for a target of 25.
+    The thesis puts ``w1 / a`` and ``h1 / a`` on the diagonal of the covariance matrix S (3.3.2). Two readings:
+
+    * ``variances``: what a covariance matrix holds, although these are lengths. The deviation is ``sqrt(w1 / a)``: 2.7
+      pixels for a target of 25, and twice that for one of 100.
+    * ``deviations``: the deviation is ``w1 / a`` itself, with a = 10/3 three tenths of the target whatever its size.
     """
-    return np.sqrt(np.asarray(target, dtype=np.float64) / divisor)
+    lengths = np.asarray(target, dtype=np.float64) / divisor
+    return lengths if covariance == "deviations" else np.sqrt(lengths)
 
 
 def draw_particles(

@@ -15,7 +15,7 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.single import SequenceScores
 from tsuiseki.tracking.trackers.single import kcf
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS, KcfParticleSettings
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS, KcfParticleSettings
 from tsuiseki.tracking.trackers.single.methods import SingleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, follow, score, seeds_of
@@ -77,7 +77,7 @@ def additions() -> dict[str, Entrant]:
         "heaviest particle": {"densest": THESIS.densest},
         "not uphill": {"climbs": THESIS.climbs},
         "one window": {"reach": THESIS.reach},
-        "S of the thesis": {"spread": THESIS.spread},
+        "S as printed": {"spread": THESIS.spread},
         "likelihood to the first power": {"sharpness": THESIS.sharpness},
         "no colours in the likelihood": {"colour": THESIS.colour},
         "no relative switch": {"relative_switch": THESIS.relative_switch},
@@ -98,6 +98,7 @@ def compared() -> dict[str, Entrant]:
         "KCF, fixed size": kcf.THESIS,
         "KCF, scale search": kcf.KcfSettings(),
         "combined, thesis": THESIS,
+        "combined, printed": PRINTED,
         "combined, robust, fixed size": replace(ROBUST, kcf=kcf.THESIS),
         "combined, robust": ROBUST,
         **{method: method for method in BASELINES},

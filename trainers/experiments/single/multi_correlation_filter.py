@@ -10,20 +10,20 @@ from typing import Any
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.single import find_single_sequences, read_published
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
-from tsuiseki.trainers.experiments.single import comparison, plots, unseen
+from tsuiseki.trainers.experiments.single import comparison, plots, readings, unseen
 from tsuiseki.trainers.experiments.single.comparison import GAINS, SWEEPS, Repeated, Sweep
 from tsuiseki.trainers.experiments.single.runs import Clip, generated_clips, load
 from tsuiseki.trainers.experiments.single.search_intervals import Intervals, intervals, one_pass
 
-PARTS = ("unseen", "sweeps", "comparison", "additions", "intervals", "pictures")
+PARTS = ("unseen", "readings", "sweeps", "comparison", "additions", "intervals", "pictures")
 PUBLISHED = ("CSK", "VTS", "Struck", "MIL", "TLD", "SCM")
 # Areas of Fig. 3.9 that the text gives, percent.
-PAPER = {"KCF, fixed size": "38.38", "combined, thesis": "40.64"}
+PAPER = {"KCF, fixed size": "38.38", "combined, thesis": "40.64", "combined, printed": "40.64"}
 BY_ATTRIBUTE = ("KCF, fixed size", "combined, thesis", "KCF, scale search", "combined, robust")
-SEARCHES = {"thesis": THESIS, "robust": ROBUST}
+SEARCHES = {"printed": PRINTED, "thesis": THESIS, "robust": ROBUST}
 
 
 def reproduce(
@@ -44,7 +44,8 @@ def reproduce(
         data: folders of sequences (OTB, VOT, UAV123), separated by commas; by default four generated chases.
         attributes: OTB's list of attributes; only sequences in it are used.
         published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
-        parts: unseen (the gain over KCF where no setting was chosen), sweeps (Figs. 3.6-3.8, Table 3.4), comparison
+        parts: unseen (the gain over KCF where no setting was chosen), readings (what the text of the thesis can mean,
+            over KCF), sweeps (Figs. 3.6-3.8, Table 3.4), comparison
             (Figs. 3.9, 3.11, and by sequence), additions (kcf-particle's `robust` without one of them at a time),
             intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
@@ -65,6 +66,8 @@ def reproduce(
     found: list[Outcome] = []
     if "unseen" in parts:
         found.append(unseen.unseen(bench.store, clips, range(seeds)))
+    if "readings" in parts:
+        found.append(readings.readings(bench.store, clips, range(seeds)))
     if "sweeps" in parts:
         found.append(_sweeps(bench, clips, range(sweep_seeds)))
     if "comparison" in parts:
@@ -102,6 +105,8 @@ def _jobs(
     store, jobs = bench.store, list[Callable[[], object]]()
     if "unseen" in parts and len(clips) > 1:
         jobs += comparison.passes(store, clips, unseen.entrants(), range(seeds))
+    if "readings" in parts:
+        jobs += comparison.passes(store, clips, [readings.BASE, *readings.READINGS.values()], range(seeds))
     if "sweeps" in parts:
         entrants = [sweep.settings(value) for sweep in SWEEPS for value in sweep.values]
         jobs += comparison.passes(store, clips, entrants, range(sweep_seeds))

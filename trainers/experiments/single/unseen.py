@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.combined import CombinedSettings
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
 from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
@@ -58,7 +58,8 @@ def groups() -> tuple[Group, ...]:
         ),
         Group(
             "fixed size", kcf.THESIS,
-            {"kcf-particle, thesis": THESIS, "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS),
+            {"kcf-particle, printed": PRINTED, "kcf-particle, thesis": THESIS,
+             "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS),
              "filter alone": RegularisedSettings(sizes=1)}, fixed,
         ),
     )  # fmt: skip

@@ -9,11 +9,12 @@ import pytest
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import respond
 from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.likelihoods.response import ResponseMaps
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings, Evidence
 from tsuiseki.tracking.trackers.single.interface import follow_target
-from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
+from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle, SearchView
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.matching import MEASURES, active_search, colour_bins, match
 from tsuiseki.tracking.trackers.single.methods import METHODS, make_tracker
@@ -181,7 +182,22 @@ def test_presets_hold_the_thesis_s_constants():
     assert (THESIS.divisor, THESIS.past_share) == (10 / 3, 0.5)
     assert (THESIS.convergence, THESIS.response_share, THESIS.hypotheses) == (0.03, 0.3, 20)
     assert THESIS.kcf.scale_step == 1.0
+    assert replace(THESIS, covariance="variances", response_scale="printed") == PRINTED
+    assert (PRINTED.covariance, PRINTED.response_scale, PRINTED.agreement) == ("variances", "printed", "covariance")
     assert (THESIS.past, THESIS.colour, THESIS.reach, THESIS.spread, THESIS.sharpness) == ("uniform", 0, 0, 1, 1)
+
+
+@pytest.mark.parametrize(("settings", "same"), [(THESIS, True), (PRINTED, False)])
+def test_the_level_of_all_responses_matters_only_as_printed(settings, same):
+    images, boxes = clip(walk(2))
+    tracker = KcfParticle(replace(settings, response_share=1.0))
+    tracker.start(images[0], boxes[0])
+    rng, centre = np.random.default_rng(0), tracker.target.centre
+    maps = rng.random((1, 1, 24, 24)).astype(np.float32)
+    particles = np.column_stack([rng.normal(centre, 3, (5, 2)), np.zeros(5)])
+    levels = [SearchView(ResponseMaps(maps * k, centre[None], 4.0), images[0], np.empty((0, 4))) for k in (1.0, 0.25)]
+    high, low = (tracker._log_likelihood(particles, view) for view in levels)
+    assert np.allclose(high, low, atol=1e-3) is same
 
 
 THESIS_WITHOUT_OBJECTS = replace(THESIS, response_share=1.0)

@@ -29,8 +29,9 @@ def draw(past_share, weights=(1.0, 3.0), count=20000, stored=2):
     return draw_particles(PEAKS, stored, np.array(weights), past_share, count, DEVIATION, rng)
 
 
-def test_the_divisor_divides_variances():
-    np.testing.assert_allclose(step_deviation(np.array([30.0, 120.0]), 10 / 3), [3.0, 6.0])
+@pytest.mark.parametrize(("covariance", "expected"), [("variances", [3.0, 6.0]), ("deviations", [9.0, 36.0])])
+def test_the_divisor_divides_variances_or_deviations(covariance, expected):
+    np.testing.assert_allclose(step_deviation(np.array([30.0, 120.0]), 10 / 3, covariance), expected)
 
 
 def test_particles_lie_about_their_maximum_with_the_covariance_of_the_motion():

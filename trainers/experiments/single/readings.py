@@ -1,0 +1,46 @@
+"""What the text of thesis chapter 3 can mean, each reading over KCF of the same fixed size.
+
+Three things are open: whether S holds variances or deviations, whether r is as the filter gives it or over the greatest
+response of the frame, and the unit of V in (3.7), which is compared with an area.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from tsuiseki.tracking.trackers.single import kcf
+from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, THESIS, KcfParticleSettings
+from tsuiseki.trainers.experiments.experiment import Outcome, Table
+from tsuiseki.trainers.experiments.single.runs import Clip
+from tsuiseki.trainers.experiments.single.unseen import areas, interval
+from tsuiseki.trainers.experiments.store import Store
+
+BASE = kcf.THESIS
+READINGS: Mapping[str, KcfParticleSettings] = {
+    "as printed": PRINTED,
+    "S of deviations": replace(PRINTED, covariance="deviations"),
+    "r over the greatest": replace(PRINTED, response_scale="greatest"),
+    "both (preset thesis)": THESIS,
+    "V in square pixels": replace(PRINTED, agreement="pixels"),
+    "V in square pixels, r over the greatest": replace(PRINTED, agreement="pixels", response_scale="greatest"),
+    "all three": replace(THESIS, agreement="pixels"),
+    "both, the densest place put out": replace(THESIS, densest=True),
+    "both, nothing learnt while searching": replace(THESIS, learns_while_searching=False),
+}
+
+
+def readings(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
+    """A row a reading: the mean area of the sequences, and the gain over KCF with its interval over sequences."""
+    base = areas(store, clips, BASE, seeds)
+    found = {name: areas(store, clips, settings, seeds) for name, settings in READINGS.items()}
+    rows = [("KCF", f"{base.mean():.1f}", "")]
+    for name, row in found.items():
+        mean, low, high = interval(row - base)
+        rows.append((name, f"{row.mean():.1f}", f"{mean:+.1f} [{low:.1f}, {high:.1f}]"))
+    names = [clip.sequence.name for clip in clips]
+    title = "Readings of chapter 3, fixed size: AUC [%], 21 thresholds"
+    values = {"sequences": names, "KCF": base.tolist(), **{name: row.tolist() for name, row in found.items()}}
+    return Outcome(
+        {"readings": values}, [Table(title, ("reading", "mean", "over KCF, 95 % interval over sequences"), rows)]
+    )
