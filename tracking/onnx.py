@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 
-Kind = Literal["detector", "appearance", "action", "affinity", "objectness"]
+Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness"]
 METADATA_KEY = "tsuiseki"
 FORMAT_VERSION = 1
 _FLOATS = {"tensor(float)": "float32", "tensor(float16)": "float16"}
@@ -152,6 +152,19 @@ def image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInpu
     if len(shape) == 4 and isinstance(shape[0], int) and shape[0] != 1:
         raise RequestError(f"{path}: expected a batch of 1 or any, got {shape[0]}; export it with batch 1")
     return WantedInput(first.name, shape, np.dtype(_FLOATS[first.type]))
+
+
+def kind_of(path: str | Path) -> str:
+    """What the ONNX file at ``path`` says it is; empty where it says nothing.
+
+    Raises:
+        RequestError: the file is missing or not ONNX.
+    """
+    text = open_session(path, threads=1).get_modelmeta().custom_metadata_map.get(METADATA_KEY, "{}")
+    try:
+        return str(json.loads(text).get("kind", ""))
+    except (ValueError, AttributeError):
+        return ""
 
 
 class OnnxModel:

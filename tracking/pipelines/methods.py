@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.association.flow.cost_network import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+from tsuiseki.tracking.onnx import kind_of
 from tsuiseki.tracking.pipelines.finding import NONE
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.bytetrack import ByteTrack, ByteTrackSettings
@@ -24,6 +26,8 @@ from tsuiseki.tracking.weights import shipped
 PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]
 METHODS: tuple[PeopleMethod, ...] = get_args(PeopleMethod)
 APPEARANCE = ("flow", "deepsort")
+# What `--affinity` takes: costs learnt on pairs, or on whole tracks.
+LearntCosts = Affinity | CostNetwork
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class MethodSettings:
 def people_tracker(
     method: PeopleMethod,
     settings: MethodSettings | None = None,
-    affinity: Affinity | None = None,
+    affinity: LearntCosts | None = None,
     seed: int = 0,
     source: Source | None = None,
     camera: CameraPath | None = None,
@@ -59,11 +63,13 @@ def people_tracker(
         RequestError: there is no such method.
     """
     settings = settings or MethodSettings()
-    observation = None if affinity is None else affinity.observation
+    pairs = affinity if isinstance(affinity, Affinity) else None
+    changes = affinity if isinstance(affinity, CostNetwork) else None
+    observation = None if pairs is None else pairs.observation
     rate, size = DEFAULT_FRAME_RATE if source is None else source.frame_rate, getattr(source, "size", None)
     size = size if size and min(size) > 0 else None
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
-        "flow": lambda: FlowTracker(settings.flow, affinity, observation, rate, size, camera, seed),
+        "flow": lambda: FlowTracker(settings.flow, pairs, observation, rate, size, camera, seed, changes),
         "deepsort": lambda: DeepSort(settings.deepsort, seed),
         "sort": lambda: Sort(settings.sort, seed),
         "bytetrack": lambda: ByteTrack(settings.bytetrack, seed),
@@ -81,13 +87,14 @@ def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:
 
 
 def people_affinity(
-    method: str, affinity: str | Path | Affinity | None, threads: int = 0, *, known_scores: bool
-) -> Affinity | None:
+    method: str, affinity: str | Path | LearntCosts | None, threads: int = 0, *, known_scores: bool
+) -> LearntCosts | None:
     """Learnt link costs, where the method uses them.
 
     Args:
         method: of the tracker; only ``flow`` uses them.
-        affinity: a file or the costs themselves; None takes the shipped ones where they know the scores.
+        affinity: a file or the costs themselves, learnt on pairs or on whole tracks; None takes the shipped ones where
+            they know the scores.
         threads: CPU threads of the network.
         known_scores: the detections come from a detector whose scores the shipped costs were fitted to.
 
@@ -103,7 +110,8 @@ def people_affinity(
     if isinstance(affinity, str | Path):
         if str(affinity) == NONE:
             return None
-        affinity = Affinity(affinity, threads)
+        learnt_on_tracks = kind_of(affinity) == "association"
+        affinity = CostNetwork(affinity, threads) if learnt_on_tracks else Affinity(affinity, threads)
     if "action" in affinity.card.class_names:
         raise RequestError(
             "expected `affinity` without actions, which nothing recognises here, got costs that ask for them; use "

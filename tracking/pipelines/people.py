@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_motion import CameraPath
 from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike
@@ -28,6 +27,7 @@ from tsuiseki.tracking.pipelines.finding import (
 )
 from tsuiseki.tracking.pipelines.methods import (
     METHODS,
+    LearntCosts,
     PeopleMethod,
     compares_appearance,
     people_affinity,
@@ -48,7 +48,7 @@ def track_people(
     detections: GivenDetections | None = None,
     detector: DetectorLike | None = None,
     appearance: AppearanceLike | None = None,
-    affinity: str | Path | Affinity | None = None,
+    affinity: str | Path | LearntCosts | None = None,
     frames: str | None = None,
     moving_camera: bool = False,
     threads: int = 0,
@@ -101,7 +101,7 @@ def follow_people(
     detections: GivenDetections | None = None,
     detector: DetectorLike | None = None,
     appearance: AppearanceLike | None = None,
-    affinity: str | Path | Affinity | None = None,
+    affinity: str | Path | LearntCosts | None = None,
     frames: str | None = None,
     moving_camera: bool = False,
     threads: int = 0,
@@ -142,7 +142,7 @@ def _prepared(
     detections: GivenDetections | None,
     detector: DetectorLike | None,
     appearance: AppearanceLike | None,
-    affinity: str | Path | Affinity | None,
+    affinity: str | Path | LearntCosts | None,
     frames: str | None,
     moving_camera: bool,
     threads: int,
@@ -170,7 +170,7 @@ def _prepared(
 
 def _tracker(
     method: PeopleMethod | PeopleTracker,
-    affinity: str | Path | Affinity | None,
+    affinity: str | Path | LearntCosts | None,
     known_scores: bool,
     threads: int,
     seed: int,

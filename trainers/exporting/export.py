@@ -278,7 +278,7 @@ def store_float16(model: onnx.ModelProto) -> None:
 def _convert(module: nn.Module, example: Tensor, name: str, outputs: Sequence[str]) -> onnx.ModelProto:
     # A batch of one would be taken for a constant.
     several = torch.cat((example, example)) if len(example) == 1 else example
-    with _quiet():
+    with quiet_exporter():
         program = torch.onnx.export(
             module,
             (several,),
@@ -327,7 +327,7 @@ def _evaluating(module: nn.Module) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def quiet_exporter() -> Iterator[None]:
     """Without the exporter's progress lines and notices about itself."""
     loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript", "onnx_ir")]
     levels = [logger.level for logger in loggers]

@@ -11,12 +11,13 @@ the tracks found.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tsuiseki.tracking.association.costs import TransitionCost, cosine_distances, inner_products, pair_features
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.flow.link_cost import MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.nearby import Pairs, Strips, centres, gaps, joined, sizes
 from tsuiseki.tracking.association.occlusion import hidden_between
 from tsuiseki.tracking.association.tracklets.action_refinement import window_means
@@ -102,6 +103,37 @@ class Links:
         return Links(self.tail[which], self.head[which], self.cost[which], self.along[which], self.hidden[which])
 
 
+@dataclass(frozen=True)
+class LinkParts:
+    """Links and what their costs are made of.
+
+    Attributes:
+        i: ``(P,)`` indices of the earlier detections.
+        j: ``(P,)`` of the later ones.
+        past: what the past of its track says at each detection.
+        future: likewise of the future.
+        seconds: ``(P,)`` between the two.
+        distance: ``(P,)`` of their appearance, NaN where not known.
+        mismatch: ``(P,)`` cost of how ill the motion of the two goes together.
+        hidden: ``(P,)`` share of the person hidden in between.
+        cost: ``(P,)`` by default.
+    """
+
+    i: IntArray
+    j: IntArray
+    past: Beliefs
+    future: Beliefs
+    seconds: FloatArray
+    distance: FloatArray
+    mismatch: FloatArray
+    hidden: FloatArray
+    cost: FloatArray
+
+
+# Changes of the costs of links, ``(P,)``.
+LinkChange = Callable[[Seen, LinkParts], FloatArray]
+
+
 def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost) -> Pairs:
     """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
     centre, side = centres(seen.boxes), sizes(seen.boxes).max(axis=1)
@@ -131,11 +163,13 @@ def priced(
     transition: TransitionCost | None = None,
     means: tuple[FloatArray, FloatArray] | None = None,
     hidden: FloatArray | None = None,
+    change: LinkChange | None = None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Which links cost no more than ``dearest``, what they cost, and how much of the person is hidden in between.
 
     Learnt costs of pairs, where there are any, speak in place of the appearance. ``means`` are the mean features of the
-    past and of the future of each detection along its track; without them single detections are compared.
+    past and of the future of each detection along its track; without them single detections are compared. ``change``
+    says by how much learnt costs differ from the default.
 
     Returns:
         ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden: from ``hidden``, ``(P,)`` with NaN
@@ -144,14 +178,14 @@ def priced(
     one_frame = 1 / seen.frame_rate
     seconds = np.asarray((seen.frames[j] - seen.frames[i]) * one_frame, dtype=np.float64)
     wander = seen.measured.wander[j] - seen.measured.wander[i]
-    total = cost.mismatch(past, future, i, j, seconds, wander)
+    mismatch = cost.mismatch(past, future, i, j, seconds, wander)
     distance = (
         cosine_distances(seen.features, i, j) if means is None else np.clip(1 - inner_products(*means, i, j), 0, 2)
     )
     gap = seen.frames[j] - seen.frames[i]
     # Learnt costs are right about the gaps that they were learnt on.
     learnt = np.zeros(len(i), np.bool_) if transition is None else gap <= getattr(transition, "window", np.inf)
-    total += np.where(learnt, 0, cost.appearance_cost(distance, averaged=means is not None))
+    total = mismatch + np.where(learnt, 0, cost.appearance_cost(distance, averaged=means is not None))
     if transition is not None:
         pairs = pair_features(seen.boxes, seen.features, i[learnt], j[learnt], gap[learnt])
         total[learnt] += cost.learnt(transition(replace(pairs, appearance=distance[learnt])))
@@ -161,7 +195,11 @@ def priced(
     covered = np.full(len(kept), np.nan) if hidden is None else hidden[kept]
     asked = np.isnan(covered)
     covered[asked] = hidden_between(i[kept[asked]], j[kept[asked]], seen.frames, seen.image, seen.size)
-    return kept, total[kept] + cost.waiting(seconds[kept], one_frame, covered), covered
+    price = total[kept] + cost.waiting(seconds[kept], one_frame, covered)
+    if change is not None:
+        parts = LinkParts(i[kept], j[kept], past, future, seconds[kept], distance[kept], mismatch[kept], covered, price)
+        price = np.maximum(price + change(seen, parts), -MOST_WORTH)
+    return kept, price, covered
 
 
 def near_ends(seen: Seen, labels: IntArray, seconds: float) -> tuple[IntArray, IntArray]:
@@ -210,6 +248,7 @@ def repriced(
     settings: RoundSettings,
     free: BoolArray,
     transition: TransitionCost | None = None,
+    change: LinkChange | None = None,
 ) -> Links:
     """The links with those that the ends of the tracks ask for, at the prices of what is known along the tracks.
 
@@ -223,6 +262,7 @@ def repriced(
         settings: which links there are.
         free: ``(N,)`` detections that are not decided yet.
         transition: learnt costs of pairs.
+        change: by how much learnt costs of links differ from the default.
     """
     means = None if seen.features is None else mean_features(seen, labels, seen.features, settings.averaged)
     tails, heads = near_ends(seen, labels, settings.ends)
@@ -235,7 +275,7 @@ def repriced(
     place = np.searchsorted(key, old)
     before[place], hidden[place] = np.arange(len(old)), links.hidden
     i, j = np.divmod(key, max(len(seen), 1))
-    kept, new, hidden = priced(seen, i, j, past, future, cost, settings.dearest, transition, means=means, hidden=hidden)
+    kept, new, hidden = priced(seen, i, j, past, future, cost, settings.dearest, transition, means, hidden, change)
     before = before[kept]
     again = before >= 0
     before = before[again]

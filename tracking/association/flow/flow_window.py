@@ -8,7 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.costs import TransitionCost
+from tsuiseki.tracking.association.flow.cost_network import LARGEST, CostChanges
+from tsuiseki.tracking.association.flow.evidence import detection_evidence, link_evidence
 from tsuiseki.tracking.association.flow.flow_rounds import (
+    LinkChange,
     Links,
     RoundSettings,
     Seen,
@@ -57,6 +60,7 @@ class FlowWindow:
         size: width and height of the image; None where not known.
         longest: most frames that may stay undecided; None never cuts.
         transition: learnt costs of pairs, taken beside the motion; None for none.
+        changes: by how much costs learnt on whole tracks differ from these; None for not at all.
     """
 
     def __init__(
@@ -66,11 +70,14 @@ class FlowWindow:
         size: tuple[int, int] | None,
         longest: int | None = None,
         transition: TransitionCost | None = None,
+        changes: CostChanges | None = None,
     ) -> None:
         self.costs = costs
         self._overlap = gaps(costs.rounds.window, frame_rate) + 1
-        self._flow = SlidingFlow(self._overlap, costs.entry + MOST_WORTH, longest)
+        most = costs.entry + MOST_WORTH + (0.0 if changes is None else LARGEST)
+        self._flow = SlidingFlow(self._overlap, most, longest)
         self._transition = transition
+        self._changes = changes
         self._seen = no_detections(frame_rate, size)
         self._links = Links()
         # Of decided detections: what follows them. Of undecided ones: what followed them in the last round.
@@ -85,6 +92,15 @@ class FlowWindow:
     def seen(self) -> Seen:
         """The detections that are kept, undecided and decided ones."""
         return self._seen
+
+    @property
+    def links(self) -> Links:
+        """All links between undecided detections at their last prices."""
+        return self._links
+
+    def labels(self) -> IntArray:
+        """``(K,)`` track of each kept detection in the last solution, -1 for none."""
+        return self._labels(self._flow.solution())
 
     def add(self, new: Seen) -> None:
         """Take the detections of the next frames."""
@@ -101,20 +117,24 @@ class FlowWindow:
         longest = gaps(min(rounds.near, rounds.window), seen.frame_rate)
         i, j = candidates(seen, free, fresh, 1, longest, self.costs.link)
         past, future = beliefs_along(np.full(len(seen), -1), seen.measured, self.costs.link.motion)
-        kept, cost, hidden = priced(seen, i, j, past, future, self.costs.link, rounds.dearest, self._transition)
+        kept, cost, hidden = priced(
+            seen, i, j, past, future, self.costs.link, rounds.dearest, self._transition, change=self._link_change()
+        )
         tail, head = seen.numbers[i[kept]], seen.numbers[j[kept]]
         found = Links(tail, head, cost, np.zeros(len(kept), dtype=np.bool_), hidden)
         self._links = joined_links(self._links, found)
 
-    def solve(self, observation: FloatArray) -> None:
+    def solve(self, observation: FloatArray, start: FloatArray | None = None, end: FloatArray | None = None) -> None:
         """Alternate between the flow and the prices of its links.
 
         Args:
             observation: ``(U,)`` costs of the undecided detections.
+            start: ``(U,)`` changes of the cost of a track's start at each; none by default.
+            end: ``(U,)`` likewise of its end.
         """
         before: set[bytes] = set()
         for number in range(self.costs.rounds.rounds + 1):
-            self._flow.replace(self.graph(observation))
+            self._flow.replace(self.graph(observation, start, end))
             solution = self._flow.solution()
             free = self._free()
             undecided = self._flow.undecided
@@ -136,6 +156,7 @@ class FlowWindow:
                 self.costs.rounds,
                 free,
                 self._transition,
+                self._link_change(),
             )
 
     def decide(self, last_frame: int, before: int, *, whatever: bool = False) -> Decision:
@@ -164,13 +185,37 @@ class FlowWindow:
     def _free(self) -> BoolArray:
         return np.isin(self._seen.numbers, self._flow.undecided, assume_unique=True)
 
-    def graph(self, observation: FloatArray) -> FlowGraph:
+    def graph(
+        self, observation: FloatArray, start: FloatArray | None = None, end: FloatArray | None = None
+    ) -> FlowGraph:
         """The network of what is undecided, without the links that no cheapest flow can use."""
         numbers, links = self._flow.undecided, self._links
-        worth = np.flatnonzero(links.cost < self.costs.entry + self.costs.exit)
-        tail, head = np.searchsorted(numbers, links.tail[worth]), np.searchsorted(numbers, links.head[worth])
-        entry, exit = (np.full(len(numbers), cost) for cost in (self.costs.entry, self.costs.exit))
-        return FlowGraph(observation, entry, exit, tail, head, links.cost[worth])
+        entry, exit = (
+            np.full(len(numbers), cost) + (0.0 if change is None else change)
+            for cost, change in ((self.costs.entry, start), (self.costs.exit, end))
+        )
+        tail, head = np.searchsorted(numbers, links.tail), np.searchsorted(numbers, links.head)
+        worth = np.flatnonzero(links.cost < exit[tail] + entry[head])
+        return FlowGraph(observation, entry, exit, tail[worth], head[worth], links.cost[worth])
+
+    def learnt(self, logit: FloatArray, observation: FloatArray) -> FloatArray:
+        """``(U, 3)`` changes of the costs of the undecided detections: of use, of a start, of an end.
+
+        Args:
+            logit: ``(N,)`` of the probability that each kept detection is right.
+            observation: ``(N,)`` their costs by default.
+        """
+        free = self._free()
+        if self._changes is None:
+            return np.zeros((int(free.sum()), 3))
+        return self._changes.detections(detection_evidence(self._seen, observation, logit)[free])
+
+    def _link_change(self) -> LinkChange | None:
+        changes = self._changes
+        if changes is None:
+            return None
+        motion = self.costs.link.motion
+        return lambda seen, parts: changes.links(link_evidence(seen, parts, motion))
 
     def _labels(self, solution: FlowSolution) -> IntArray:
         """``(N,)`` tracks over decided and undecided detections alike."""

@@ -15,7 +15,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tsuiseki.tracking.association.costs import cosine_distances
-from tsuiseki.tracking.association.flow.flow_rounds import Seen
+from tsuiseki.tracking.association.flow.cost_network import CostChanges
+from tsuiseki.tracking.association.flow.evidence import join_evidence
+from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, Seen
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.association.nearby import Pairs
 from tsuiseki.tracking.association.occlusion import hidden_between
@@ -47,7 +49,12 @@ class JoinSettings:
 
 
 def join(
-    seen: Seen, labels: IntArray, appearance: FloatArray | None, link: LinkCost, settings: JoinSettings
+    seen: Seen,
+    labels: IntArray,
+    appearance: FloatArray | None,
+    link: LinkCost,
+    settings: JoinSettings,
+    changes: CostChanges | None = None,
 ) -> IntArray:
     """``(N,)`` track of each detection, -1 for none; tracks are numbered by their first tracklet.
 
@@ -57,13 +64,17 @@ def join(
         appearance: ``(M, D)`` mean features of the tracklets, NaN where not known; None where not described.
         link: what links cost.
         settings: of the joining.
+        changes: by how much learnt costs differ from these.
     """
     link = replace(link, miss=settings.miss)
     for _ in range(settings.passes):
         ends = Ends.of(labels)
         if len(ends.track) == 0:
             break
-        i, j, cost = join_costs(seen, labels, ends, appearance, link, settings)
+        i, j, parts = join_parts(seen, labels, ends, appearance, link, settings)
+        cost = parts.cost
+        if changes is not None:
+            cost = cost + changes.joins(evidence_of_joins(seen, labels, ends, parts, link))
         before, after = cheapest_matching(i, j, cost - settings.limit)
         if len(before) == 0:
             break
@@ -101,19 +112,20 @@ class Ends:
         return cls(track, order[first], order[last])
 
 
-def join_costs(
+def join_parts(
     seen: Seen, labels: IntArray, ends: Ends, appearance: FloatArray | None, link: LinkCost, settings: JoinSettings
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Numbers of the tracks that may follow each other, and what it costs."""
+) -> tuple[IntArray, IntArray, LinkParts]:
+    """Numbers of the tracks that may follow each other, and what it costs to join their ends."""
     i, j = _in_time(seen, ends, settings.looks_window if appearance is not None else settings.window)
     past, future = beliefs_along(labels, seen.measured, link.motion)
     tails, heads = ends.last[i], ends.first[j]
     one_frame = 1 / seen.frame_rate
     seconds = np.asarray((seen.frames[heads] - seen.frames[tails]) * one_frame, dtype=np.float64)
     wander = seen.measured.wander[heads] - seen.measured.wander[tails]
-    cost = link.mismatch(past, future, tails, heads, seconds, wander)
+    mismatch = link.mismatch(past, future, tails, heads, seconds, wander)
     hidden = hidden_between(tails, heads, seen.frames, seen.image, seen.size)
-    cost = cost + link.waiting(seconds, one_frame, hidden)
+    cost = mismatch + link.waiting(seconds, one_frame, hidden)
+    distance = np.full(len(i), np.nan)
     if appearance is not None:
         distance = cosine_distances(appearance, ends.track[i], ends.track[j])
         cost = np.where(
@@ -121,7 +133,20 @@ def join_costs(
             np.inf,
             cost + link.appearance_cost(distance, averaged=True),
         )
-    return ends.track[i], ends.track[j], cost
+    return (
+        ends.track[i],
+        ends.track[j],
+        LinkParts(tails, heads, past, future, seconds, distance, mismatch, hidden, cost),
+    )
+
+
+def evidence_of_joins(seen: Seen, labels: IntArray, ends: Ends, parts: LinkParts, link: LinkCost) -> FloatArray:
+    """``(P, 27)`` features of joins, see `evidence`."""
+    counts = np.bincount(labels[labels >= 0], minlength=int(labels.max(initial=-1)) + 1)
+    spans = np.zeros(len(counts), dtype=np.int64)
+    spans[ends.track] = seen.frames[ends.last] - seen.frames[ends.first]
+    before, after = labels[parts.i], labels[parts.j]
+    return join_evidence(seen, parts, link.motion, (counts[before], counts[after]), (spans[before], spans[after]))
 
 
 def _in_time(seen: Seen, ends: Ends, window: float) -> Pairs:

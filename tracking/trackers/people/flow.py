@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.association.costs import ObservationCost, TransitionCost
+from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.association.flow.flow_rounds import Seen
 from tsuiseki.tracking.association.flow.flow_window import FlowCosts, FlowWindow, joined_detections, no_detections
 from tsuiseki.tracking.association.flow.sliding_flow import Decision
@@ -85,6 +86,7 @@ class FlowTracker:
         size: width and height of the image, so that leaving it is told from being missed; None where not known.
         camera: its motion from images, which gets each frame before its detections come here; None takes the boxes.
         seed: taken as by all trackers; nothing is drawn.
+        changes: by how much costs learnt on whole tracks differ from the settings'; by default not at all.
     """
 
     def __init__(
@@ -96,6 +98,7 @@ class FlowTracker:
         size: tuple[int, int] | None = None,
         camera: CameraPath | None = None,
         seed: int = 0,  # noqa: ARG002
+        changes: CostChanges | None = None,
     ) -> None:
         if not 0 < frame_rate < np.inf:
             raise ValueError(f"expected a frame rate above 0, got {frame_rate}")
@@ -104,7 +107,8 @@ class FlowTracker:
         self._input = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, camera)
         self._looked_at, self._clutter = self._input, 0
         longest = None if settings.longest is None else round(settings.longest * frame_rate)
-        self._window = FlowWindow(settings.costs, frame_rate, size, longest, transition)
+        self._window = FlowWindow(settings.costs, frame_rate, size, longest, transition, changes)
+        self._changes = changes
         self._tracklets = Tracklets()
         self._frame = 0
         self._waiting: list[Detections] = []
@@ -168,21 +172,21 @@ class FlowTracker:
         self._absorb()
         window, tracklets = self._window, self._tracklets
         if len(window.undecided()):
-            window.solve(self._costs(window.undecided()))
+            self._solve()
         rest = window.remainder()
         tracklets.add(self._chained(rest, window.seen))
         every = self._table()
         labels = tracklets.labels(len(every))
         if self.settings.join is not None and len(every):
             appearance = tracklets.appearance()
-            labels = join(every, labels, appearance, self.settings.costs.link, self.settings.join)
+            labels = join(every, labels, appearance, self.settings.costs.link, self.settings.join, self._changes)
         return self._finished(every, labels)
 
     def _decide(self) -> None:
         """Solve the window and let go of what is decided."""
         self._absorb()
         window, settings = self._window, self.settings
-        window.solve(self._costs(window.undecided()))
+        self._solve()
         seen = window.seen
         margin = round((settings.costs.rounds.window + settings.settle) * self._input.frame_rate)
         decision = window.decide(self._frame - 1, self._frame - margin)
@@ -197,6 +201,18 @@ class FlowTracker:
         self._window.add(seen)
         self._parts.append(replace(seen, features=None))
         self._scores = np.append(self._scores, scores)
+
+    def _solve(self) -> None:
+        """Alternate between the flow of what is not decided and the prices of its links."""
+        window = self._window
+        observation = self._costs(window.undecided())
+        if self._changes is None:
+            window.solve(observation)
+            return
+        numbers = window.seen.numbers
+        probability = self._probability(numbers)
+        change = window.learnt(np.log(probability / (1 - probability)), self._costs(numbers))
+        window.solve(observation + change[:, 0], change[:, 1], change[:, 2])
 
     def _costs(self, numbers: IntArray) -> FloatArray:
         """``(U,)`` what using detections costs."""

@@ -1,0 +1,75 @@
+"""Networks that change the costs of the flow: small perceptrons over features of links, detections and joins."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+# No change of a cost is larger; the tracker relies on it.
+LARGEST = 8.0
+
+
+class CostChange(nn.Module):
+    """Features in, changes of costs out: a linear part and a perceptron, bounded by ±`LARGEST`.
+
+    With its first weights it gives 0 everywhere, so the costs start as the tracker's own.
+
+    Args:
+        features: F.
+        changes: K, costs that are changed.
+        hidden: width of the two hidden layers; 0 leaves only the linear part.
+    """
+
+    mean: Tensor
+    deviation: Tensor
+
+    def __init__(self, features: int, changes: int, hidden: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(features))
+        self.register_buffer("deviation", torch.ones(features))
+        self.linear = nn.Linear(features, changes)
+        nn.init.zeros_(self.linear.weight)
+        nn.init.zeros_(self.linear.bias)
+        self.deep: nn.Sequential | None = None
+        if hidden:
+            last = nn.Linear(hidden, changes, bias=False)
+            nn.init.zeros_(last.weight)
+            layers = (nn.Linear(features, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), last)
+            self.deep = nn.Sequential(*layers)
+
+    def standardise(self, rows: Tensor) -> None:
+        """Take mean and deviation of the features from ``(P, F)`` rows; features that hardly vary are left as large."""
+        if len(rows):
+            self.mean.copy_(rows.mean(dim=0))
+            self.deviation.copy_(rows.std(dim=0, correction=0).clamp(min=0.05))
+
+    def forward(self, rows: Tensor) -> Tensor:
+        """``(P, F)`` features to ``(P, K)`` changes."""
+        # What was never seen in training is no reason for a change beyond what was.
+        standard = ((rows - self.mean) / self.deviation).clamp(-5.0, 5.0)
+        change: Tensor = self.linear(standard)
+        if self.deep is not None:
+            change = change + self.deep(standard)
+        return LARGEST * torch.tanh(change / LARGEST)
+
+
+class AssociationNetwork(nn.Module):
+    """The changes of all costs of the flow over detections and of the joining of tracklets.
+
+    Args:
+        links: number of features of a link.
+        detections: of a detection.
+        joins: of a join of two tracklets.
+        hidden: width of the hidden layers.
+    """
+
+    def __init__(self, links: int, detections: int, joins: int, hidden: int = 24) -> None:
+        super().__init__()
+        self.links = CostChange(links, 1, hidden)
+        # Of using a detection, of a track's start at it, and of its end.
+        self.detections = CostChange(detections, 3, hidden)
+        self.joins = CostChange(joins, 1, hidden)
+
+    def forward(self, links: Tensor, detections: Tensor, joins: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """``(P, F)``, ``(N, G)`` and ``(J, H)`` features to ``(P,)``, ``(N, 3)`` and ``(J,)`` changes."""
+        return self.links(links)[:, 0], self.detections(detections), self.joins(joins)[:, 0]

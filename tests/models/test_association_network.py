@@ -1,0 +1,53 @@
+"""The association network: nothing changes at first, changes are bounded, and gradients reach every weight."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from tsuiseki.models.association import LARGEST, AssociationNetwork, CostChange
+from tsuiseki.tracking.association.cost_network import LARGEST as LARGEST_IN_THE_TRACKER
+
+
+def test_changes_nothing_at_first() -> None:
+    network = AssociationNetwork(5, 4, 6, hidden=8)
+    links, detections, joins = network(torch.randn(7, 5), torch.randn(3, 4), torch.randn(0, 6))
+    assert links.shape == (7,)
+    assert detections.shape == (3, 3)
+    assert joins.shape == (0,)
+    assert not links.any()
+    assert not detections.any()
+
+
+@pytest.mark.parametrize("hidden", [0, 8])
+def test_changes_are_bounded_as_the_tracker_expects(hidden: int) -> None:
+    assert LARGEST == LARGEST_IN_THE_TRACKER
+    torch.manual_seed(0)
+    change = CostChange(5, 2, hidden)
+    for weight in change.parameters():
+        torch.nn.init.normal_(weight, std=30)
+    rows = 100 * torch.randn(200, 5)
+    assert 0.9 * LARGEST < change(rows).abs().max() <= LARGEST
+
+
+def test_standardises_features_of_any_scale() -> None:
+    change = CostChange(3, 1, 0)
+    rows = torch.tensor([[0.0, 100.0, 5.0], [2.0, 300.0, 5.0]])
+    change.standardise(rows)
+    torch.testing.assert_close(change.mean, torch.tensor([1.0, 200.0, 5.0]))
+    # The last one never varies: it is not blown up.
+    torch.testing.assert_close(change.deviation, torch.tensor([1.0, 100.0, 0.05]))
+    change.standardise(rows[:0])
+    assert change.mean[1] == 200
+
+
+def test_gradients_reach_the_last_layers_at_first_and_all_later() -> None:
+    torch.manual_seed(0)
+    network = AssociationNetwork(5, 4, 6, hidden=8)
+    optimiser = torch.optim.SGD(network.parameters(), lr=0.1)
+    for _ in range(2):
+        optimiser.zero_grad()
+        changes = network(torch.randn(7, 5), torch.randn(3, 4), torch.randn(2, 6))
+        torch.cat([part.flatten() for part in changes]).add(1).square().sum().backward()
+        optimiser.step()
+    assert all(weight.grad is not None and weight.grad.abs().sum() > 0 for weight in network.parameters())

@@ -1,0 +1,112 @@
+"""Features of detections, links and joins: known values, bounds, and what does not change them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.association.flow.evidence import (
+    DETECTION_FEATURES,
+    JOIN_FEATURES,
+    LINK_FEATURES,
+    detection_evidence,
+    join_evidence,
+    link_evidence,
+)
+from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, Seen, priced
+from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
+from tsuiseki.tracking.trackers.people.flow_input import FlowInput, InputSettings
+from tsuiseki.tracking.types import Detections, FloatArray
+
+COST = LinkCost()
+
+
+def seen_of(boxes: list[list[list[float]]], size: tuple[int, int] | None = (640, 480)) -> Seen:
+    """Detections of each frame at 30 frames a second."""
+    prepared = FlowInput(InputSettings(camera=None), COST.motion, 30.0, size)
+    return prepared.rows([Detections(np.array(frame).reshape(-1, 4), np.ones(len(frame))) for frame in boxes])[0]
+
+
+def parts_of(seen: Seen, i: list[int], j: list[int]) -> LinkParts:
+    found: list[LinkParts] = []
+
+    def keep(_: Seen, parts: LinkParts) -> FloatArray:
+        found.append(parts)
+        return np.zeros(len(parts.i))
+
+    past, future = beliefs_along(np.full(len(seen), -1), seen.measured, COST.motion)
+    priced(seen, np.array(i, np.int64), np.array(j, np.int64), past, future, COST, np.inf, change=keep)
+    return found[0]
+
+
+def test_features_of_detections() -> None:
+    seen = seen_of([[[100, 100, 140, 200], [120, 100, 160, 200]], [[100, 100, 140, 200]]])
+    rows = detection_evidence(seen, np.array([-3.0, -2, -1]), np.array([2.0, 1, 0]))
+    table = dict(zip(DETECTION_FEATURES, rows.T, strict=True))
+    np.testing.assert_allclose(table["cost"], [-3, -2, -1])
+    np.testing.assert_allclose(table["left"], [1, 1.2, 1])
+    np.testing.assert_allclose(table["bottom"], 2)  # 2.8 heights away is far
+    np.testing.assert_allclose(table["overlap_after"], [1, 1 / 3, 0])
+    np.testing.assert_allclose(table["overlap_before"], [0, 0, 1])
+    np.testing.assert_allclose(table["overlap_now"], [1 / 3, 1 / 3, 0])
+    np.testing.assert_allclose(table["neighbours"], np.log([2, 2, 1]))
+    np.testing.assert_allclose(table["interval"], 0)
+
+
+def test_borders_are_far_where_the_image_has_no_size() -> None:
+    seen = seen_of([[[0, 0, 10, 20]]], size=None)
+    table = dict(zip(DETECTION_FEATURES, detection_evidence(seen, np.zeros(1), np.zeros(1)).T, strict=True))
+    assert table["left"] == table["top"] == 2
+
+
+def test_features_of_links() -> None:
+    seen = seen_of([[[100, 100, 140, 200]], [[102, 100, 142, 200], [150, 100, 190, 200]]])
+    parts = parts_of(seen, [0, 0], [1, 2])
+    table = dict(zip(LINK_FEATURES, link_evidence(seen, parts, COST.motion).T, strict=True))
+    np.testing.assert_allclose(table["cost"], parts.cost)
+    np.testing.assert_allclose(table["seconds"], 1 / 30)
+    np.testing.assert_allclose(table["gap"], 0)
+    np.testing.assert_allclose(table["overlap"], [38 / 42, 0])
+    np.testing.assert_allclose(table["speed"], 0)
+    assert table["ahead_x"][0] < table["ahead_x"][1]
+    # Each is above the other by as much as the other is below it.
+    np.testing.assert_allclose(table["above_tail"][0], -table["above_tail"][1])
+    # Nothing else leads to either head.
+    np.testing.assert_allclose(table["above_head"], -12)
+
+
+def test_a_link_is_described_the_same_wherever_it_lies() -> None:
+    boxes = [[[100, 100, 140, 200]], [[105, 103, 146, 201]]]
+    moved = [[[x + 60 for x in box] for box in frame] for frame in boxes]
+    rows = [link_evidence(s, parts_of(s, [0], [1]), COST.motion) for s in (seen_of(boxes), seen_of(moved))]
+    np.testing.assert_allclose(rows[0], rows[1], atol=1e-9)
+
+
+def test_unlike_looks_are_seen() -> None:
+    seen = seen_of([[[100, 100, 140, 200]], [[102, 100, 142, 200]]])
+    seen = replace(seen, features=np.array([[1.0, 0], [0, 1]]))
+    table = dict(zip(LINK_FEATURES, link_evidence(seen, parts_of(seen, [0], [1]), COST.motion).T, strict=True))
+    assert table["appearance"] == table["appearance_known"] == 1
+
+
+def test_features_of_joins() -> None:
+    seen = seen_of([[[100, 100, 140, 200]], [[102, 100, 142, 200]]])
+    counts, spans = (np.array([4]), np.array([1])), (np.array([30]), np.array([0]))
+    rows = join_evidence(seen, parts_of(seen, [0], [1]), COST.motion, counts, spans)
+    np.testing.assert_allclose(rows[0, -4:], [np.log(4), 0, np.log(2), 0])
+
+
+@pytest.mark.parametrize("boxes", [[[]], [[[0, 0, 10, 20]]]], ids=["nothing", "one box"])
+def test_nothing_to_link(boxes: list[list[list[float]]]) -> None:
+    seen = seen_of(boxes)
+    count = len(seen)
+    assert detection_evidence(seen, np.zeros(count), np.zeros(count)).shape == (count, len(DETECTION_FEATURES))
+    none: list[int] = []
+    if count:
+        parts = parts_of(seen, none, none)
+        empty = (np.empty(0, np.int64), np.empty(0, np.int64))
+        assert link_evidence(seen, parts, COST.motion).shape == (0, len(LINK_FEATURES))
+        assert join_evidence(seen, parts, COST.motion, empty, empty).shape == (0, len(JOIN_FEATURES))

@@ -1,0 +1,142 @@
+"""The labelled flow of a sequence and its windows: borders, false detections, people without detections, nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.association.flow_loss import DifferenceWeights, Problem, cheapest
+from tsuiseki.trainers.association.graphs import Counts, Graph, LabelledVideo, sequence_graphs, window, windows
+
+FRAMES = 60
+
+
+def video(people: int = 2, clutter: bool = True, unseen: bool = True, frames: int = FRAMES) -> LabelledVideo:
+    """People side by side who walk to the right; clutter that stands; one more whom nobody detects."""
+    ids, boxes, when, found = [], [], [], []
+    for t in range(frames):
+        here = [[50 + 3 * t, 60 + 150 * k, 90 + 3 * t, 160 + 150 * k] for k in range(people + unseen)]
+        ids += list(range(1, len(here) + 1))
+        boxes += here
+        when += [t] * len(here)
+        shown = here[:people] + ([[500, 300, 520, 340]] if clutter and 10 <= t < 20 else [])
+        found.append(Detections(np.array(shown, dtype=float).reshape(-1, 4), np.full(len(shown), 0.9)))
+    every = np.ones(len(ids), np.bool_)
+    truth = GroundTruth(
+        np.array(when, np.int64),
+        np.array(ids, np.int64),
+        np.array(boxes, float).reshape(-1, 4),
+        every,
+        ~every,
+        np.ones(len(ids)),
+    )
+    return LabelledVideo("walk", found, truth, 30.0, (640, 480))
+
+
+@pytest.fixture(scope="module")
+def graph() -> Graph:
+    return sequence_graphs(video()).detections
+
+
+def parts(graph: Graph) -> tuple[np.ndarray, ...]:
+    count = len(graph)
+    return tuple(np.split(graph.labelled, [count, 2 * count, 3 * count]))
+
+
+def test_labelled_flow(graph: Graph) -> None:
+    used, starts, ends, links = parts(graph)
+    assert used.sum() == 2 * FRAMES
+    assert not used[graph.owners < 0].any()
+    assert (graph.owners < 0).sum() == 10
+    assert starts.sum() == ends.sum() == 2
+    assert links.sum() == 2 * (FRAMES - 1)
+    taken = links > 0
+    assert (graph.owners[graph.tail[taken]] == graph.owners[graph.head[taken]]).all()
+    assert (graph.frames[graph.head[taken]] - graph.frames[graph.tail[taken]] == 1).all()
+    assert len(graph.people) == 3 * FRAMES
+
+
+def test_the_labelled_flow_is_a_flow(graph: Graph) -> None:
+    """Where it is made the cheapest of all, the solver finds it."""
+    for piece in (graph, *windows(graph, 0.5)):
+        found = cheapest(Problem(3 * (1 - 2 * piece.labelled), piece.tail, piece.head))
+        np.testing.assert_array_equal(found, piece.labelled)
+
+
+def test_borders_are_free_only_where_the_video_goes_on(graph: Graph) -> None:
+    count = len(graph)
+    middle, beginning = window(graph, 20, 40), window(graph, 0, 20)
+    first, starts = middle.frames == 20, middle.costs[len(middle) : 2 * len(middle)]
+    assert (starts[first] == 0).all()
+    assert middle.fixed[len(middle) : 2 * len(middle)][first].all()
+    assert (starts[middle.frames == 39] == graph.costs[count]).all()
+    assert (middle.costs[2 * len(middle) : 3 * len(middle)][middle.frames == 39] == 0).all()
+    assert (beginning.costs[len(beginning) : 2 * len(beginning)][beginning.frames == 0] == graph.costs[count]).all()
+    assert len(middle.people) == 3 * 20
+
+
+def test_windows_hold_every_detection_once(graph: Graph) -> None:
+    pieces = windows(graph, 0.4)
+    assert sum(len(piece) for piece in pieces) == len(graph)
+    assert sum(len(piece.people) for piece in pieces) == len(graph.people)
+    assert pieces[1].name == "walk, frames 13-24"
+
+
+def test_tracklets(graph: Graph) -> None:
+    del graph
+    labelled = video(clutter=False, unseen=False)
+    gap = [Detections.empty() if 20 <= t < 40 else found for t, found in enumerate(labelled.detections)]
+    level = sequence_graphs(LabelledVideo("gap", gap, labelled.truth, 30.0, (640, 480)))
+    joins = level.tracklets
+    assert joins.links.shape[1] == 27
+    found = cheapest(Problem(joins.costs, joins.tail, joins.head))
+    if len(joins) > 2:
+        assert joins.labelled[3 * len(joins) :].sum() == len(joins) - 2
+        np.testing.assert_array_equal(found, joins.labelled)
+    assert joins.fixed.all()
+
+
+@pytest.mark.parametrize(
+    "empty",
+    [
+        video(people=0, clutter=False, unseen=True),
+        video(people=0, clutter=True, unseen=False),
+        video(frames=1),
+        video(people=0, clutter=False, unseen=False),
+    ],
+    ids=["no detections", "no people", "one frame", "nothing"],
+)
+def test_windows_of_next_to_nothing(empty: LabelledVideo) -> None:
+    levels = sequence_graphs(empty)
+    for graph in (levels.detections, levels.tracklets):
+        assert graph.arcs(DifferenceWeights()).count == len(graph)
+        flow = cheapest(Problem(graph.costs, graph.tail, graph.head))
+        assert flow.shape == graph.labelled.shape
+        counts = Counts()
+        counts.add(graph, flow)
+        assert counts.switches == 0
+    assert levels.detections.labelled.sum() == 0
+
+
+def test_single_labelled_boxes_are_neither_right_nor_wrong() -> None:
+    """The tracker drops shorter tracks, so x* has none."""
+    whole = video(people=1, clutter=False, unseen=False)
+    few = [found if t < 2 else Detections.empty() for t, found in enumerate(whole.detections)]
+    assert len(sequence_graphs(LabelledVideo("few", few, whole.truth, 30.0, None)).detections) == 0
+
+
+def test_counts(graph: Graph) -> None:
+    counts = Counts()
+    counts.add(graph, graph.labelled)
+    assert counts.agreement == 1
+    assert counts.false == counts.switches == 0
+    # A third of the people are not detected.
+    assert counts.mota == pytest.approx(2 / 3)
+    swapped = np.zeros(len(graph.labelled))
+    crossing = np.flatnonzero((graph.owners[graph.tail] == 1) & (graph.owners[graph.head] == 2))
+    if len(crossing):
+        swapped[3 * len(graph) + crossing[0]] = 1
+        counts.add(graph, swapped)
+        assert counts.switches == 1

@@ -1,0 +1,93 @@
+"""Costs that a network adds to those of the flow: learnt on whole tracks, from ONNX (`tsuiseki train association`).
+
+The network takes rows of features (`evidence`) and gives what each cost is to be changed by: of links, of detections
+with the start and the end of a track at each, and of joins of tracklets. No change is larger than `LARGEST`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES, JOIN_FEATURES, LINK_FEATURES
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import ModelCard, OnnxModel
+from tsuiseki.tracking.types import FloatArray
+
+LARGEST = 8.0
+
+
+class CostChanges(Protocol):
+    """Anything that changes the costs of the flow by features."""
+
+    def links(self, rows: FloatArray) -> FloatArray:
+        """``(P,)`` changes of the costs of links with ``(P, 23)`` features."""
+        ...
+
+    def detections(self, rows: FloatArray) -> FloatArray:
+        """``(N, 3)`` changes of the costs of detections with ``(N, 15)`` features: of use, of a start, of an end."""
+        ...
+
+    def joins(self, rows: FloatArray) -> FloatArray:
+        """``(P,)`` changes of the costs of joins with ``(P, 27)`` features."""
+        ...
+
+
+@dataclass(frozen=True)
+class FeatureNames:
+    """What the columns of the three inputs are."""
+
+    links: tuple[str, ...] = LINK_FEATURES
+    detections: tuple[str, ...] = DETECTION_FEATURES
+    joins: tuple[str, ...] = JOIN_FEATURES
+
+
+class CostNetwork:
+    """An exported association network; a `CostChanges`.
+
+    Attributes:
+        card: what the file says of itself.
+
+    Args:
+        path: the ONNX file.
+        threads: CPU threads; 0 leaves it to onnxruntime.
+
+    Raises:
+        RequestError: the file is no association network (see `OnnxModel`), or its features are not known here.
+    """
+
+    def __init__(self, path: str | Path, threads: int = 0) -> None:
+        self.model = OnnxModel(path, "association", threads)
+        self.card: ModelCard = self.model.card
+        names = FeatureNames()
+        for part, known in (("links", names.links), ("detections", names.detections), ("joins", names.joins)):
+            given = tuple(self.card.settings.get(part, ()))
+            if given != known:
+                other = sorted(set(given) ^ set(known))
+                raise RequestError(
+                    f"{path}: expected the {len(known)} features of {part} computed here, got {len(given)} "
+                    f"(different: {', '.join(other) or 'their order'}); train the network again"
+                )
+
+    def links(self, rows: FloatArray) -> FloatArray:
+        """``(P,)`` changes of the costs of links."""
+        return self._run(links=rows)[0]
+
+    def detections(self, rows: FloatArray) -> FloatArray:
+        """``(N, 3)`` changes of the costs of detections, of a track's start and of its end there."""
+        return self._run(detections=rows)[1]
+
+    def joins(self, rows: FloatArray) -> FloatArray:
+        """``(P,)`` changes of the costs of joins."""
+        return self._run(joins=rows)[2]
+
+    def _run(
+        self, links: FloatArray | None = None, detections: FloatArray | None = None, joins: FloatArray | None = None
+    ) -> list[FloatArray]:
+        names = FeatureNames()
+        given = ((links, names.links), (detections, names.detections), (joins, names.joins))
+        rows = [np.zeros((0, len(n))) if part is None else part for part, n in given]
+        return [np.asarray(out, dtype=np.float64) for out in self.model.run(*(r.astype(np.float32) for r in rows))]

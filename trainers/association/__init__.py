@@ -1,0 +1,1 @@
+"""Association learnt on whole tracks: labelled flows, losses through the solver, and the training."""

@@ -1,0 +1,199 @@
+"""Losses of whole flows, with gradients through the exact solver.
+
+A flow x of a window with N detections and P links is a vector of 2 N + N + P arcs: for each detection whether it is
+used, whether a track starts and whether one ends there, and for each link whether it is taken. With c the costs of the
+arcs, x̂(c) = argmin c·x over all flows, and x* the labelled flow:
+
+* Fenchel-Young, perturbed (Berthet et al. 2020): L(c) = c·x* − E_Z[min_x (c + εZ)·x], Z standard normal. It is convex
+  in c, at least 0 in expectation, and its gradient is x* − E[x̂(c + εZ)].
+* Structured hinge (Wang and Fowlkes 2016): L(c) = c·x* − min_x [c·x − Δ(x, x*)], Δ a weighted Hamming distance. It is
+  convex and at least 0, and 0 where x* is cheaper than every other flow by its Δ. A subgradient is x* − x̂ of that
+  minimum.
+
+In both the solver is asked for minima only, so it may be any; nothing is differentiated through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tsuiseki.tracking.association.flow.network_flow import FlowGraph, solve
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+LossName = Literal["fenchel_young", "hinge"]
+# How `map` is called; a pool of processes has another.
+Spread = Callable[[Callable[["Problem"], FloatArray], Iterable["Problem"]], Iterable[FloatArray]]
+
+
+@dataclass(frozen=True)
+class Arcs:
+    """Which arcs a window has, and which of them are the labelled flow's.
+
+    Attributes:
+        tail: ``(P,)`` index of the earlier detection of each link.
+        head: ``(P,)`` of the later one.
+        labelled: ``(3 N + P,)`` the labelled flow x*: used, starts, ends, links.
+        weight: ``(3 N + P,)`` what Δ counts for an arc that differs from x*.
+    """
+
+    tail: IntArray
+    head: IntArray
+    labelled: FloatArray
+    weight: FloatArray
+
+    @property
+    def count(self) -> int:
+        """N, the number of detections."""
+        return (len(self.labelled) - len(self.tail)) // 3
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One question to the solver.
+
+    Attributes:
+        costs: ``(3 N + P,)``.
+        tail: ``(P,)``.
+        head: ``(P,)``.
+    """
+
+    costs: FloatArray
+    tail: IntArray
+    head: IntArray
+
+
+def cheapest(problem: Problem) -> FloatArray:
+    """``(3 N + P,)`` the cheapest flow, 0 or 1 an arc."""
+    count = (len(problem.costs) - len(problem.tail)) // 3
+    observation, start, end, link = np.split(problem.costs, [count, 2 * count, 3 * count])
+    # A link that costs as much as an end and a start is never needed.
+    worth = np.flatnonzero(link < end[problem.tail] + start[problem.head])
+    found = solve(FlowGraph(observation, start, end, problem.tail[worth], problem.head[worth], link[worth]))
+    starts = found.used.copy()
+    starts[found.follower[found.follower >= 0]] = False
+    taken = np.zeros(len(link))
+    taken[worth] = found.follower[problem.tail[worth]] == problem.head[worth]
+    return np.concatenate([found.used, starts, found.used & (found.follower < 0), taken]).astype(np.float64)
+
+
+def differing(arcs: Arcs) -> tuple[float, FloatArray]:
+    """Δ(x, x*) = constant + slope · x for flows x, which are 0 or 1 on every arc: the constant and the slope."""
+    return float((arcs.weight * arcs.labelled).sum()), arcs.weight * (1 - 2 * arcs.labelled)
+
+
+@dataclass(frozen=True)
+class FlowLoss:
+    """Settings of a loss.
+
+    Attributes:
+        name: ``fenchel_young`` or ``hinge``.
+        epsilon: ε, deviation of the perturbation of every cost; of ``fenchel_young``.
+        pairs: K, antithetic pairs Z, −Z that estimate the expectation.
+    """
+
+    name: LossName = "fenchel_young"
+    epsilon: float = 0.5
+    pairs: int = 1
+
+    def __post_init__(self) -> None:
+        if self.name not in ("fenchel_young", "hinge") or self.epsilon <= 0 or self.pairs < 1:
+            raise ValueError("expected the loss fenchel_young or hinge, epsilon above 0 and pairs from 1")
+
+    def problems(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> list[Problem]:
+        """What the solver is to be asked at ``(3 N + P,)`` costs."""
+        if self.name == "hinge":
+            return [Problem(costs - differing(arcs)[1], arcs.tail, arcs.head)]
+        draws = self.epsilon * rng.standard_normal((self.pairs, len(costs)))
+        return [Problem(costs + sign * draw, arcs.tail, arcs.head) for draw in draws for sign in (1, -1)]
+
+    def value(
+        self, costs: FloatArray, arcs: Arcs, problems: list[Problem], flows: list[FloatArray]
+    ) -> tuple[float, FloatArray]:
+        """The loss at the costs and its ``(3 N + P,)`` gradient, from the solver's answers."""
+        least = float(np.mean([problem.costs @ flow for problem, flow in zip(problems, flows, strict=True)]))
+        if self.name == "hinge":
+            least -= differing(arcs)[0]
+        return float(costs @ arcs.labelled) - least, arcs.labelled - np.mean(flows, axis=0)
+
+    def __call__(self, costs: Tensor, arcs: Arcs, rng: np.random.Generator, spread: Spread = map) -> Tensor:
+        """The loss of ``(3 N + P,)`` costs, a scalar whose gradient goes on to what made them."""
+        loss: Tensor = _ThroughTheSolver.apply(costs, self, arcs, rng, spread)
+        return loss
+
+    def annealed(self, share: float, last: float) -> FlowLoss:
+        """The loss with an ε on its way, geometrically, to ``last``; share 0 is the beginning, 1 the end."""
+        return replace(self, epsilon=self.epsilon * (last / self.epsilon) ** share)
+
+
+class _ThroughTheSolver(torch.autograd.Function):
+    """Costs ``(3 N + P,)`` in, the loss ``()`` out; the gradient ``(3 N + P,)`` is x* − the mean of the flows."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, costs: Tensor, loss: FlowLoss, arcs: Arcs, rng: np.random.Generator, spread: Spread
+    ) -> Tensor:
+        """Ask the solver and keep the gradient."""
+        known = costs.detach().double().cpu().numpy()
+        problems = loss.problems(known, arcs, rng)
+        value, gradient = loss.value(known, arcs, problems, list(spread(cheapest, problems)))
+        ctx.save_for_backward(torch.as_tensor(gradient, dtype=costs.dtype, device=costs.device))
+        return costs.new_tensor(value)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None, None, None]:
+        """The chain rule: the kept gradient times what comes from above."""
+        (gradient,) = ctx.saved_tensors
+        return gradients[0] * gradient, None, None, None, None
+
+
+@dataclass(frozen=True)
+class DifferenceWeights:
+    """What Δ counts for a difference from the labelled flow.
+
+    A link to the next but one detection of the same person counts nothing, since the missed detection does; nor does an
+    arc that is not taken, since what is taken in its stead does. So a missed detection within a track costs
+    ``detection``, one at its end half a start more at most; a broken track costs two ends; two people who are swapped
+    cost two wrong links. With the defaults that is 1, 1.5, 1 and 4: a switch costs more than missed boxes.
+
+    Attributes:
+        detection: used and false, or right and not used.
+        end: a start or an end where the labelled flow has none.
+        wrong: a link between detections that are not of one person.
+        length: power of the length of the identity in the window, over the mean length, that all its weights are
+            multiplied with; 0 for none.
+    """
+
+    detection: float = 1.0
+    end: float = 0.5
+    wrong: float = 2.0
+    length: float = 0.0
+
+    def __post_init__(self) -> None:
+        if min(self.detection, self.end, self.wrong) < 0 or 2 * self.wrong <= self.detection + self.end:
+            raise ValueError("expected weights from 0, and two wrong links above a detection and an end")
+
+    def of(self, owners: IntArray, tail: IntArray, head: IntArray, labelled: FloatArray) -> FloatArray:
+        """``(3 N + P,)`` weights of the arcs.
+
+        Args:
+            owners: ``(N,)`` whose each detection is, below 0 for nobody's.
+            tail: ``(P,)``.
+            head: ``(P,)``.
+            labelled: ``(3 N + P,)`` x*.
+        """
+        count = len(owners)
+        share = np.ones(count)
+        if self.length and (owners >= 0).any():
+            _, which, lengths = np.unique(owners, return_inverse=True, return_counts=True)
+            known = owners >= 0
+            share[known] = (lengths[which][known] / lengths[which][known].mean()) ** self.length
+        same: BoolArray = (owners[tail] == owners[head]) & (owners[tail] >= 0)
+        ends = np.where(labelled[count : 3 * count] > 0, 0.0, self.end) * np.tile(share, 2)
+        links = np.where(same, 0.0, self.wrong) * np.maximum(share[tail], share[head])
+        return np.concatenate([self.detection * share, ends, links])

@@ -1,0 +1,99 @@
+"""The association network as ONNX, with the names of its features, checked against torch."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+
+from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.tracking.association.flow.cost_network import CostNetwork, FeatureNames
+from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+from tsuiseki.tracking.output import output_file
+from tsuiseki.trainers.exporting.export import quiet_exporter
+
+# Costs, absolute: float32 sums in another order differ by about 1e-6 of a cost of up to 8.
+TOLERANCE = 1e-4
+INPUTS = ("links", "detections", "joins")
+OUTPUTS = ("link_changes", "detection_changes", "join_changes")
+
+
+def export_association(
+    network: AssociationNetwork, path: Path, training_data: str = "", name: str = "perceptron", overwrite: bool = False
+) -> float:
+    """Write the network as ``path``, once it gives what torch gives.
+
+    The graph maps ``links`` ``(P, 23)``, ``detections`` ``(N, 15)`` and ``joins`` ``(J, 27)`` to changes of costs
+    ``(P,)``, ``(N, 3)`` and ``(J,)``, all float32; any of P, N and J may be 0.
+
+    Returns:
+        The largest difference to torch, in costs.
+
+    Raises:
+        RequestError: the path cannot be written to.
+        RunError: onnxruntime and torch disagree.
+    """
+    card = ModelCard(
+        kind="association",
+        name=name,
+        layout="NF",
+        settings={part: list(names) for part, names in asdict(FeatureNames()).items()},
+        training_data=training_data,
+        project_version=version("tsuiseki"),
+    )
+    network.eval()
+    with output_file(path, overwrite) as work:
+        work.parent.mkdir(parents=True, exist_ok=True)
+        model = _converted(network)
+        entry = model.metadata_props.add()
+        entry.key, entry.value = METADATA_KEY, card.to_json()
+        onnx.save(model, work)
+        return check_parity(network, work)
+
+
+def check_parity(network: AssociationNetwork, path: Path) -> float:
+    """The largest difference of a cost between the network and the file, on single rows, on many and on none.
+
+    Raises:
+        RunError: it is larger than `TOLERANCE`.
+    """
+    model, rng, worst = CostNetwork(path, threads=1), np.random.default_rng(0), 0.0
+    for count in (0, 1, 500):
+        for part in INPUTS:
+            change = getattr(network, part)
+            rows = rng.normal(0, 3, (count, len(change.mean))) * change.deviation.numpy() + change.mean.numpy()
+            with torch.no_grad():
+                expected = change(torch.as_tensor(rows, dtype=torch.float32)).numpy()
+            got = getattr(model, part)(rows)
+            if got.size != expected.size:
+                raise RunError(f"parity check failed: expected {expected.size} changes of {part}, got {got.size}")
+            worst = max(worst, float(np.abs(got.ravel() - expected.ravel()).max(initial=0.0)))
+    if not worst <= TOLERANCE:
+        raise RunError(f"parity check failed: a cost differs by {worst:.2g} from torch, expected {TOLERANCE:g} at most")
+    return worst
+
+
+def _converted(network: AssociationNetwork) -> onnx.ModelProto:
+    sizes = [len(getattr(network, part).mean) for part in INPUTS]
+    with quiet_exporter():
+        program = torch.onnx.export(
+            network,
+            tuple(torch.zeros(3 + k, size) for k, size in enumerate(sizes)),
+            dynamo=True,
+            input_names=list(INPUTS),
+            output_names=list(OUTPUTS),
+            dynamic_shapes=tuple({0: torch.export.Dim(f"{part}_rows", min=0)} for part in INPUTS),
+            verbose=False,
+        )
+    assert program is not None
+    model: onnx.ModelProto = program.model_proto
+    for node in model.graph.node:
+        # The exporter leaves the Python stack of every node, with the paths of this machine.
+        del node.metadata_props[:]
+        node.doc_string = ""
+    return model
