@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,14 @@ def find_pairs(particles: FloatArray, starts: IntArray, measurements: FloatArray
     measurement = np.repeat(chosen, sizes)
     log_likelihood = sensor.log_likelihood(projected[particle], measurements[measurement])
     return Pairs(groups, chosen, first, particle, measurement, log_likelihood)
+
+
+def groups_near(particles: FloatArray, starts: IntArray, measurements: FloatArray, sensor: GaussianSensor) -> BoolArray:
+    """``(G,)`` whether a measurement is gated with each group; arguments as `find_pairs`."""
+    near = np.zeros(len(starts), dtype=np.bool_)
+    if len(starts) and len(measurements):
+        near[_gate(sensor.project(particles), starts, measurements, sensor)[0]] = True
+    return near
 
 
 def _gate(

@@ -81,7 +81,7 @@ class PhdFilter:
         """One observation ``(M, Z)`` further: predict, update, read off the targets, draw anew."""
         measurements = check_measurements(observation, len(self.model.sensor.deviation))
         predicted = self._predict(state, measurements, rng)
-        posterior, clusters = self._update(predicted, measurements)
+        posterior, clusters = self._update(predicted, measurements, state.next_label)
         posterior, clusters = self.identity.tidy(posterior, clusters, self.model.sensor)
         estimates = self.extract(posterior, clusters)
         if self.identity.remember:
@@ -106,7 +106,7 @@ class PhdFilter:
             state.next_label + len(born.starts),
         )
 
-    def _update(self, predicted: PhdState, measurements: FloatArray) -> tuple[PhdState, Clusters]:
+    def _update(self, predicted: PhdState, measurements: FloatArray, provisional: int) -> tuple[PhdState, Clusters]:
         """Weights by (53)-(55), an equality."""
         weights, detection = np.exp(predicted.log_weights), self.model.detection_of(predicted.particles)
         starts = cluster_starts(predicted.labels)
@@ -117,10 +117,14 @@ class PhdFilter:
         log_weights = logarithms((1.0 - detection) * weights + gained)
         posterior = PhdState(predicted.particles, predicted.labels, log_weights, predicted.next_label)
         nothing = np.zeros(len(measurements), dtype=np.int64)
-        return posterior, Clusters(starts, pairs, share, measurements, nothing, predicted.next_label)
+        return posterior, Clusters(starts, pairs, share, measurements, nothing, predicted.next_label, provisional)
 
     def _total(self, pairs: Pairs, joint: FloatArray, measurements: FloatArray) -> FloatArray:
-        """``mu_C p_C(y) + pD C_k(y)`` ``(M,)``, the denominator of (54); never zero."""
+        """``mu_C p_C(y) + pD C_k(y)`` ``(M,)``, the denominator of (46); never zero.
+
+        (54) and (55) are printed without the ``pD`` that (46) has before the same convolution. With it the weights of
+        the targets that explain a measurement sum to at most one.
+        """
         total = self.model.clutter_at(measurements) + pairs.by_measurement(joint, len(measurements))
         # Without clutter a measurement that no particle explains has 0 / 0: it says nothing, so its share is 0.
         return np.maximum(total, np.finfo(np.float64).tiny)

@@ -2,10 +2,10 @@
 
 A cluster is the particles of one label. After each update the labels are put in order:
 
-1. Claim: a measurement that is probably a target takes one label, and the particles that explain it best get that
-   label. A cluster over two targets is parted in this way. (Not in the paper.)
+1. Claim: a measurement that is probably a target takes one label, one to one, and the particles that explain it best
+   get that label. A cluster over two targets is parted in this way. (Not in the paper: ``claim=False``.)
 2. Join: two clusters near each other that weigh about one together get the older label. Births have labels of their
-   own until then.
+   own until then. (The paper also gives each particle that was born near a cluster its label: ``adopt=True``.)
 3. Part: a cluster that weighs about two or more is cut into as many clusters.
 
 A target is reported where the weight is near one: one for each cluster (`by_clusters`), or one for each measurement
@@ -18,6 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.filters.base import TargetEstimates
@@ -47,6 +48,7 @@ class Clusters:
         claimed: ``(M,)`` label of the target that each measurement is, 0 for none.
         fresh: labels from this one on were made by parting in this step and are not reported yet. A cluster of one
             target weighs about two when clutter falls beside it, so what was parted has to be found again first.
+        provisional: labels from this one on were given to what was born in this step, (62).
     """
 
     starts: IntArray
@@ -55,6 +57,7 @@ class Clusters:
     measurements: FloatArray
     claimed: IntArray
     fresh: int
+    provisional: int
 
 
 @dataclass(frozen=True)
@@ -118,12 +121,17 @@ class Identity:
         whole: two near clusters join when they weigh less than this together; one is parted when it weighs more.
         remember: report a target through a missed measurement; without it a target is reported by its weight alone.
         confirm: report what was parted in this step only when it is found again.
+        claim: measurements claim particles, one label each. `by_measurements` needs it.
+        adopt: a particle that was born near the mean of a cluster takes the label of the nearest, as printed; without
+            it births join as a cluster.
     """
 
     near: float = 2.0
     whole: float = 1.5
     remember: bool = True
     confirm: bool = True
+    claim: bool = True
+    adopt: bool = False
 
     def recall(
         self, memory: Memory, estimates: TargetEstimates, posterior: PhdState, clusters: Clusters, model: PointModel
@@ -156,14 +164,37 @@ class Identity:
 
     def tidy(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> tuple[PhdState, Clusters]:
         """Labels after claiming, joining and parting; particles come back grouped by label."""
-        labels, claimed, fresh = _claim(posterior, clusters)
-        posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
+        claimed = np.zeros(len(clusters.measurements), dtype=np.int64)
+        if self.claim:
+            labels, claimed, fresh = _claim(posterior, clusters)
+            posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
+        if self.adopt:
+            labels = self._adopted(posterior, clusters, sensor)
+            posterior, clusters = _grouped(replace(posterior, labels=labels), clusters)
         target = self._join(posterior, clusters.starts, claimed, sensor)
         renamed = dict(zip(posterior.labels[clusters.starts].tolist(), target.tolist(), strict=True))
         claimed = np.array([renamed.get(int(label), 0) for label in claimed], dtype=np.int64)
         labels, fresh = self._part(posterior, clusters.starts, target)
         posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
         return posterior, replace(clusters, claimed=claimed, fresh=clusters.fresh if self.confirm else fresh)
+
+    def _adopted(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> IntArray:
+        """Labels ``(N,)`` after each newborn particle took that of the nearest older cluster, where it is near."""
+        starts, labels = clusters.starts, posterior.labels
+        old = starts[labels[starts] < clusters.provisional]
+        born = np.flatnonzero(labels >= clusters.provisional)
+        if len(old) == 0 or len(born) == 0:
+            return labels
+        _, means = cluster_moments(posterior, starts)
+        centres = sensor.project(means[: len(old)])
+        places = sensor.project(posterior.particles[born])
+        apart = sensor.difference(places[:, None, :], centres[None, :, :]) / sensor.deviation
+        distance = np.sqrt(np.sum(apart**2, axis=2))
+        nearest = np.argmin(distance, axis=1)
+        near = distance[np.arange(len(born)), nearest] < self.near
+        taken = labels.copy()
+        taken[born[near]] = labels[old][nearest[near]]
+        return taken
 
     def _join(self, posterior: PhdState, starts: IntArray, claimed: IntArray, sensor: GaussianSensor) -> IntArray:
         """New label of each cluster: two near ones that weigh about one together take the older label, the nearest pair
@@ -252,7 +283,7 @@ def _grouped(posterior: PhdState, clusters: Clusters) -> tuple[PhdState, Cluster
     """The same with the particles sorted by label."""
     if np.all(posterior.labels[1:] >= posterior.labels[:-1]):
         return posterior, replace(clusters, starts=cluster_starts(posterior.labels))
-    order = np.argsort(posterior.labels, kind="stable")
+    order = np.argsort(_small(posterior.labels), kind="stable")
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
     state = replace(
@@ -263,3 +294,12 @@ def _grouped(posterior: PhdState, clusters: Clusters) -> tuple[PhdState, Cluster
     )
     pairs = replace(clusters.pairs, particle=back[clusters.pairs.particle])
     return state, replace(clusters, pairs=pairs, starts=cluster_starts(state.labels))
+
+
+def _small(labels: IntArray) -> NDArray[np.int16] | IntArray:
+    """Numbers in the order of ``labels``, of few bits where there are few labels: NumPy sorts those by their digits."""
+    starts = cluster_starts(labels)
+    names, rank = np.unique(labels[starts], return_inverse=True)
+    if len(names) > np.iinfo(np.int16).max:
+        return labels
+    return np.repeat(rank.astype(np.int16), cluster_sizes(starts, len(labels)))

@@ -12,10 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.filters.base import BornParticles
-from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs
+from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs, groups_near
 from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor
 from tsuiseki.tracking.filters.particles.weights import logarithms
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+QUIET = 0.1
+"""Share of the particles at a place of birth near which nothing was measured."""
 
 
 @dataclass(frozen=True)
@@ -42,23 +45,43 @@ class MixtureBirths:
         masses: ``(B,)`` expected births a step at each place, >= 0.
         means: ``(B, D)``.
         deviations: ``(D,)`` or ``(B, D)`` standard deviations.
-        count: particles drawn at each place; more than ``rho`` times its mass (50), so that a rare target that does
-            appear is described by more than a handful.
+        count: particles drawn at each place. (50) gives ``rho`` times its mass; more describe a rare target that does
+            appear by more than a handful.
+        sensor: where it is given, a place near which nothing was measured gets `QUIET` of them only, of more weight
+            each: the proposal (51) may look at the measurements.
     """
 
     masses: FloatArray
     means: FloatArray
     deviations: FloatArray
     count: int = 1000
+    sensor: GaussianSensor | None = None
 
     def draw(self, measurements: FloatArray, rng: np.random.Generator) -> BornParticles:
-        """``count`` particles at each place."""
-        del measurements
-        places, columns = self.means.shape
-        spread = np.broadcast_to(self.deviations, (places, columns))[:, None, :]
-        drawn = self.means[:, None, :] + spread * rng.standard_normal((places, self.count, columns))
-        weights = np.repeat(np.asarray(self.masses, dtype=np.float64) / self.count, self.count)
-        return BornParticles(drawn.reshape(-1, columns), logarithms(weights), np.arange(places) * self.count)
+        """Up to ``count`` particles at each place."""
+        places = len(self.means)
+        masses = np.asarray(self.masses, dtype=np.float64)
+        if self.sensor is None:
+            weights = logarithms(np.repeat(masses / self.count, self.count))
+            everywhere = np.full(places, self.count)
+            return BornParticles(self._drawn(everywhere, rng), weights, np.arange(places) * self.count)
+        few = max(round(QUIET * self.count), 1)
+        first = self._drawn(np.full(places, few), rng)
+        near = groups_near(first, np.arange(places) * few, measurements, self.sensor)
+        sizes = np.where(near, self.count, few)
+        starts = np.cumsum(sizes) - sizes
+        particles = np.empty((int(sizes.sum()), first.shape[1]))
+        early = np.arange(len(particles)) - np.repeat(starts, sizes) < few
+        particles[early], particles[~early] = first, self._drawn(sizes - few, rng)
+        return BornParticles(particles, logarithms(np.repeat(masses / sizes, sizes)), starts)
+
+    def _drawn(self, sizes: IntArray, rng: np.random.Generator) -> FloatArray:
+        """So many particles ``(sizes.sum(), D)`` at each place, one place after the other."""
+        spread = np.broadcast_to(self.deviations, self.means.shape)
+        drawn = rng.standard_normal((int(sizes.sum()), self.means.shape[1]))
+        drawn *= np.repeat(spread, sizes, axis=0)
+        drawn += np.repeat(self.means, sizes, axis=0)
+        return drawn
 
 
 @dataclass(frozen=True)

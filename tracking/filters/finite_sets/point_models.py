@@ -25,9 +25,13 @@ def constant_velocity(acceleration: float) -> Motion:
     """
 
     def move(particles: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-        transition = np.kron(np.eye(2), np.array([[1.0, seconds], [0.0, 1.0]]))
-        gain = acceleration * np.kron(np.eye(2), np.array([[seconds**2 / 2], [seconds]]))
-        moved: FloatArray = particles @ transition.T + rng.standard_normal((len(particles), 2)) @ gain.T
+        # Column by column: a product with a 4x4 matrix costs several times more.
+        moved = np.empty_like(particles)
+        for place, noise in zip((0, 2), rng.standard_normal((2, len(particles))), strict=True):
+            gained = (acceleration * seconds) * noise
+            velocity = particles[:, place + 1]
+            moved[:, place] = particles[:, place] + seconds * velocity + (0.5 * seconds) * gained
+            moved[:, place + 1] = velocity + gained
         return moved
 
     return move

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -112,8 +112,17 @@ def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
             np.asarray(settings["birth_w"], dtype=np.float64),
             np.asarray(settings["birth_m"], dtype=np.float64),
         )
-        return MixtureBirths(masses, means, np.asarray(settings["birth_sd"], dtype=np.float64), count)
+        spread = np.asarray(settings["birth_sd"], dtype=np.float64)
+        return MixtureBirths(masses, means, spread, count, scenario_sensor(settings))
     return anywhere_births(settings, expected=0.1, count=count // 5)
+
+
+def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]:
+    """The same with as many particles as (50) gives: ``density`` times the expected number of births, wherever."""
+    births = scenario_births(settings, density)
+    if isinstance(births, MixtureBirths):
+        return replace(births, count=max(round(density * float(np.mean(births.masses))), 1), sensor=None)
+    return replace(births, limit=max(round(density * 0.1), 1)) if isinstance(births, MeasurementBirths) else births
 
 
 def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> MeasurementBirths:

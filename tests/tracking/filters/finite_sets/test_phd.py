@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -204,6 +206,34 @@ def test_birth_weights_sum_to_the_expected_births():
     born = many.draw(np.array([[0.0, 0.0]]), rng)
     inside = np.hypot(born.particles[:, 0], born.particles[:, 2]) < 20.0
     assert np.exp(born.log_weights[inside]).sum() == pytest.approx(1e-4 * np.pi * 400, rel=0.05)
+
+
+def test_a_place_where_nothing_was_measured_gets_few_particles_of_the_same_mass():
+    births = replace(PLACES, sensor=SENSOR)
+    rng = np.random.default_rng(0)
+    born = births.draw(np.array([[5.0, -5.0]]), rng)
+    sizes = np.diff(born.starts, append=len(born.particles))
+    np.testing.assert_array_equal(sizes, [500, 50])
+    np.testing.assert_allclose(np.add.reduceat(np.exp(born.log_weights), born.starts), 0.05)
+    for place, mean in enumerate(PLACES.means):
+        part = born.particles[born.groups == place]
+        # Four standard errors of the mean of 50 draws with a deviation of 10.
+        assert np.abs(part.mean(axis=0) - mean).max() < 4 * 10 / np.sqrt(50)
+    assert len(births.draw(np.empty((0, 2)), rng).particles) == 100
+
+
+def test_as_printed_newborn_particles_take_the_label_of_the_near_cluster():
+    identity = Identity(remember=False, confirm=False, claim=False, adopt=True)
+    births = replace(PLACES, count=50)
+    chosen = PhdFilter(model(), births, 500, smallest_cluster=0, extract=by_clusters, identity=identity)
+    _, measurements = simulate(12, seed=3, clutter=0.0, detection=1.0)
+    infos = run(chosen, measurements)
+    # Both are born in the first scans, near their places; from then on every step is born on them.
+    assert all(len(info.estimates) == 2 for info in infos[5:])
+    # All that is born within the first cluster has its label.
+    last = infos[2].posterior
+    names = np.unique(last.labels)
+    assert len(names) <= 4
 
 
 def test_turns_conserve_speed_and_bearings_invert():

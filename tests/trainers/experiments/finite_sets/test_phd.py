@@ -85,7 +85,7 @@ def test_the_finite_set_experiment_prints_writes_and_keeps(small_scenario, tmp_p
     assert "log-log slope over targets" in printed
     values = json.loads((tmp_path / "out/results.json").read_text())
     rows = {row["method"]: row for row in values["scenarios"]}
-    assert set(rows) == {"phd-printed", "phd-clusters", "phd", "labelled"}
+    assert set(rows) == {"phd-literal", "phd-printed", "phd-clusters", "phd", "labelled"}
     # Three targets that stay: a filter that shows nothing has an OSPA of 100.
     assert rows["labelled"]["ospa1"] < 50
     assert [one["sizes"] for one in values["scaling"]] == [[4, 8], [2, 4]] * 2
