@@ -20,12 +20,12 @@ import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.tracklets.action_refinement import Prices, RefinementSettings
-from tsuiseki.tracking.cli.models import shipped
 from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.formats.mot import find_sequences
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.pipelines.observations import Observation
+from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.affinity.affinity_drone import fit_drone_affinity, labelled_clip
 from tsuiseki.trainers.experiments.drone.clips import (
     FIRST_SEED,
@@ -54,7 +54,7 @@ def main() -> None:
     parser.add_argument("--keep-camera-motion", action="store_true")
     given = parser.parse_args()
     store = Store(given.work)
-    networks = Networks(tuple(shipped(f"action_{name}") for name in STREAMS), shipped("appearance"))
+    networks = Networks(tuple(shipped(f"action_drone_{name}") for name in STREAMS), shipped("appearance_people"))
     scene = replace(TEST_SCENE, frames=given.frames)
     seeds = [FIRST_SEED + 100 * s + k for s in range(given.seeds) for k in range(given.clips)]
     names = [(f"test-{seed}-{given.frames}", scene, seed) for seed in seeds]

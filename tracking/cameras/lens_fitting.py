@@ -181,6 +181,12 @@ def image_rays(lens: OmnidirectionalLens) -> tuple[FloatArray, FloatArray]:
     return pixels[seen], rays[seen]
 
 
+def inverse_error(lens: OmnidirectionalLens) -> float:
+    """How far the inverse polynomial is from the exact root at most, pixels, over the image."""
+    pixels, rays = image_rays(lens)
+    return float(np.hypot(*(lens.project_by_inverse(rays) - pixels).T).max())
+
+
 def _nearest(
     lens: OmnidirectionalLens, of: Callable[[FloatArray], Lens], start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

@@ -107,13 +107,10 @@ class _Demo:
 
 def _models(work: Path, *, train: bool) -> dict[str, Path]:
     """The models by kind: those that ship, or freshly trained ones."""
-    from tsuiseki.tracking.cli.models import SHIPPED, shipped
+    from tsuiseki.tracking.cli.shipped_models import SHIPPED, make_models
+    from tsuiseki.tracking.weights import shipped
 
-    if not train:
-        return {kind: shipped(kind) for kind in SHIPPED}
-    from tsuiseki.tracking.cli.shipped_models import make_models
-
-    return make_models(work / "models")
+    return make_models(work / "models") if train else {kind: shipped(Path(SHIPPED[kind]).stem) for kind in SHIPPED}
 
 
 def _track(

@@ -31,7 +31,6 @@ KIND_NAMES = {
     "float": "a number",
     "bool": "true or false",
 }
-HELP_ALL = "--help-all"
 CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
 PRINT_HELP = "print all options as YAML, as a start for --config, and exit"
 
@@ -82,13 +81,20 @@ class Parser(ArgumentParser):
         return {name for action in hinted for name in action.option_strings}
 
 
-def parse(prog: str, function: Callable[..., Any], positional: Sequence[str], words: Sequence[str]) -> dict[str, Any]:
+def call(prog: str, function: Callable[..., Any], words: Sequence[str]) -> Any:
+    """What ``function`` makes of the words of a command line; see `parse`."""
+    arguments = parse(prog, function, words)
+    by_place = [arguments.pop(p.name) for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY]
+    return function(*by_place, **arguments)
+
+
+def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict[str, Any]:
     """The arguments of ``function`` from the words of a command line.
 
     Args:
         prog: what the user typed so far, for the help.
-        function: typed, with Google-style docstring.
-        positional: parameters given by place; a list takes all that follow.
+        function: typed, with Google-style docstring. Its positional-only parameters and the `BY_PLACE` fields of its
+            `Shared` ones are given by place; a list takes all that follow.
         words: the rest of the command line.
 
     Raises:
@@ -96,7 +102,7 @@ def parse(prog: str, function: Callable[..., Any], positional: Sequence[str], wo
         SystemExit: help was asked for.
     """
     # jsonargparse also leaves out of --print-config what its help does not show: hide options for --help alone.
-    parser = build_parser(prog, function, positional, every_option=not {"-h", "--help"} & set(words))
+    parser = build_parser(prog, function, every_option=not {"-h", "--help"} & set(words))
     try:
         found = parser.parse_args(_normalised(words, parser, prog.split()))
     except ArgumentError as error:
@@ -154,9 +160,7 @@ def plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def build_parser(
-    prog: str, function: Callable[..., Any], positional: Sequence[str], every_option: bool = False
-) -> Parser:
+def build_parser(prog: str, function: Callable[..., Any], every_option: bool = False) -> Parser:
     """A parser whose options are the parameters of ``function``.
 
     The options of its dataclass parameters are shown in the help only with ``every_option``.
@@ -172,6 +176,7 @@ def build_parser(
     )
     hints = inspect.get_annotations(function, eval_str=True)
     shared = {name: kind for name, kind in hints.items() if is_shared(kind)}
+    positional = _positional(function, shared)
     options = _shared_options(function, shared, places)
     places = {name: option.text for name, option in options.items()} | places
     kinds = hints | {name: option.kind for name, option in options.items()}
@@ -230,9 +235,20 @@ def _shared_options(
     return options
 
 
+def _parameters(function: Callable[..., Any]) -> Iterable[inspect.Parameter]:
+    return inspect.signature(function).parameters.values()
+
+
+def _positional(function: Callable[..., Any], shared: dict[str, type[Shared]]) -> list[str]:
+    """The options that are given by place, in their order."""
+    names = [p.name for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY]
+    fields = [field for kind in shared.values() for field in _options_of(kind)]
+    return names + [field.name for field in fields if field.metadata.get("positional")]
+
+
 def _required(function: Callable[..., Any]) -> list[str]:
     """Parameters without a default."""
-    return [p.name for p in inspect.signature(function).parameters.values() if p.default is p.empty]
+    return [p.name for p in _parameters(function) if p.default is p.empty]
 
 
 def shown_value(name: str, kind: Any, description: str) -> str:

@@ -30,7 +30,6 @@ options that several commands share stand in `options`, once.
 from __future__ import annotations
 
 import shutil
-import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -38,9 +37,9 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.cli import DONE, FAILED, complain, on_signals
+from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, on_signals, signal_of
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import Interrupted, RequestError, RunError
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.timing import StageTimes
@@ -54,6 +53,10 @@ T = TypeVar("T")
 # What may end a run late; what was finished before is kept.
 LATE = (RequestError, RunError, OSError, MemoryError)
 PARTS = ".parts"
+
+
+class _NoResultError(Exception):
+    """Tells the output folder that nothing is to be published."""
 
 
 class Run:
@@ -96,7 +99,7 @@ class Run:
     def _ask(self, number: int, _: FrameType | None = None) -> None:
         """The first interrupt waits for the end of a step, where there are steps."""
         if self._asked or not self._patient:
-            raise KeyboardInterrupt(number)
+            raise Interrupted(number)
         self._asked = number
 
     def frames(self, source: Source, record: bool = False) -> Iterator[Frame]:
@@ -154,7 +157,7 @@ class Run:
             self.count += 1
         watched.close()
         if not self.count:
-            raise KeyboardInterrupt(self._asked) if self._asked else RunError("expected frames, got none")
+            raise Interrupted(self._asked) if self._asked else RunError("expected frames, got none")
 
     def replay(self, source: Source) -> Iterator[Frame]:
         """The finished frames again, to draw on.
@@ -169,7 +172,7 @@ class Run:
         asked = self._asked
         for item in progress(items, what, total):
             if self._asked != asked:
-                raise KeyboardInterrupt(self._asked)
+                raise Interrupted(self._asked)
             yield item
 
     def _again(self, source: Source) -> Iterator[Frame]:
@@ -199,6 +202,15 @@ class Run:
         self._written = True
         return part.replace(whole)
 
+    def fill(self, write: Callable[[Path], object]) -> None:
+        """Make all files of a result that ``write`` puts into a folder; they are kept from then on."""
+        # What is written may take its name from the folder.
+        part = self.work / PARTS / self.output.out.resolve().name
+        write(part)
+        for path in sorted(part.iterdir()):
+            path.replace(self.work / path.name)
+        self._written = True
+
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""
         if self._asked and not self._live:
@@ -206,7 +218,7 @@ class Run:
         try:
             return self.write(name, write)
         except KeyboardInterrupt as error:
-            self._asked = _number(error)
+            self._asked = signal_of(error)
             self._say(f"interrupted while {name} was drawn", 128 + self._asked)
         except LATE as error:
             self._fail(error, f"{name} could not be written: ")
@@ -235,9 +247,14 @@ class Run:
                     stack.pop_all().__exit__(kind, error, trace)
                     return False
                 if isinstance(error, KeyboardInterrupt):
-                    self._say("interrupted", 128 + _number(error))
+                    self._say("interrupted", 128 + signal_of(error))
                 else:
                     self._fail(error)
+            elif not self._written:
+                # The stack clears away: there is no result, which is no failure.
+                stack.pop_all().__exit__(_NoResultError, _NoResultError(), None)
+                self._report()
+                return True
             elif self._asked and not self._live and not self._reason:
                 self._say("interrupted", 128 + self._asked)
             self._patient = True
@@ -278,8 +295,3 @@ def frames_expected(source: Source) -> int | None:
 def count(number: int, one: str, several: str) -> str:
     """``1 person`` or ``3 people``."""
     return f"{number} {one if number == 1 else several}"
-
-
-def _number(error: KeyboardInterrupt) -> int:
-    """The signal that ``error`` stands for."""
-    return int(error.args[0]) if error.args and isinstance(error.args[0], int) else int(signal.SIGINT)

@@ -7,8 +7,14 @@ import sys
 from importlib import resources
 from pathlib import Path
 
-from tsuiseki.tracking.cli.models import SHIPPED
 from tsuiseki.tracking.errors import RunError
+
+# What ships for people, by what it does.
+SHIPPED = {
+    "detector": "detector_street.onnx",
+    "appearance": "appearance_people.onnx",
+    "affinity": "affinity_people.onnx",
+}
 
 # {configs}: the configurations of the package; {work}: where checkpoints and clips go; {models}: where the models go.
 COMMANDS = (

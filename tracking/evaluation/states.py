@@ -7,6 +7,7 @@ count.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
 from tsuiseki.tracking.formats.states import read_fields, read_states
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -155,6 +157,32 @@ def evaluate_states(
         false=len(found.frames) - len(rows),
         frames=len(np.unique(truth.frames)),
     )
+
+
+def evaluate_state_files(
+    truth: Path, results: Mapping[str, Path], distance: float = 20.0, frames: FrameRange = EVERY_FRAME
+) -> dict[str, StateScores]:
+    """Scores of several results.
+
+    Args:
+        truth: states.csv, or the folder that holds it; see `read_poses`.
+        results: likewise, by name.
+        distance: pixels within which a body is found.
+        frames: to score.
+
+    Raises:
+        RequestError: a file is missing or broken, or there is no body in those frames.
+    """
+    labels, scores = read_poses(_states_file(truth)).within(frames), {}
+    for name, result in results.items():
+        file = _states_file(result)
+        scores[name] = evaluate_states(labels, read_poses(file), distance, frames)
+        warn_of_other_frames(file, int(labels.frames[0]), int(labels.frames[-1]))
+    return scores
+
+
+def _states_file(path: Path) -> Path:
+    return path / "states.csv" if path.is_dir() else path
 
 
 def _wrapped(angles: FloatArray) -> FloatArray:

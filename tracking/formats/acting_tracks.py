@@ -61,7 +61,7 @@ def read_acting_tracks(path: Path) -> tuple[list[ActingTrack], tuple[str, ...]]:
     except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
         raise RequestError(f"{path}: expected tracks.json of `tsuiseki track drone`, got {error!r}") from error
     if not names:
-        raise RequestError(f"{path} says nothing of actions; track with --method flow-saf or flow-maf")
+        raise RequestError(f"{path} says nothing of actions; track with `method` flow-saf or flow-maf")
     return people, names
 
 

@@ -169,7 +169,7 @@ def prices_of(
         if learnt is not None and method != "flow" and "action" not in learnt.card.class_names:
             raise RequestError(
                 f"{learnt.model.path}: expected costs with the feature action for the method {method}, got "
-                f"{', '.join(learnt.card.class_names)}; fit it with --features thesis_action"
+                f"{', '.join(learnt.card.class_names)}; fit it with `features` thesis_action"
             )
     if method == "flow" and "action" in single.card.class_names:
         raise RequestError(f"{single.model.path}: these costs ask for actions; choose the method flow-saf or flow-maf")

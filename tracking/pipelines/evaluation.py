@@ -75,7 +75,7 @@ def evaluate_points(
     """
     if not truth or frames < 1:
         raise RequestError("expected at least one frame and one true track, got none")
-    return score_points(_points(truth), _points(tracks), frames, cut_off)
+    return score_points(PointTracks.of(truth), PointTracks.of(tracks), frames, cut_off)
 
 
 def _truth(truth: TruthLike, frames: str | None) -> Truth:
@@ -115,13 +115,6 @@ def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:
 
 def _are_tracks(given: object) -> bool:
     return isinstance(given, Sequence) and all(isinstance(track, Track) for track in given)
-
-
-def _points(tracks: Sequence[Track]) -> PointTracks:
-    frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
-    ids = np.concatenate([np.empty(0, np.int64), *(np.full(len(track), track.id) for track in tracks)])
-    boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
-    return PointTracks(frames, ids, (boxes[:, :2] + boxes[:, 2:]) / 2)
 
 
 def _boxes(given: ArrayLike, name: str) -> FloatArray:

@@ -35,4 +35,4 @@ def plot_body(path: Path, fit: BodyFit) -> None:
         axes.set_xlabel("pixels, heading to the right")
     panels[0].invert_yaxis()
     figure.legend(*panels[0].get_legend_handles_labels(), title="bend", loc="outside right upper", frameon=False)
-    figure.savefig(path, dpi=100, facecolor="white", format="png")
+    figure.savefig(path, dpi=100, facecolor="white")

@@ -60,7 +60,7 @@ def outlines_of(source: Path, extraction: Extraction | None) -> list[Outline]:
     elif extraction is not None:
         found = _from_regions(source, extraction)
     else:
-        raise RequestError(f"{source}: expected a folder {FOLDER} in it, found none; say the bodies' --colour instead")
+        raise RequestError(f"{source}: expected a folder {FOLDER} in it, found none; or give the bodies' `colour`")
     if not found:
         raise RequestError(f"{source}: expected silhouettes of whole bodies, found none")
     largest: dict[int, float] = {}

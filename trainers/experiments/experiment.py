@@ -6,8 +6,11 @@ An experiment is a module with a function ``reproduce(bench, option, …) -> Out
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -20,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 T = TypeVar("T")
+# Columns of a terminal that a table may have.
+LEAST_WIDTH = 160
 
 
 class Watch:
@@ -68,6 +73,22 @@ class Table:
         lines = [self.columns, ["---"] * len(self.columns), *self.rows]
         return "\n".join([f"{self.title}\n" if self.title else "", *(f"| {' | '.join(line)} |" for line in lines)])
 
+    def text(self) -> str:
+        """The table for a terminal."""
+        from rich.box import SIMPLE_HEAD
+        from rich.console import Console
+        from rich.table import Table as Shown
+
+        shown = Shown(title=self.title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+        for number, heading in enumerate(self.columns):
+            shown.add_column(heading, justify="right" if number else "left")
+        for row in self.rows:
+            shown.add_row(*row)
+        console = Console(width=max(LEAST_WIDTH, Console().width), color_system=None)
+        with console.capture() as capture:
+            console.print(shown)
+        return capture.get()
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -90,6 +111,20 @@ class Outcome:
     notes: Sequence[str] = ()
     finished: bool = True
 
+    def parts(self) -> Iterator[tuple[str, Callable[[Path], Any]]]:
+        """The files of the result: the name of each, and what writes it to a path."""
+        yield "results.json", partial(_write, content=json.dumps(self.values, indent=1) + "\n")
+        text = "\n\n".join([*(table.markdown() for table in self.tables), *self.notes])
+        yield "tables.md", partial(_write, content=text.strip() + "\n")
+        for name, figure in self.plots.items():
+            yield f"{name}.png", partial(figure.savefig, facecolor="white")
+        for name, content in self.files.items():
+            yield name, partial(_write, content=content)
+
+
+def _write(path: Path, content: str | bytes) -> None:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+
 
 def png(image: ImageArray) -> bytes:
     """A picture as the bytes of a PNG file."""
@@ -106,4 +141,4 @@ def at_least_one(**numbers: float) -> None:
     """
     for name, value in numbers.items():
         if value < 1:
-            raise RequestError(f"{name}: expected at least 1, got {value}")
+            raise RequestError(f"`{name}`: expected at least 1, got {value}")

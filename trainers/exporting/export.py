@@ -141,7 +141,7 @@ def export_detector(
         RunError: the exported file does not give what torch gives.
     """
     if (checkpoint is None) == (weights is None):
-        raise RequestError("expected either --checkpoint FILE or --weights coco")
+        raise RequestError("expected either one of `checkpoint` and `weights`")
     network: Detector | OneClass
     if checkpoint is not None:
         try:

@@ -17,6 +17,7 @@ from tsuiseki.trainers.networks.detector import Resize
 
 def anchors_for(
     folder: Path,
+    /,
     height: int,
     width: int,
     frames: tuple[int, int] | None = None,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import signal
 import sys
 import time
 import warnings
@@ -16,7 +18,8 @@ from lightning.pytorch.callbacks import Callback, LearningRateMonitor, ModelChec
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import Interrupted, RequestError
+from tsuiseki.tracking.output import RunRecord
 
 
 @dataclass(frozen=True)
@@ -70,13 +73,14 @@ def fit(task: Task, arguments: Sequence[str]) -> Path:
 
     Besides ``--config FILE``, ``--trainer.*``, ``--model.*`` and ``--data.*`` these are ``--out DIR``,
     ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``checkpoints/{best,last}.ckpt``,
-    ``metrics/version_N/{metrics.csv,config.yaml}`` (N counts the sittings) and TensorBoard events.
+    ``metrics/version_N/{metrics.csv,config.yaml}`` (N counts the sittings), TensorBoard events and ``run.json``.
 
     Returns:
         The best checkpoint.
 
     Raises:
         RequestError: an unknown key, a wrong type, a missing file, or an output folder that holds a training.
+        Interrupted: the user ended it; the checkpoints so far are kept.
     """
     with warnings.catch_warnings():
         # Lightning advises more loader processes than a small machine has cores for.
@@ -88,12 +92,37 @@ def fit(task: Task, arguments: Sequence[str]) -> Path:
         warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning.pytorch.cli")
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
         cli = _parse(task, arguments)
-        checkpoint = cli.config.ckpt_path
-        cli.trainer.fit(cli.model, datamodule=cli.datamodule, ckpt_path=None if checkpoint is None else str(checkpoint))
+        _fit(task, cli)
     best = Path(cli.out) / "checkpoints" / "best.ckpt"
     if cli.trainer.is_global_zero:
         print(f"best checkpoint: {best}")
     return best
+
+
+def _fit(task: Task, cli: TaskCLI) -> None:
+    """Train, and say in ``run.json`` how; an interrupt leaves the checkpoints so far.
+
+    Raises:
+        Interrupted: the user ended the training.
+    """
+    checkpoint, start = cli.config.ckpt_path, time.perf_counter()
+    settings = json.loads(json.dumps(cli.config.as_dict(), default=str))
+    record = RunRecord(["tsuiseki", "train", task.name], settings, seed=int(settings.get("seed_everything") or 0))
+    try:
+        cli.trainer.fit(cli.model, datamodule=cli.datamodule, ckpt_path=None if checkpoint is None else str(checkpoint))
+    except SystemExit as error:
+        # Lightning ends the process after an interrupt; the interrupt itself says which signal it was.
+        interrupt = error.__context__
+        if not isinstance(interrupt, KeyboardInterrupt):
+            raise
+        record.partial, record.reason = True, "interrupted"
+        last = cli.out / "checkpoints" / "last.ckpt"
+        kept = f"go on with --ckpt_path {last}" if last.is_file() else "no epoch was finished"
+        raise Interrupted(getattr(interrupt, "number", signal.SIGINT), kept) from error
+    finally:
+        if cli.trainer.is_global_zero and cli.out.is_dir():
+            record.seconds = {"training": time.perf_counter() - start}
+            record.write(cli.out)
 
 
 class TaskCLI(LightningCLI):

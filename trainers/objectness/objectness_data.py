@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video import read_image
-from tsuiseki.trainers.objectness.objectness import LabelledImage
+from tsuiseki.trainers.objectness.objectness import LabelledImage, generated_images
 
 WINDOWS = (1, 3, 10, 30, 100, 300, 1000)
 
@@ -40,6 +41,20 @@ def labelled_images(folder: Path, interval: int) -> list[LabelledImage]:
     if not found:
         raise RequestError(f"{folder}: expected labelled sequences with images, found none")
     return [_loaded(path, boxes) for path, boxes in found]
+
+
+def some_images(
+    folders: Sequence[Path] | None, interval: int, count: int, seed: int
+) -> tuple[list[LabelledImage], str]:
+    """Every ``interval``-th image of ``folders``, or ``count`` generated ones; and what they are, in words.
+
+    Raises:
+        RequestError: as `labelled_images`.
+    """
+    if folders:
+        images = [item for folder in folders for item in labelled_images(folder, interval)]
+        return images, ", ".join(folder.name for folder in folders)
+    return generated_images(count, seed), f"{count} images of generated chases, seed {seed}"
 
 
 def _loaded(path: Path, boxes: FloatArray) -> LabelledImage:

@@ -21,6 +21,7 @@ from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Surfaces, boxes, cone_spheres
 from tsuiseki.datamodules.scenes.rooms.room import Room, draw_room, random_furniture
 from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 WIDTH, HEIGHT = 800, 600
@@ -90,11 +91,11 @@ class CarriedBallSettings:
 
     def __post_init__(self) -> None:
         if not 2 <= self.cameras <= len(AZIMUTHS):
-            raise ValueError(f"expected 2 to {len(AZIMUTHS)} cameras, got {self.cameras}")
+            raise RequestError(f"expected 2 to {len(AZIMUTHS)} cameras, got {self.cameras}")
         if self.frames < 1 or self.frame_rate <= 0 or self.radius <= 0 or self.noise < 0 or self.samples < 1:
-            raise ValueError("expected positive frames, frame rate, radius and samples, and noise of at least 0")
+            raise RequestError("expected positive frames, frame rate, radius and samples, and noise of at least 0")
         if min(self.exposure, self.defocus, self.readout) < 0 or len(self.lateness) not in (0, self.cameras):
-            raise ValueError("expected exposure, defocus and readout of at least 0, and a lateness for each camera")
+            raise RequestError("expected exposure, defocus and readout of at least 0, and a lateness for each camera")
 
 
 @dataclass(frozen=True)

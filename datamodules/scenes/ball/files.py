@@ -25,7 +25,7 @@ def write_ball(
     """Write ``camera1/000001.jpg`` ..., ``background1.png`` ..., ``cameras.yaml`` and ``truth.csv``.
 
     Args:
-        folder: exists; files in it are overwritten.
+        folder: made where it is missing; files in it are overwritten.
         settings: of the film.
         seed: of all random numbers.
         watch: passes the moments through, for progress.
@@ -33,7 +33,7 @@ def write_ball(
     scene = make_scene(settings, seed)
     names = [f"camera{k + 1}" for k in range(settings.cameras)]
     for name, image in zip(names, backgrounds(scene, seed), strict=True):
-        (folder / name).mkdir(exist_ok=True)
+        (folder / name).mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(folder / f"{name.replace('camera', 'background')}.png"), image[:, :, ::-1])
     for index, images in enumerate(watch(film(scene, seed))):
         for name, image in zip(names, images, strict=True):

@@ -236,7 +236,7 @@ def write_street(
         raise RequestError(f"expected a folder for the clip, but {folder} is a file; choose another name")
     filled = folder.is_dir() and any(folder.iterdir())
     if filled and not overwrite:
-        raise RequestError(f"{folder} already holds files; choose another folder or add --overwrite")
+        raise RequestError(f"{folder} already holds files; choose another folder or add `overwrite`")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))

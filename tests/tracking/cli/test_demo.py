@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import itertools
 import json
 from pathlib import Path
@@ -10,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from tsuiseki.tracking.cli import COMMANDS, Group, main
-from tsuiseki.tracking.cli.models import SHIPPED
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.cli.commands import COMMANDS, Group
 from tsuiseki.tracking.cli.parser import parse
-from tsuiseki.tracking.cli.shipped_models import commands
+from tsuiseki.tracking.cli.shipped_models import SHIPPED, commands
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.video import open_source
@@ -22,7 +21,7 @@ from tsuiseki.tracking.video import open_source
 @pytest.fixture
 def small_models(inputs: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """The small models of these tests in place of the shipped ones."""
-    monkeypatch.setattr("tsuiseki.tracking.cli.models.shipped", lambda kind: getattr(inputs, kind))
+    monkeypatch.setattr("tsuiseki.tracking.weights.shipped", lambda name: getattr(inputs, name.split("_")[0]))
 
 
 @pytest.mark.usefixtures("small_models")
@@ -65,6 +64,5 @@ def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path) -> 
             assert option != "--config" or Path(value).is_file()
             made |= {Path(value).name} if option == "--out" else set()
         if not command.forwarded:
-            module = importlib.import_module(f"tsuiseki.tracking.cli.{command.module}")
-            parse(f"tsuiseki {kind} {what}", getattr(module, command.function), command.positional, words)
+            parse(f"tsuiseki {kind} {what}", command.load([kind, what]), words)
     assert set(SHIPPED.values()) <= made

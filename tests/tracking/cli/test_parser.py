@@ -35,6 +35,7 @@ FILTER = Filter()
 def command(
     source: str,
     results: list[Path],
+    /,
     out: Path,
     method: Literal["fast", "good"] = "good",
     seed: int = 0,
@@ -61,7 +62,7 @@ def command(
 
 
 def parsed(*words: str) -> dict[str, Any]:
-    return parse("tsuiseki do", command, ("source", "results"), words)
+    return parse("tsuiseki do", command, words)
 
 
 def test_words_become_typed_values() -> None:
@@ -172,7 +173,7 @@ def test_mistakes_in_yaml_get_one_line(tmp_path: Path, yaml: str, line: str) -> 
 
 def help_text(*words: str) -> str:
     """The help as one line."""
-    text = build_parser("tsuiseki do", command, ("source", "results"), every_option=bool(words)).format_help()
+    text = build_parser("tsuiseki do", command, every_option=bool(words)).format_help()
     return " ".join(text.split())
 
 

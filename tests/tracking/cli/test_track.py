@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cli import COMMANDS, Group, main
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.cli.commands import COMMANDS, Group
 from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.types import Detections, ImageArray

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsuiseki.tracking.cli.models import shipped
 from tsuiseki.tracking.cli.options import Shared
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
+from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.features.networks.exported import Detect
@@ -84,7 +84,7 @@ class Finding(Shared):
 
         Args:
             source: the video.
-            default: kind of the shipped detector to take where none is given.
+            default: name of the shipped detector to take where none is given.
             options: what the file of another project's detector does not tell.
             view: tiles of a frame; see `parse_view`.
             threads: of one call of the detector; by default all that the user gives.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from tsuiseki.tracking.cli.models import chosen
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.run import Run, count, frames_expected
 from tsuiseki.tracking.errors import RequestError
@@ -20,6 +19,7 @@ from tsuiseki.tracking.trackers.fisheye import (
     flow_on_floor,
 )
 from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cameras.floor_files import CameraOverFloor
@@ -34,6 +34,7 @@ Scaling: TypeAlias = Literal["no", "cut", "widen"]
 
 def fisheye(
     source: list[str],
+    /,
     cameras: Path,
     output: SeededOutput,
     method: Literal["hungarian", "flow"] = "hungarian",
@@ -87,7 +88,7 @@ def fisheye(
     _check(score_threshold, score_range, threads)
     if detections is not None and (len(detections) != len(source) or detector is not None):
         raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
-    looks = chosen("appearance", appearance)
+    looks = None if str(appearance) == "none" else appearance or shipped("appearance_people")
     finds = None if detections is not None else _detector(detector, score_threshold, threads)
     person = PersonModel(height=person_height, body_radius=body_radius)
     views = _views(source, cameras, resize, needs_images=finds is not None or looks is not None or overlay)
@@ -135,8 +136,8 @@ def _check(score_threshold: float, score_range: tuple[float, float], threads: in
 def _detector(detector: Path | None, score_threshold: float, threads: int) -> Detector:
     from tsuiseki.tracking.features.networks.exported import Detector
 
-    path = chosen("detector_drone", detector)
-    if path is None:
+    path = detector or shipped("detector_drone")
+    if str(path) == "none":
         raise RequestError("`detector`: expected a detector or `detections`, got none")
     return Detector(path, score_threshold, threads=threads)
 

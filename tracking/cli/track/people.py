@@ -92,7 +92,7 @@ def people(
     call = threads_of_a_call(source, finding.threads)
     kinds: list[IntArray] = []
     if classes is None:
-        detect = finding.detect(source, "detector", detector_options, view, call)
+        detect = finding.detect(source, "detector_street", detector_options, view, call)
     else:
         detect, kinds = finding.classed(source, classes)
     inputs = PeopleInputs(

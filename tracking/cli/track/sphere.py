@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 def sphere(
     source: list[str],
+    /,
     cameras: Path,
     radius: float,
     output: SeededOutput,

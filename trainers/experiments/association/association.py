@@ -106,7 +106,7 @@ def reproduce(
     every = [(one, find_clips(data, one)) for one in DATA_SETS if one.key in sets]
     there = [(one, clips) for one, clips in every if clips]
     if not there:
-        raise RequestError(f"data: expected mot/mot17-val-half or another of the data sets in {data}, found none")
+        raise RequestError(f"`data`: expected mot/mot17-val-half or another of the data sets in {data}, found none")
     measured = [_measured(bench, one, clips, environment) for one, clips in there]
     tables, values = _method_tables(bench, measured) if "methods" in parts else ([], {})
     if "losses" in parts:
@@ -126,9 +126,9 @@ def reproduce(
 def _check(sets: Sequence[str], parts: Sequence[str], gap: float) -> None:
     for name, given, known in (("sets", sets, SETS), ("parts", parts, PARTS)):
         if unknown := [one for one in given if one not in known]:
-            raise RequestError(f"{name}: expected some of {', '.join(known)}, got {unknown[0]!r}")
+            raise RequestError(f"`{name}`: expected some of {', '.join(known)}, got {unknown[0]!r}")
     if not gap > 0:
-        raise RequestError(f"gap: expected seconds above 0, got {gap:g}")
+        raise RequestError(f"`gap`: expected seconds above 0, got {gap:g}")
 
 
 def _measured(bench: Bench, one: DataSet, clips: Sequence[Clip], environment: Peer | None) -> Measured:

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.cli.models import shipped
 from tsuiseki.tracking.evaluation.action.action_table import action_values
 from tsuiseki.tracking.features.action_inputs import STREAMS
+from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.drone.ablation import ablation
 from tsuiseki.trainers.experiments.drone.clips import (
     FAULTS,
@@ -101,8 +101,8 @@ def reproduce(
     at_least_one(seeds=seeds, clips=clips, frames=frames)
     plan = Plan(5, 10, 600) if full else Plan(seeds, clips, frames)
     networks = Networks(
-        tuple(actions or [shipped(f"action_{name}") for name in STREAMS]),
-        appearance or shipped("appearance"),
+        tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS]),
+        appearance or shipped("appearance_people"),
         None if simulated_detections else detector or shipped("detector_drone"),
     )
     costs = Costs.read(affinity or shipped("affinity_drone").parent)

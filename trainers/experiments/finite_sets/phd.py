@@ -40,7 +40,7 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int 
     """
     paths = sorted((data / "phd").glob("phd_scenario_*.json"))
     if not paths:
-        raise RequestError(f"data: expected phd/phd_scenario_*.json in {data}, found none; give the folder that has it")
+        raise RequestError(f"`data`: expected phd/phd_scenario_*.json in {data}, found none; give its folder")
     at_least_one(particles=particles, runs=runs)
     scenarios = [read_scenario(path) for path in paths]
     cells = [(s, n, m) for s in scenarios for n, m in product(range(len(s.settings["clutter_rates"])), METHODS)]

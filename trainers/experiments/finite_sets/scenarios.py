@@ -61,7 +61,7 @@ def read_scenario(path: Path) -> PointScenario:
     data_path = path.with_suffix(".npz")
     for needed in (path, data_path):
         if not needed.is_file():
-            raise RequestError(f"expected a scenario file at {needed}, found none; give its folder with --data")
+            raise RequestError(f"expected a scenario file at {needed}, found none; give its folder as `data`")
     try:
         settings = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:

@@ -51,7 +51,7 @@ def reproduce(bench: Bench, seeds: int = 6, clips: int = 0, minutes: float = 100
     started = time.monotonic()
     at_least_one(seeds=seeds)
     if not minutes > 0:
-        raise RequestError(f"minutes: expected a number above 0, got {minutes:g}")
+        raise RequestError(f"`minutes`: expected a number above 0, got {minutes:g}")
     sets = goldfish_sets(bench.store, clips)
     tracks = learning_tracks(bench.store, sets)
     learnt = learn(tracks, read_sequence(sets.learning[0]).frame_rate)

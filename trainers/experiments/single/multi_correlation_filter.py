@@ -55,7 +55,7 @@ def reproduce(
         RequestError: an unknown part, a number below 1, or no sequence with images.
     """
     if unknown := sorted(set(parts) - set(PARTS)):
-        raise RequestError(f"parts: expected some of {', '.join(PARTS)}, got {unknown[0]!r}")
+        raise RequestError(f"`parts`: expected some of {', '.join(PARTS)}, got {unknown[0]!r}")
     at_least_one(seeds=seeds, sweep_seeds=sweep_seeds)
     clips = _clips(data, attributes)
     jobs = _jobs(bench, clips, parts, seeds, sweep_seeds)
@@ -94,7 +94,7 @@ def _clips(data: Sequence[Path] | None, attributes: Path | None) -> list[Clip]:
         return generated_clips(4)
     clips = load(s for folder in data for s in find_single_sequences(folder, attributes))
     if not clips:
-        raise RequestError("data: expected sequences with images, found none")
+        raise RequestError("`data`: expected sequences with images, found none")
     return clips
 
 

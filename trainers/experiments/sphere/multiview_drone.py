@@ -42,7 +42,7 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data/stereo/multiview-d
         RequestError: the data set is not there.
     """
     if seed < 0:
-        raise RequestError(f"seed: expected a whole number from 0, got {seed}")
+        raise RequestError(f"`seed`: expected a whole number from 0, got {seed}")
     flight = read_drone_flight(data)
     cameras = calibrate_flight(flight, bench.watch)
     scores, trials = [], {}

@@ -44,7 +44,7 @@ def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: Group | Non
     """
     at_least_one(seeds=seeds)
     if frames < 2 or seed < 0:
-        raise RequestError(f"expected at least 2 frames and a seed from 0, got {frames} frames and seed {seed}")
+        raise RequestError(f"expected at least 2 `frames` and a `seed` from 0, got {frames} frames and seed {seed}")
     rows = [row for row in configurations() if only in (None, row.group)]
     results: dict[Configuration, dict[int, FilmErrors]] = {row: {} for row in rows}
     for number in range(seed, seed + seeds):

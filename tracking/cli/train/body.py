@@ -1,19 +1,21 @@
-"""`tsuiseki train body`: bodies from silhouettes."""
+"""`tsuiseki train body`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from tsuiseki.tracking.cli.options import PlottedFile
+from tsuiseki.tracking.errors import RequestError
 
-def train_body(
+
+def body(
     clips: list[Path],
-    out: Path,
+    /,
+    output: PlottedFile,
     colour: str | None = None,
     smooth: int = 5,
     modes: int = 1,
     points: int = 48,
-    plot: Path | None = None,
-    overwrite: bool = False,
 ) -> None:
     """Learn a body from silhouettes: its mean outline and how it bends, drawn by nobody.
 
@@ -28,35 +30,26 @@ def train_body(
         smooth: side in pixels of the median filter of the colour's regions, odd; 1 leaves it out.
         modes: bends that the body has, the most important ones.
         points: of the contour.
-        plot: also draw the mean outline and the modes into this image.
-        overwrite: replace existing files.
+        plot: also draw the mean outline and the modes into this file (PNG, SVG or PDF).
     """
     from tsuiseki.tracking.bodies.learnt import write_body
-    from tsuiseki.tracking.errors import RequestError
     from tsuiseki.tracking.likelihoods.colour_region import parse_colour
     from tsuiseki.tracking.likelihoods.contour import Extraction
-    from tsuiseki.tracking.output import check_output_file, output_file
     from tsuiseki.trainers.bodies.body import learn_body
     from tsuiseki.trainers.bodies.body_plot import plot_body
     from tsuiseki.trainers.bodies.outlines import outlines_of
 
-    for path in (out, plot):
-        if path is not None:
-            check_output_file(path, overwrite)
     if modes < 1 or points < 8:
-        raise RequestError(f"expected at least 1 of --modes and 8 --points, got {modes} and {points}")
+        raise RequestError(f"expected at least 1 of `modes` and 8 `points`, got {modes} and {points}")
     if smooth < 1 or smooth % 2 == 0:
-        raise RequestError(f"--smooth: expected an odd number from 1, got {smooth}")
+        raise RequestError(f"`smooth`: expected an odd number from 1, got {smooth}")
     extraction = Extraction(parse_colour(colour), smooth) if colour is not None else None
     outlines = [outline for clip in clips for outline in outlines_of(clip, extraction)]
-    fit = learn_body(outlines, modes, points, out.stem)
-    with output_file(out, overwrite) as work:
-        write_body(work, fit.body)
-    if plot is not None:
-        with output_file(plot, overwrite) as work:
-            plot_body(work, fit)
+    fit = learn_body(outlines, modes, points, output.out.stem)
+    output.write(output.out, lambda path: write_body(path, fit.body))
+    output.draw(lambda path: plot_body(path, fit))
     shares = ", ".join(f"{100 * share:.0f}" for share in fit.explained)
     print(
         f"learnt from {len(outlines)} silhouettes, which vary by {fit.spread:.1f} pixels; the modes ({shares} %) "
-        f"leave {fit.residual:.1f}: {out}"
+        f"leave {fit.residual:.1f}: {output.out}"
     )

@@ -1,0 +1,1 @@
+"""`tsuiseki calibrate`: a file for each of its commands."""

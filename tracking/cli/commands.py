@@ -1,0 +1,177 @@
+"""All commands of `tsuiseki`, each a typed function in the file of its name: `track people` is `people` in
+`track/people.py`.
+
+A command's file is imported when the command is chosen, and what it needs when it runs, so that help is quick and the
+commands that track never import torch.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from tsuiseki.tracking.errors import RequestError
+
+TRAIN_PACKAGES = ("torch", "torchvision", "lightning", "onnx", "onnxscript", "sklearn", "skl2onnx", "tensorboard")
+
+
+@dataclass(frozen=True)
+class Command:
+    """A function of the command line.
+
+    Attributes:
+        summary: one line for the list of commands.
+        place: ``module:function`` inside of `tsuiseki`, where it is not the file of the command's name.
+        forwarded: the function takes the words as they are, for a parser of its own.
+    """
+
+    summary: str
+    place: str = ""
+    forwarded: bool = False
+
+    def load(self, words: Sequence[str]) -> Callable[..., Any]:
+        """The function of the command that is called ``words``, such as track and people.
+
+        Raises:
+            RequestError: it needs the `train` extra, which is missing.
+        """
+        names = [word.replace("-", "_") for word in words]
+        module, _, function = self.place.partition(":")
+        with needs_train_extra():
+            found = importlib.import_module(f"tsuiseki.{module or '.'.join(['tracking.cli', *names])}")
+        return getattr(found, function or names[-1])  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True)
+class Experiment(Command):
+    """A paper's experiment in the module ``place`` of `tsuiseki.trainers.experiments`."""
+
+    def load(self, words: Sequence[str]) -> Callable[..., Any]:
+        """See `Command.load`."""
+        from tsuiseki.tracking.cli.reproduce import reproduction
+
+        with needs_train_extra():
+            found = importlib.import_module(f"tsuiseki.trainers.experiments.{self.place}")
+        return reproduction(words[-1], found.reproduce)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Commands of one kind."""
+
+    summary: str
+    commands: Mapping[str, Command]
+
+
+Tree: TypeAlias = Mapping[str, Command | Group]
+
+COMMANDS: Tree = {
+    "demo": Command("run the whole path on a generated labelled clip and write a report"),
+    "simulate": Group(
+        "make labelled video with exact truth",
+        {
+            "street": Command("people on a street before a fixed camera"),
+            "sphere": Command("a ball carried through a room before several cameras"),
+            "blobs": Command("coloured objects over natural clutter"),
+            "goldfish": Command("fish that bend, or balls that squash"),
+            "drone": Command("people who act, before a drone's camera"),
+            "fisheye": Command("people in a room, under ceiling fisheye cameras"),
+        },
+    ),
+    "train": Group(
+        "fit a model to labelled video (all but body and motion need the train extra)",
+        {
+            "detector": Command("where people are", "tracking.cli.train.networks:detector", forwarded=True),
+            "appearance": Command("what they look like", "tracking.cli.train.networks:appearance", forwarded=True),
+            "action": Command("what they do", "tracking.cli.train.networks:action", forwarded=True),
+            "affinity": Command(
+                "whether two detections are the same person", "trainers.affinity.affinity:fit_affinity"
+            ),
+            "affinity-drone": Command(
+                "the same, seen from a drone", "trainers.affinity.affinity_drone:fit_drone_affinities"
+            ),
+            "objectness": Command("which boxes look like an object"),
+            "body": Command("a body that bends, from silhouettes"),
+            "motion": Command("how a body that bends moves, from its tracks"),
+        },
+    ),
+    "export": Group(
+        "turn a trained model into ONNX (needs the train extra)",
+        {
+            "detector": Command("from a checkpoint, or from torchvision's COCO weights"),
+            "appearance": Command("from a checkpoint"),
+            "action": Command("from a checkpoint, one file a stream"),
+        },
+    ),
+    "calibrate": Group(
+        "find out where cameras are and how they see",
+        {
+            "points": Command("from known points in space"),
+            "convert": Command("a fisheye calibration in another program's format"),
+            "pose": Command("over a floor, from height and tilt or from points"),
+        },
+    ),
+    "track": Group(
+        "follow something through a video with exported models",
+        {
+            "people": Command("everyone in view, each with an id"),
+            "single": Command("one target, from its box in the first frame"),
+            "sphere": Command("a ball in space, from calibrated cameras"),
+            "drone": Command("people seen from a drone, and what they do"),
+            "blobs": Command("objects of a colour, or measured points"),
+            "deformable": Command("bodies that bend, such as fish from above"),
+            "fisheye": Command("people under ceiling cameras, and where on the floor"),
+        },
+    ),
+    "evaluate": Group(
+        "score results against labels",
+        {
+            "people": Command("tracks: HOTA, MOTA, IDF1 and more"),
+            "detection": Command("detections: average precision"),
+            "single": Command("one target: success and precision"),
+            "points": Command("tracked points: OSPA, GOSPA and more"),
+            "states": Command("bodies that bend: position, heading, identity"),
+            "action": Command("what people do: F1 and average precision"),
+        },
+    ),
+    "reproduce": Group(
+        "a paper's table or figure: paper and here, plus the plot (needs the train extra)",
+        {
+            "multi-correlation-filter": Experiment(
+                "correlation filters selected by a particle filter", "single.multi_correlation_filter"
+            ),
+            "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets.phd"),
+            "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish.pca_particle_filter"),
+            "drone-action-features": Experiment(
+                "tracks and actions from a drone improve each other", "drone.action_features"
+            ),
+            "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),
+            "association": Experiment(
+                "people and cars linked on given detections, with peers", "association.association"
+            ),
+            "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
+            "stereo-sphere": Experiment("a ball in space from two cameras", "sphere.stereo_sphere"),
+            "multiview-drone": Experiment("a drone in space from measured pixels", "sphere.multiview_drone"),
+        },
+    ),
+}
+
+
+@contextmanager
+def needs_train_extra() -> Iterator[None]:
+    """Import what trains within the ``with`` block.
+
+    Raises:
+        RequestError: a package of the extra is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] not in TRAIN_PACKAGES:
+            raise
+        raise RequestError(
+            f"training needs {error.name}, which is not installed; install the extra: pip install 'tsuiseki[train]'"
+        ) from error

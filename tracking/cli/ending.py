@@ -1,0 +1,101 @@
+"""How a command ends: its exit status, what interrupts it, and one line on stderr where there is something to say."""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+from tsuiseki.tracking.errors import InputWarning, Interrupted, RequestError, RunError
+
+DONE, FAILED, WRONG_REQUEST = 0, 1, 2
+# Ways to ask a run to end, as far as the system knows them.
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+def signal_of(error: KeyboardInterrupt) -> int:
+    """The signal that ``error`` stands for."""
+    return error.number if isinstance(error, Interrupted) else int(signal.SIGINT)
+
+
+def ended(command: Callable[[], int | None]) -> int:
+    """The exit status of ``command``, whatever ends it; what went wrong is said in a line."""
+    try:
+        with on_signals(_interrupt), _warnings_in_a_line():
+            return int(command() or DONE)
+    except SystemExit as done:
+        return int(done.code or DONE)
+    except RequestError as error:
+        return complain(error, WRONG_REQUEST)
+    except RunError as error:
+        return complain(error, FAILED)
+    except ImportError as error:
+        from tsuiseki.tracking.opencv import explained
+
+        known = explained(error)
+        if known is None:
+            raise
+        return complain(known, FAILED)
+    except BrokenPipeError:
+        sys.stderr.close()
+        return FAILED
+    except OSError as error:
+        place = f" ({error.filename})" if error.filename else ""
+        return complain(f"{error.strerror or error}{place}", FAILED)
+    except MemoryError as error:
+        return complain(f"not enough memory{f': {error}' if str(error) else ''}", FAILED)
+    except KeyboardInterrupt as error:
+        kept = error.kept if isinstance(error, Interrupted) else Interrupted().kept
+        return complain(f"interrupted; {kept}", 128 + signal_of(error))
+
+
+@contextmanager
+def on_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Within the ``with`` block `ENDING` goes to ``handler``, save what this process was started to ignore."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in ENDING}
+    heard = [number for number, old in before.items() if old is not signal.SIG_IGN]
+    try:
+        for number in heard:
+            signal.signal(number, handler)
+        yield
+    finally:
+        for number in heard:
+            signal.signal(number, before[number])
+
+
+def _interrupt(number: int, _: FrameType | None) -> None:
+    raise Interrupted(number)
+
+
+@contextmanager
+def _warnings_in_a_line() -> Iterator[None]:
+    """Within the ``with`` block every `InputWarning` is printed as a note."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", InputWarning)
+        usual = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+            if issubclass(category, InputWarning):
+                complain(f"note: {message}", DONE)
+            else:
+                usual(message, category, *place, **more)
+
+        warnings.showwarning = show
+        yield
+
+
+def complain(message: object, status: int) -> int:
+    """Print one line to stderr; returns ``status``."""
+    # The library speaks of arguments, in backquotes.
+    message = re.sub(r"`(\w+)`", lambda name: "--" + name[1].replace("_", "-"), str(message))
+    print(f"tsuiseki: {' '.join(str(message).split())}", file=sys.stderr)
+    return status

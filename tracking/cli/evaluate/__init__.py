@@ -1,0 +1,1 @@
+"""`tsuiseki evaluate`: a file for each of its commands."""

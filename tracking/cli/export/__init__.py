@@ -1,0 +1,1 @@
+"""`tsuiseki export`: a file for each of its commands."""

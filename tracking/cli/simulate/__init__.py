@@ -1,0 +1,1 @@
+"""`tsuiseki simulate`: a file for each of its commands."""

@@ -1,0 +1,51 @@
+"""`tsuiseki simulate drone`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Literal
+
+from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.cli.simulate.options import Clip, fill
+
+CLIP = Clip(300, 1280, 720)
+
+
+def drone(
+    output: SeededOutput,
+    clip: Clip = CLIP,
+    frame_rate: float = 30.0,
+    people: int = 9,
+    camera: Literal["still", "calm", "violent"] = "violent",
+    altitude: tuple[float, float] = (10.0, 45.0),
+    tilt: tuple[float, float] = (45.0, 90.0),
+    look_alikes: float = 0.3,
+    layout: Literal["mot", "okutama"] = "mot",
+) -> int:
+    """Make a clip of people who act under a drone, with a box, an id and one or two actions each in every frame.
+
+    Args:
+        out: folder for the clip; gets img1/000001.jpg and so on, gt/gt.txt, gt/actions.txt and seqinfo.ini.
+        frame_rate: frames per second.
+        people: that act in view.
+        camera: how much the drone moves.
+        altitude: lowest and highest, metres.
+        tilt: flattest and steepest view under the horizon, degrees.
+        look_alikes: share of people dressed much like somebody else.
+        layout: mot is a MOTChallenge sequence with gt/actions.txt as Okutama-Action's; okutama is that data set's own.
+    """
+    from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
+    from tsuiseki.datamodules.scenes.drone.files import write_drone
+
+    settings = DroneSceneSettings(
+        **asdict(clip),
+        frame_rate=frame_rate,
+        people=people,
+        camera=camera,
+        altitude=altitude,
+        tilt=tilt,
+        look_alikes=look_alikes,
+    )
+    return fill(
+        output, clip.told, lambda folder: write_drone(folder, settings, output.seed, watch=clip.watch, layout=layout)
+    )

@@ -1,0 +1,40 @@
+"""`tsuiseki simulate goldfish`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.cli.simulate.options import Clip, fill
+
+CLIP = Clip(150)
+
+
+def goldfish(
+    output: SeededOutput,
+    clip: Clip = CLIP,
+    body: Literal["goldfish", "ball"] = "goldfish",
+    count: int | None = None,
+    frame_rate: float | None = None,
+) -> int:
+    """Make a clip of goldfish seen from above, or of balls that squash where they bounce, with exact states.
+
+    DIR gets img1/000001.jpg and so on, states.csv (frame,id,a,b,theta,phi: centre in pixels, heading and bend in
+    radians; for balls frame,id,a,b,theta,squash), silhouettes/000001.png and so on (the body lies at a pixel where bit
+    id - 1 is set) and seqinfo.ini.
+
+    Args:
+        out: folder for the clip.
+        body: what moves, goldfish or ball.
+        count: how many, 1 to 5; by default three fish or one ball.
+        frame_rate: frames per second; by default 15 for fish and 30 for balls.
+    """
+    from tsuiseki.datamodules.scenes.ball.bouncing import BouncingBallSettings, write_balls
+    from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+
+    size, how = (clip.frames, clip.width, clip.height), (output.seed, False, clip.watch)
+    if body == "ball":
+        balls = BouncingBallSettings(*size, 30.0 if frame_rate is None else frame_rate, 1 if count is None else count)
+        return fill(output, clip.told, lambda folder: write_balls(folder, balls, *how))
+    fish = GoldfishSettings(*size, 15.0 if frame_rate is None else frame_rate, 3 if count is None else count)
+    return fill(output, clip.told, lambda folder: write_goldfish(folder, fish, *how))

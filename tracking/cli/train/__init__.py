@@ -1,0 +1,1 @@
+"""`tsuiseki train`: a file for each of its commands."""

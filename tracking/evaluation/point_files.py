@@ -1,0 +1,50 @@
+"""Points in files against labelled points in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
+from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
+from tsuiseki.tracking.formats.points import is_point_file, read_point_tracks
+
+
+def evaluate_point_files(
+    truth: Path, results: Mapping[str, Path], cutoff: float = 100.0, window: int = 10
+) -> dict[str, PointScores]:
+    """Scores of several results, from frame 1 to the last that has a point.
+
+    Args:
+        truth: points as CSV with the columns frame,id,x,y, or MOTChallenge text, whose boxes count by their centres.
+        results: files of the same kinds, by name.
+        cutoff: distance from which a point counts as missed.
+        window: frames of OSPA(2).
+
+    Raises:
+        RequestError: a file is missing or broken, or no point is labelled.
+    """
+    labels = read_labelled_points(truth)
+    if len(labels.frames) == 0:
+        raise RequestError(f"{truth}: expected at least one labelled point, got none")
+    scores = {}
+    for name, path in results.items():
+        found = read_tracked_points(path)
+        frames = int(max(labels.frames.max(), found.frames.max(initial=0))) + 1
+        scores[name] = evaluate_points(labels, found, frames, cutoff, window)
+    return scores
+
+
+def read_labelled_points(path: Path) -> PointTracks:
+    """The points of a CSV file, or the centres of the boxes in MOTChallenge's gt.txt that count."""
+    if is_point_file(path):
+        return PointTracks(*read_point_tracks(path))
+    truth = read_ground_truth(path)
+    truth = truth.select(truth.evaluated)
+    return PointTracks(truth.frames, truth.ids, (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2)
+
+
+def read_tracked_points(path: Path) -> PointTracks:
+    """The points of a CSV file, or the centres of the boxes in MOTChallenge text."""
+    return PointTracks(*read_point_tracks(path)) if is_point_file(path) else PointTracks.of(read_tracks(path))
