@@ -22,7 +22,7 @@ def motion(tracks: list[Path], /, output: OutputFile, body: str = "goldfish", fr
     from tsuiseki.tracking.bodies.choice import parse_body
     from tsuiseki.tracking.filters.motion.learnt_motion import write_motion
     from tsuiseki.trainers.bodies.motion import learn_motion
-    from tsuiseki.trainers.motion_tracks import common_frame_rate, read_stretches
+    from tsuiseki.trainers.bodies.motion_tracks import common_frame_rate, read_stretches
 
     shape = parse_body(body)
     stretches, rate = read_stretches(tracks, shape), common_frame_rate(tracks, frame_rate)
