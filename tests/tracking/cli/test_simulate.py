@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -35,7 +36,17 @@ def test_a_clip_is_the_same_for_the_same_seed(tmp_path: Path) -> None:
     first, second = tmp_path / "first" / "clip", tmp_path / "second" / "clip"
     for folder in (first, second):
         assert main([*words, "--out", str(folder)]) == 0
-    files = sorted(path.relative_to(first) for path in first.rglob("*") if path.is_file())
+    files = sorted(path.relative_to(first) for path in first.rglob("*") if path.is_file() and path.name != "run.json")
     assert len(files) == 6  # two images, two silhouettes, states.csv and seqinfo.ini
     for path in files:
         assert (first / path).read_bytes() == (second / path).read_bytes(), path
+
+
+def test_the_record_of_a_clip_makes_it_again(tmp_path: Path) -> None:
+    words = ["simulate", "goldfish", "--frames", "2", "--count", "1", "--seed", "3", "--out", str(tmp_path / "a")]
+    assert main(words) == 0
+    again = ["simulate", "goldfish", "--config", str(tmp_path / "a" / "run.json"), "--out", str(tmp_path / "b")]
+    assert main(again) == 0
+    assert (tmp_path / "a" / "states.csv").read_bytes() == (tmp_path / "b" / "states.csv").read_bytes()
+    record = json.loads((tmp_path / "b" / "run.json").read_text())
+    assert (record["seed"], record["partial"]) == (3, False)
