@@ -112,7 +112,7 @@ def test_without_silhouettes_a_colour_does(clip):
     from_colour = learn_body(outlines_of(clip, None))
     (clip / "silhouettes").rename(clip / "hidden")
     try:
-        with pytest.raises(RequestError, match="--colour"):
+        with pytest.raises(RequestError, match="colour"):
             outlines_of(clip, None)
         found = learn_body(outlines_of(clip, Extraction(parse_colour("orange"))))
     finally:
