@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
-    print(machine("numpy", "onnxruntime", "opencv-python-headless", "ortools"))
+    print(machine("numpy", "onnxruntime", "opencv-python-headless"))
     for stage, milliseconds in stages(arguments.people, arguments.repeat).items():
         print(f"{stage:34s}{milliseconds:9.2f} ms a frame")
     linking(arguments.people, arguments.frames, arguments.repeat)

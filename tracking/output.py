@@ -27,7 +27,7 @@ except ImportError:  # elsewhere than on Unix nothing is locked
 
 RUN_FILE = "run.json"
 UNFINISHED = ".unfinished"
-VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime", "ortools")
+VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime")
 
 
 @contextmanager

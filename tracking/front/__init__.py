@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 # Where each name comes from.
 _MODULES = {
     "errors": "RequestError RunError",
-    "features.networks": "Appearance Detector",
+    "features.networks.exported": "Appearance Detector",
     "formats.mot": "read_tracks write_tracks",
     "interchange": "as_detections",
     "pipelines.blobs": "follow_blobs follow_points track_blobs track_points",

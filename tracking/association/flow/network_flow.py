@@ -4,13 +4,15 @@ Every detection i is a pair of nodes u_i, v_i joined by an observation arc; tran
 detections, entry arcs come from the source s and exit arcs go to the sink z. A unit of flow is a person; every arc
 has capacity 1, so no two people share a detection (eq. 2.16).
 
-The number of people is not known. An arc z → s of cost 0 turns the network into a circulation: each person is a cycle
-through it, and the cheapest circulation uses exactly the cycles of negative cost. One solution of that circulation is
-therefore the minimum of eq. 2.17 over all numbers of tracks.
+The number of people is not known: the minimum of eq. 2.17 is over all numbers of tracks.
 
-The solver is OR-tools' cost-scaling push-relabel, the algorithm the thesis names; it works on integers. Costs are
-rounded to multiples of ``1 / SCALE``, so a solution of N detections is within ``2 * N / SCALE`` of the optimum of the
-costs as given.
+Since all capacities are 1, a flow is a matching (`_matching`): each detection takes one other as its predecessor, or
+its own birth, or itself when it is in no track. The cheapest matching is found by shortest augmenting paths over the
+sparse matrix of these choices (Jonker and Volgenant, 1987; SciPy), where the thesis names cost-scaling push-relabel.
+Both are exact, and take about the same time (docs/flow.md).
+
+Costs are rounded to multiples of ``1 / SCALE``, so that equal costs stay equal however they are added up. A solution of
+N detections is within ``2 * N / SCALE`` of the optimum of the costs as given.
 """
 
 from __future__ import annotations
@@ -19,13 +21,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from ortools.graph.python import min_cost_flow
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
-from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 SCALE = 1_000_000
-# The solver multiplies costs by the number of nodes, in 64 bits: SCALE * LARGEST_COST * nodes stays far below 2**63.
+# The solver adds whole numbers up in double precision: a path of 90,000 arcs of SCALE * LARGEST_COST stays below 2**53.
 LARGEST_COST = 1e5
 
 
@@ -122,39 +124,53 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
             and pay no entry. By default none.
 
     Raises:
-        RunError: the solver gave up.
+        ValueError: a pair of detections has two transitions.
     """
     count = len(graph)
     if count == 0:
         return FlowSolution(np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64), np.zeros(0), 0.0)
-    solver = min_cost_flow.SimpleMinCostFlow()
-    arcs = add_arcs(solver, graph)
-    if inflow is not None and inflow.any():
-        continued = np.flatnonzero(inflow)
-        solver.set_nodes_supplies(
-            np.append(2 * continued, 2 * count + 1), np.append(np.ones(len(continued), np.int64), -len(continued))
-        )
-    status = solver.solve()
-    if status != solver.OPTIMAL:
-        raise RunError(f"expected an optimal flow, the solver ended with {status.name} on {count} detections")
-    flows = np.asarray(solver.flows(arcs), dtype=np.bool_)
-    return _solution(graph, flows)
+    continued = np.zeros(count, dtype=np.bool_) if inflow is None else inflow
+    fresh = np.flatnonzero(~continued)
+    matrix = _matching(graph, fresh)
+    rows, columns = min_weight_full_bipartite_matching(matrix)
+    # `_matching` numbers backwards.
+    before = np.empty(len(rows), dtype=np.int64)
+    before[len(rows) - 1 - rows] = len(rows) - 1 - columns
+    return _solution(graph, fresh, before[: len(fresh)])
 
 
-def add_arcs(solver: min_cost_flow.SimpleMinCostFlow, graph: FlowGraph) -> IntArray:
-    """Fill the solver; returns the numbers of the observation, exit and transition arcs, then the entry arcs.
+def _matching(graph: FlowGraph, fresh: IntArray) -> csr_array:
+    """Costs of the choices, as a square sparse matrix whose cheapest full matching is the cheapest flow.
 
-    Node 2i is u_i, node 2i + 1 is v_i; then come the source and the sink.
+    Of N detections, F are fresh: they may start a track. Columns are the N detections as predecessors, then the F
+    births. Rows are the F fresh detections, which take a predecessor, a birth or themselves (in no track), then the N
+    ends of tracks. The birth that a linked detection does not need goes to the end that its predecessor does not
+    need, which is why every transition stands there a second time, free of charge (Ramshaw and Tarjan, 2012).
+
+    Rows and columns are numbered backwards in time: with the last detection first, the augmenting paths are short.
     """
-    count = len(graph)
-    u = np.arange(0, 2 * count, 2, dtype=np.int32)
-    source, sink = np.full(count, 2 * count, np.int32), np.full(count, 2 * count + 1, np.int32)
-    tails = np.concatenate([u, u + 1, 2 * graph.tail.astype(np.int32) + 1, source])
-    heads = np.concatenate([u + 1, sink, 2 * graph.head.astype(np.int32), u])
-    costs = np.concatenate([graph.observation, graph.exit, graph.transition, graph.entry])
-    arcs = solver.add_arcs_with_capacity_and_unit_cost(tails, heads, np.ones(len(tails), dtype=np.int64), scaled(costs))
-    solver.add_arc_with_capacity_and_unit_cost(2 * count + 1, 2 * count, count, 0)
-    return np.asarray(arcs, dtype=np.int64)
+    count, born = len(graph), len(fresh)
+    size = count + born
+    place = np.full(count, -1)
+    place[fresh] = np.arange(born)
+    open_link = place[graph.head] >= 0
+    tail, head = graph.tail[open_link], place[graph.head[open_link]]
+    each, birth, ending = np.arange(count), count + np.arange(born), born + np.arange(count)
+    choices = (
+        (head, tail, scaled(graph.transition[open_link])),
+        (place[fresh], fresh, -scaled(graph.observation[fresh])),
+        (place[fresh], birth, scaled(graph.entry[fresh])),
+        (ending, each, scaled(graph.exit)),
+        (ending[fresh], birth, np.zeros(born, dtype=np.int64)),
+        (ending[tail], birth[head], np.zeros(len(tail), dtype=np.int64)),
+    )
+    rows, columns, costs = (np.concatenate(parts) for parts in zip(*choices, strict=True))
+    # A cost of 0 would mean that there is no such choice.
+    positive = (costs - costs.min() + 1).astype(np.float64)
+    matrix = csr_array((positive, (size - 1 - rows, size - 1 - columns)), shape=(size, size))
+    if matrix.nnz != len(costs):
+        raise ValueError("expected one transition at most from a detection to another")
+    return matrix
 
 
 def scaled(costs: FloatArray) -> IntArray:
@@ -162,13 +178,19 @@ def scaled(costs: FloatArray) -> IntArray:
     return np.rint(costs * SCALE).astype(np.int64)
 
 
-def _solution(graph: FlowGraph, flows: BoolArray) -> FlowSolution:
+def _solution(graph: FlowGraph, fresh: IntArray, before: IntArray) -> FlowSolution:
+    """What was chosen: ``before`` is the column of `_matching` that each fresh detection takes."""
     count = len(graph)
-    used, ends, links, starts = np.split(flows, np.cumsum([count, count, len(graph.tail)]))
+    linked = (before < count) & (before != fresh)
+    starts = fresh[before >= count]
     follower = np.full(count, -1, dtype=np.int64)
-    follower[graph.tail[links]] = graph.head[links]
+    follower[before[linked]] = fresh[linked]
+    used = np.ones(count, dtype=np.bool_)
+    used[fresh[before == fresh]] = False
     link = np.zeros(count)
-    link[graph.tail[links]] = graph.transition[links]
+    chosen = follower[graph.tail] == graph.head
+    link[graph.tail[chosen]] = graph.transition[chosen]
+    ends = used & (follower < 0)
     cost = graph.observation[used].sum() + graph.entry[starts].sum() + graph.exit[ends].sum() + link.sum()
     return FlowSolution(used, follower, link, float(cost))
 
