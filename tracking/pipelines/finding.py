@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.exported import Appearance, Describe, Detect, Detector
 from tsuiseki.tracking.features.networks.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector

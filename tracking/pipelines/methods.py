@@ -10,7 +10,7 @@ from typing import Literal, get_args
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.onnx import kind_of
 from tsuiseki.tracking.pipelines.finding import NONE
 from tsuiseki.tracking.trackers.base import PeopleTracker

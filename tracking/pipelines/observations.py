@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.features.action import ActionRecogniser
-from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings, CameraPath
+from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.exported import Describe, Detect
 from tsuiseki.tracking.features.networks.streaming import stream
 from tsuiseki.tracking.timing import StageTimes

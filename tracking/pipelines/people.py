@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import knows_scores
 from tsuiseki.tracking.frame_range import parse_frames

@@ -75,7 +75,7 @@ def people(
     """
     # What runs is imported here, so that help and mistakes in the options come at once.
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+    from tsuiseki.tracking.features.motion.camera_path import CameraPath
     from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.pipelines.finding import PeopleInputs, threads_of_a_call

@@ -1,20 +1,33 @@
-"""How the camera moved between two frames, from what stands still: features tracked over the image, and RANSAC.
+"""How the camera moved between two frames, from what stands still.
 
-A `CameraPath` takes a video's frames one by one and says where each lies in the coordinates of the first, so that boxes
-of a moving camera can be compared as if it stood still.
+Features are followed over the image, and RANSAC finds the similarity that most agree on. Whether it is right is checked
+by moving the first frame with it and correlating the two. Where features fail, as in the smear of a jerk, the two
+frames are searched for what they share (`camera_search`). Where that does not tell either, nothing is said.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.features.motion.camera_search import (
+    CameraSearchSettings,
+    FoundStep,
+    Pattern,
+    agreement,
+    pattern,
+    refine,
+    search,
+)
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 Grey = NDArray[np.uint8]
+STANDS_STILL = np.eye(3)[:2]
 
 
 @dataclass(frozen=True)
@@ -26,9 +39,15 @@ class CameraMotionSettings:
         features: tracked at most.
         reach: largest error of a feature that moved with the camera, pixels of the shrunk frame.
         still: movement of the corners, pixels of the shrunk frame, under which the camera stood still.
-        least: features that must agree; with fewer nothing tells how the camera moved.
+        least: features that must agree; with fewer they do not tell how the camera moved.
+        sure: agreement of the frames, a correlation, from which what the features say is taken as it is.
+        doubtful: agreement from which it is refined; below it frames are searched for what they share.
+        accepted: agreement from which a step is believed at all.
+        ahead: by how much a step that was searched for must agree better than any other.
+        doubt: deviation of a step that was searched for, where its frames do not agree at all, in longest sides.
         patience: frames of a camera that stands still that are compared with one and the same, so that it cannot
-            creep away unnoticed.
+            creep away unnoticed; and frames after an unknown one that are also compared with the one before it.
+        search: for what two frames share.
     """
 
     longest_side: int = 640
@@ -36,7 +55,13 @@ class CameraMotionSettings:
     reach: float = 1.5
     still: float = 0.3
     least: int = 12
+    sure: float = 0.95
+    doubtful: float = 0.7
+    accepted: float = 0.5
+    ahead: float = 0.1
+    doubt: float = 0.02
     patience: int = 15
+    search: CameraSearchSettings = field(default_factory=CameraSearchSettings)
 
     def __post_init__(self) -> None:
         if min(self.longest_side, self.features, self.least) < 4 or self.patience < 1:
@@ -44,8 +69,13 @@ class CameraMotionSettings:
                 "expected longest_side, features and least from 4 and patience from 1, "
                 f"got {self.longest_side}, {self.features}, {self.least} and {self.patience}"
             )
-        if not (self.reach > 0 and self.still >= 0):
-            raise ValueError(f"expected reach > 0 and still >= 0, got {self.reach} and {self.still}")
+        if not (self.reach > 0 and self.still >= 0 and self.doubt >= 0):
+            raise ValueError(f"expected reach > 0, still and doubt >= 0, got {self.reach}, {self.still}, {self.doubt}")
+        if not -1 <= self.accepted <= self.doubtful <= self.sure <= 1:
+            raise ValueError(
+                "expected -1 <= accepted <= doubtful <= sure <= 1, "
+                f"got {self.accepted}, {self.doubtful} and {self.sure}"
+            )
 
 
 def camera_motion(
@@ -67,15 +97,109 @@ def camera_motion(
     Raises:
         ValueError: the frames differ in shape.
     """
+    step = cameraview_step(before, after, settings, people)
+    return None if step is None else step.similarity
+
+
+def cameraview_step(
+    before: ImageArray,
+    after: ImageArray,
+    settings: CameraMotionSettings | None = None,
+    people: FloatArray | None = None,
+) -> CameraStep | None:
+    """The same with how far it may be off; see `camera_motion`."""
     if before.shape != after.shape:
         raise ValueError(f"expected two frames of one shape, got {before.shape} and {after.shape}")
     settings = settings or CameraMotionSettings()
-    first, second = _shrunk(before, settings), _shrunk(after, settings)
-    ratio = first.shape[1] / before.shape[1]
-    start = _features(first, settings, None if people is None else people * ratio)
-    if len(start) < settings.least:
+    return view_step(View.of(before, settings, people), View.of(after, settings, None))
+
+
+@dataclass(frozen=True)
+class View:
+    """A frame as it is compared with others.
+
+    Attributes:
+        image: ``(h, w, 3)`` shrunk.
+        ratio: its width to that of the frame.
+        people: boxes in the frame, or None.
+        settings: of the estimate.
+    """
+
+    image: ImageArray
+    ratio: float
+    people: FloatArray | None
+    settings: CameraMotionSettings
+
+    @classmethod
+    def of(cls, image: ImageArray, settings: CameraMotionSettings, people: FloatArray | None) -> View:
+        height, width = image.shape[:2]
+        ratio = min(settings.longest_side / max(height, width), 1.0)
+        small = cv2.resize(image, (round(width * ratio), round(height * ratio)), interpolation=cv2.INTER_AREA)
+        colour = small if small.ndim == 3 else cv2.cvtColor(small, cv2.COLOR_GRAY2RGB)
+        return cls(np.asarray(colour, dtype=np.uint8), small.shape[1] / width, people, settings)
+
+    @cached_property
+    def grey(self) -> Grey:
+        """``(h, w)``."""
+        return np.asarray(cv2.cvtColor(self.image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+
+    @cached_property
+    def pattern(self) -> Pattern:
+        """What the search and the check compare."""
+        return pattern(self.image, self.settings.search)
+
+    @cached_property
+    def features(self) -> NDArray[np.float32]:
+        """``(N, 2)`` corners that can be found again, outside the people."""
+        mask = np.full(self.grey.shape, 255, dtype=np.uint8)
+        for x1, y1, x2, y2 in np.empty((0, 4)) if self.people is None else self.people * self.ratio:
+            mask[max(int(y1), 0) : max(int(np.ceil(y2)), 0), max(int(x1), 0) : max(int(np.ceil(x2)), 0)] = 0
+        found = cv2.goodFeaturesToTrack(self.grey, self.settings.features, 0.01, 8, mask=mask)
+        none = np.empty((0, 2), dtype=np.float32)
+        return none if found is None else np.asarray(found, dtype=np.float32).reshape(-1, 2)
+
+
+def view_step(first: View, second: View) -> CameraStep | None:
+    """The step from one view to another, in pixels of the frames; None where nothing tells."""
+    settings = first.settings
+    followed = _by_features(first, second)
+    if followed is not None and followed.agreement >= settings.sure:
+        return _in_frames(first, followed)
+    if followed is not None and followed.agreement >= settings.doubtful:
+        refined = refine(first.pattern, second.pattern, followed.similarity, settings.search)
+        # Where features agree on the wrong, most of what they leave unexplained goes away.
+        better = refined is not None and 1 - refined.agreement < 0.5 * (1 - followed.agreement)
+        return _in_frames(first, refined if refined is not None and better else followed)
+    best, *others = search(first.pattern, second.pattern, settings.search)
+    next_best = max([-1.0, *(step.agreement for step in (*others[:1], *([] if followed is None else [followed])))])
+    if best.agreement >= max(settings.accepted, next_best + settings.ahead):
+        return _in_frames(first, best, settings.doubt)
+    if followed is not None and (followed.agreement >= settings.accepted or followed.share >= 0.5):
+        return _in_frames(first, followed)
+    return None
+
+
+def _in_frames(first: View, found: FoundStep, doubt: float = 0.0) -> CameraStep:
+    """A step between patterns in pixels of the frames, off by ``doubt`` longest sides if they did not agree at all."""
+    ratio = first.image.shape[1] / first.ratio / first.pattern.shape[1]
+    similarity = np.column_stack([found.similarity[:, :2], found.similarity[:, 2] * ratio])
+    return CameraStep(similarity, doubt * (1 - found.agreement) * max(first.image.shape) / first.ratio)
+
+
+@dataclass(frozen=True)
+class _Followed(FoundStep):
+    """What features say, and the share of them that agree."""
+
+    share: float
+
+
+def _by_features(first: View, second: View) -> _Followed | None:
+    """The similarity that most features agree on; None where too few do."""
+    settings, start = first.settings, first.features
+    count = len(start)
+    if count < settings.least:
         return None
-    end, found = _follow(first, second, start)
+    end, found = _follow(first.grey, second.grey, start)
     start, end = start[found], end[found]
     if len(start) < settings.least:
         return None
@@ -85,27 +209,13 @@ def camera_motion(
     if matrix is None or int(inliers.sum()) < settings.least:
         return None
     result = np.asarray(matrix, dtype=np.float64)
-    corners = np.array([[x, y, 1.0] for x in (0, first.shape[1]) for y in (0, first.shape[0])])
+    corners = np.array([[x, y, 1.0] for x in (0, first.grey.shape[1]) for y in (0, first.grey.shape[0])])
     if np.linalg.norm(corners @ result.T - corners[:, :2], axis=1).max() < settings.still:
-        return np.eye(3)[:2]
-    result[:, 2] /= ratio
-    return result
-
-
-def _shrunk(image: ImageArray, settings: CameraMotionSettings) -> Grey:
-    height, width = image.shape[:2]
-    ratio = min(settings.longest_side / max(height, width), 1.0)
-    small = cv2.resize(image, (round(width * ratio), round(height * ratio)), interpolation=cv2.INTER_AREA)
-    return np.asarray(small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-
-
-def _features(image: Grey, settings: CameraMotionSettings, people: FloatArray | None) -> NDArray[np.float32]:
-    """``(N, 2)`` corners that can be found again, outside ``people``."""
-    mask = np.full(image.shape, 255, dtype=np.uint8)
-    for x1, y1, x2, y2 in np.empty((0, 4)) if people is None else people:
-        mask[max(int(y1), 0) : max(int(np.ceil(y2)), 0), max(int(x1), 0) : max(int(np.ceil(x2)), 0)] = 0
-    found = cv2.goodFeaturesToTrack(image, settings.features, 0.01, 8, mask=mask)
-    return np.empty((0, 2), dtype=np.float32) if found is None else np.asarray(found, dtype=np.float32).reshape(-1, 2)
+        result = STANDS_STILL
+    ratio = first.pattern.shape[1] / first.grey.shape[1]
+    similarity = np.column_stack([result[:, :2], result[:, 2] * ratio])
+    fit = agreement(first.pattern, second.pattern, similarity, settings.search.overlap)
+    return _Followed(similarity, fit, int(inliers.sum()) / count)
 
 
 def _follow(first: Grey, second: Grey, start: NDArray[np.float32]) -> tuple[NDArray[np.float32], BoolArray]:
@@ -142,67 +252,6 @@ def camera_flow(motion: FloatArray, size: tuple[int, int]) -> NDArray[np.float32
     back = undone(motion).astype(np.float32)
     moved = [values - (row[0] * x + row[1] * y + row[2]) for values, row in zip((x, y), back, strict=True)]
     return np.stack(moved, axis=2)
-
-
-@dataclass
-class CameraPath:
-    """Where the frames of a video lie, in pixels of the first.
-
-    Attributes:
-        settings: of the estimate.
-        transforms: one ``(2, 3)`` similarity a frame, from its pixels to those of the first.
-        unknown: frames whose movement nothing told; they lie where the frame before does.
-    """
-
-    settings: CameraMotionSettings = field(default_factory=CameraMotionSettings)
-    transforms: list[FloatArray] = field(default_factory=list)
-    unknown: list[int] = field(default_factory=list)
-    _before: Grey | None = None
-    _people: FloatArray | None = None
-    _waited: int = 0
-
-    def add(self, image: ImageArray, people: FloatArray | None = None) -> FloatArray:
-        """Take the next frame, in which ``people`` ``(N, 4)`` may move by themselves; returns its transform."""
-        small = _shrunk(image, self.settings)
-        ratio = small.shape[1] / image.shape[1]
-        boxes = None if people is None else np.asarray(people, dtype=np.float64) * ratio
-        if self._before is None:
-            step: FloatArray | None = np.eye(3)[:2]
-        else:
-            step = camera_motion(self._before, small, self.settings, self._people)
-            if step is None:
-                self.unknown.append(len(self.transforms))
-        still = step is not None and bool((step == np.eye(3)[:2]).all())
-        self._waited += 1
-        before = self.transforms[-1] if self.transforms else np.eye(3)[:2]
-        self.transforms.append(before if step is None or still else _chained(before, step, ratio))
-        if not still or self._before is None or self._waited >= self.settings.patience:
-            self._before, self._people, self._waited = small, boxes, 0
-        return self.transforms[-1]
-
-    def step(self, frame: int) -> FloatArray | None:
-        """``(2, 3)`` where pixels of the frame before lie in a frame; None for the first, and where nothing told."""
-        if frame == 0 or frame in self.unknown:
-            return None
-        earlier, now = (np.vstack([self.transforms[k], [0, 0, 1]]) for k in (frame - 1, frame))
-        # A camera that stood still is told from one that moved by less than rounding.
-        return np.eye(3)[:2] if np.array_equal(earlier, now) else np.asarray(np.linalg.solve(now, earlier)[:2])
-
-
-def _chained(before: FloatArray, step: FloatArray, ratio: float) -> FloatArray:
-    """The transform of the frame that lies ``step``, in pixels of shrunk frames, after that of ``before``."""
-    whole = np.vstack([step, [0, 0, 1]])
-    whole[:2, 2] /= ratio
-    return np.asarray((np.vstack([before, [0, 0, 1]]) @ np.linalg.inv(whole))[:2])
-
-
-def moved_boxes(boxes: FloatArray, transform: FloatArray) -> FloatArray:
-    """``boxes`` ``(N, 4)`` after a similarity ``(2, 3)``: the middle goes along, the sides are scaled, not turned."""
-    if (transform == np.eye(3)[:2]).all():
-        return boxes
-    middle = (boxes[:, :2] + boxes[:, 2:]) / 2 @ transform[:, :2].T + transform[:, 2]
-    half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.hypot(*transform[:, 0])
-    return np.concatenate([middle - half, middle + half], axis=1)
 
 
 def undone(transform: FloatArray) -> FloatArray:

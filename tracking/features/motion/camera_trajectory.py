@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,6 +10,19 @@ import numpy as np
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 STILL = np.eye(3)
+
+
+@dataclass(frozen=True)
+class CameraStep:
+    """How a camera moved from one frame to the next.
+
+    Attributes:
+        similarity: ``(2, 3)`` where pixels of the frame before lie in this one.
+        deviation: standard deviation in pixels of that place; 0 where there is no doubt.
+    """
+
+    similarity: FloatArray
+    deviation: float = 0.0
 
 
 class CameraTrajectory:

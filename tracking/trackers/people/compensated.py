@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.tracking.features.motion.camera_motion import CameraPath, moved_boxes, undone
+from tsuiseki.tracking.features.motion.camera_motion import undone
+from tsuiseki.tracking.features.motion.camera_path import CameraPath, moved_boxes
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.types import FloatArray, Targets, Track

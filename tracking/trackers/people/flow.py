@@ -16,7 +16,7 @@ from tsuiseki.tracking.association.flow.sliding_flow import Decision
 from tsuiseki.tracking.association.tracklets.interpolation import GapSettings, SmoothingSettings, fill_gaps, smooth
 from tsuiseki.tracking.association.tracklets.joining import JoinSettings, join
 from tsuiseki.tracking.association.tracklets.tracklets import Chained, Tracklets
-from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, InputSettings

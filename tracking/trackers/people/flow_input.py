@@ -15,7 +15,7 @@ from tsuiseki.tracking.association.occlusion import hidden_parts
 from tsuiseki.tracking.association.rows import DetectionRows, rows_of
 from tsuiseki.tracking.association.score_calibration import DetectionCost, ScoreCalibration, borne_out
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, MotionNoise
-from tsuiseki.tracking.features.motion.camera_motion import CameraPath
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray

@@ -10,7 +10,8 @@ import pytest
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.drone.flight import ground_homography
 from tsuiseki.datamodules.scenes.drone.flow_pairs import random_flow_pair
-from tsuiseki.tracking.features.motion.camera_motion import CameraPath, camera_flow, camera_motion, moved_boxes, undone
+from tsuiseki.tracking.features.motion.camera_motion import camera_flow, camera_motion, undone
+from tsuiseki.tracking.features.motion.camera_path import CameraPath, moved_boxes
 from tsuiseki.tracking.trackers.people.compensated import MotionCompensated
 from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.trackers.people.sort import Sort
