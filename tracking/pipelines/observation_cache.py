@@ -20,11 +20,12 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.pipelines.observations import Observation
 from tsuiseki.tracking.types import Detections
 
 CHUNK = 100
-VERSION = 2
+VERSION = 3
 MAGIC = b"tsuiseki observations 1\n"
 
 
@@ -86,7 +87,8 @@ def _write(path: Path, observations: list[Observation]) -> None:
         "boxes": np.concatenate([np.empty((0, 4)), *(o.detections.boxes for o in observations)]),
         "scores": np.concatenate([np.empty(0), *(o.detections.scores for o in observations)]),
         "has_motion": np.array([o.motion is not None for o in observations]),
-        "motion": np.array([np.eye(3)[:2] if o.motion is None else o.motion for o in observations]),
+        "motion": np.array([np.eye(3)[:2] if o.motion is None else o.motion.similarity for o in observations]),
+        "deviation": np.array([0.0 if o.motion is None else o.motion.deviation for o in observations]),
     }
     features = [o.detections.features for o in observations]
     if all(part is not None for part in features):
@@ -136,7 +138,7 @@ def _observations(arrays: Mapping[str, np.ndarray[Any, Any]]) -> list[Observatio
             int(arrays["frames"][n]),
             Detections(boxes[n], scores[n], features[n]),
             actions[n],
-            arrays["motion"][n] if arrays["has_motion"][n] else None,
+            CameraStep(arrays["motion"][n], float(arrays["deviation"][n])) if arrays["has_motion"][n] else None,
         )
         for n in range(count)
     ]

@@ -15,6 +15,7 @@ import numpy as np
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.features.networks.exported import Describe, Detect
 from tsuiseki.tracking.features.networks.streaming import stream
 from tsuiseki.tracking.timing import StageTimes
@@ -31,14 +32,13 @@ class Observation:
         detections: people, with appearance features where there is an appearance model. The boxes that a correlation
             filter adds for people whom the detector missed come last.
         actions: ``(S, N, A)`` float32 probabilities by stream; None without action recognition.
-        motion: ``(2, 3)`` similarity of the camera: where pixels of the frame before lie in this one. None at the
-            start, or where it is not estimated.
+        motion: of the camera since the frame before; None where it is not estimated.
     """
 
     frame: int
     detections: Detections
     actions: FloatArray | None = None
-    motion: FloatArray | None = None
+    motion: CameraStep | None = None
 
 
 @dataclass(frozen=True)
@@ -90,10 +90,11 @@ def observe(
         motion = None
         if path is not None:
             with times.measure("camera"):
-                motion = _step(path, frame.image, found.boxes)
+                path.add(frame.image, found.boxes)
+                motion = path.step(len(path.transforms) - 1)
         if bridge is not None:
             with times.measure("bridge"):
-                missed = bridge.step(frame.image, found, motion)
+                missed = bridge.step(frame.image, found, None if motion is None else motion.similarity)
             if observers.describe is not None and len(missed):
                 with times.measure("describe"):
                     missed = missed.with_features(observers.describe.describe(frame.image, missed.boxes))
@@ -117,14 +118,3 @@ def _joined(found: Detections, missed: Detections) -> Detections:
         np.concatenate([found.scores, missed.scores]),
         None if features is None else np.concatenate(features),
     )
-
-
-def _step(path: CameraPath, image: ImageArray, people: FloatArray) -> FloatArray | None:
-    """``(2, 3)`` from the frame before to ``image``, the next of ``path``; None for the first."""
-    path.add(image, people)
-    if len(path.transforms) < 2:
-        return None
-    earlier, now = (np.vstack([transform, [0, 0, 1]]) for transform in path.transforms[-2:])
-    step = np.linalg.solve(now, earlier)[:2]
-    # A camera that stood still is told from one that moved by less than rounding.
-    return np.eye(3)[:2] if np.array_equal(earlier, now) else np.asarray(step)

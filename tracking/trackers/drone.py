@@ -23,7 +23,7 @@ from tsuiseki.tracking.association.tracklets.action_refinement import (
     window_means,
 )
 from tsuiseki.tracking.association.tracklets.interpolation import GapSettings, SmoothingSettings, fill_gaps, smooth
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep, CameraTrajectory
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 
@@ -92,16 +92,16 @@ class DroneTracker:
         """Number of detections that are not final."""
         return len(self._open)
 
-    def update(self, detections: Detections, motion: FloatArray | None = None) -> None:
+    def update(self, detections: Detections, motion: CameraStep | None = None) -> None:
         """Take the next frame.
 
         Args:
             detections: with appearance features where they are known, and with probabilities of actions in all frames
                 or in none.
-            motion: ``(2, 3)`` similarity of the camera since the frame before; None for none.
+            motion: of the camera since the frame before; None for none.
         """
         self._waiting.append(detections)
-        self._camera.append(motion)
+        self._camera.append(None if motion is None else motion.similarity)
         chunk = self.settings.chunk
         if chunk is not None and len(self._camera) - self._first_open >= chunk + self.settings.overlap:
             self._decide(len(self._camera) - self.settings.overlap)

@@ -58,7 +58,7 @@ def labelled_clip(observations: Sequence[Observation], truth: GroundTruth) -> La
     """
     camera = CameraTrajectory("images")
     for one in observations:
-        camera.append(one.motion)
+        camera.append(None if one.motion is None else one.motion.similarity)
     detections = [
         replace(one.detections, actions=None if one.actions is None else averaged(one.actions)) for one in observations
     ]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory, move_boxes
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep, CameraTrajectory, move_boxes
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray
 
@@ -96,7 +96,7 @@ def test_a_moving_camera_is_taken_out() -> None:
         paths.append(path)
         boxes = move_boxes(found.boxes, np.repeat(path[None], len(found), axis=0))
         still.update(found)
-        moving.update(replace(found, boxes=boxes), step if number else None)
+        moving.update(replace(found, boxes=boxes), CameraStep(step) if number else None)
     expected, got = still.tracks(), moving.tracks()
     assert len(expected) == len(got) > 0
     for a, b in zip(expected, got, strict=True):

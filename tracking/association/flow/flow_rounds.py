@@ -142,14 +142,23 @@ def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, long
         return joined(pairs)
     # In the order of their places, so that one search goes on where the last one ended.
     tails = tails[np.lexsort((centre[tails, 0], seen.frames[tails]))]
-    furthest = float(cost.limits(side, longest / seen.frame_rate)[tails, 0].max())
+    furthest = float((cost.limits(side, longest / seen.frame_rate) + _doubt(seen, side, longest, cost))[tails, 0].max())
     strips = Strips.of(seen.frames, centre, tails, heads, furthest)
     for gap in range(shortest, longest + 1):
-        reach = cost.limits(side, gap / seen.frame_rate)
+        reach = cost.limits(side, gap / seen.frame_rate) + _doubt(seen, side, gap, cost)
         i, j = strips.near(tails, reach, gap)
         alike = np.abs(seen.measured.places[j, 3] - seen.measured.places[i, 3]) < cost.size
         pairs.append((i[alike], j[alike]))
     return joined(pairs)
+
+
+def _doubt(seen: Seen, side: FloatArray, gap: int, cost: LinkCost) -> FloatArray:
+    """``(N, 1)`` pixels by which the camera's motion over ``gap`` frames may be off, as far as gates allow for it."""
+    wander = seen.measured.wander
+    if wander[-1] == wander[0]:
+        return np.zeros((len(side), 1))
+    later = wander[np.searchsorted(seen.frames, seen.frames + gap, side="right") - 1]
+    return np.asarray((side * cost.doubt * np.sqrt(np.maximum(later - wander, 0)))[:, None])
 
 
 def priced(

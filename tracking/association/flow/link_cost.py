@@ -38,6 +38,9 @@ class LinkCost:
         most_learnt: learnt costs count for no more than this, either way.
         reach: differences of centres in x and in y that are considered, longer sides of the earlier box.
         speed: what is added to them every second.
+        doubt: and what is added where the camera's motion is in doubt, in its standard deviations.
+        lost: deviation of the camera's motion, in heights, above which it makes links no dearer: where nobody knows how
+            far the camera jumped, all links over the jump are equally far.
         size: largest difference of log heights that is considered.
     """
 
@@ -50,13 +53,18 @@ class LinkCost:
     most_learnt: float = 5.0
     reach: tuple[float, float] = (0.3, 0.3)
     speed: tuple[float, float] = (2.1, 1.2)
+    doubt: float = 2.0
+    lost: float = 0.5
     size: float = 0.5
 
     def __post_init__(self) -> None:
         if not (self.tails > 0 and self.miss >= 0 and 0 <= self.covering <= 1 and self.size > 0):
             raise ValueError("expected tails and size above 0, miss from 0 and covering from 0 to 1")
-        if min(self.reach) <= 0 or min(self.speed) < 0:
-            raise ValueError(f"expected reach above 0 and speed from 0, got {self.reach} and {self.speed}")
+        if min(self.reach) <= 0 or min(*self.speed, self.doubt, self.lost) < 0:
+            raise ValueError(
+                f"expected reach above 0, speed, doubt and lost from 0, got {self.reach}, {self.speed}"
+                f", {self.doubt} and {self.lost}"
+            )
 
     def limits(self, sides: FloatArray, seconds: float) -> FloatArray:
         """``(N, 2)`` largest differences of centres in pixels, after a gap, for boxes of ``(N,)`` longer sides."""
@@ -120,11 +128,14 @@ class LinkCost:
                 aa = aa + wander
             bb, cc = b + seconds * (c + seconds * (q / 2)) + later_b, c + q * seconds + later_c
             determinant = aa * cc - bb**2
+            spread = determinant
+            if group == 0:
+                spread = (aa - np.maximum(wander - self.lost**2, 0)) * cc - bb**2
             for k in np.flatnonzero(group == GROUPS):
                 unit = side if group == 0 else 1.0
                 apart = (place[k] + velocity[k] * seconds - later_place[k]) / unit
                 turn = (velocity[k] - later_velocity[k]) / unit
                 squared = (cc * apart**2 - 2 * bb * apart * turn + aa * turn**2) / determinant
                 fit *= 1 + squared / self.tails
-                volume *= determinant / (4 * r2[group] * v2[group])
+                volume *= spread / (4 * r2[group] * v2[group])
         return np.asarray((self.tails + 2) / 2 * np.log(fit) + 0.5 * np.log(volume))

@@ -19,6 +19,7 @@ from tsuiseki.tracking.features.motion.camera_search import (
     FoundStep,
     Pattern,
     agreement,
+    leads_to_the_same,
     pattern,
     refine,
     search,
@@ -42,9 +43,11 @@ class CameraMotionSettings:
         least: features that must agree; with fewer they do not tell how the camera moved.
         sure: agreement of the frames, a correlation, from which what the features say is taken as it is.
         doubtful: agreement from which it is refined; below it frames are searched for what they share.
-        accepted: agreement from which a step is believed at all.
-        ahead: by how much a step that was searched for must agree better than any other.
-        doubt: deviation of a step that was searched for, where its frames do not agree at all, in longest sides.
+        accepted: agreement from which a step that was searched for is believed; half of it where features say the same.
+        ahead: what a step that was searched for leaves unexplained, 1 less the agreement, is at most this share of what
+            any other leaves.
+        doubt: deviation of a step whose frames do not agree at all, in longest sides; less where they agree more, and
+            none from ``sure`` on.
         patience: frames of a camera that stands still that are compared with one and the same, so that it cannot
             creep away unnoticed; and frames after an unknown one that are also compared with the one before it.
         search: for what two frames share.
@@ -58,7 +61,7 @@ class CameraMotionSettings:
     sure: float = 0.95
     doubtful: float = 0.7
     accepted: float = 0.5
-    ahead: float = 0.1
+    ahead: float = 0.8
     doubt: float = 0.02
     patience: int = 15
     search: CameraSearchSettings = field(default_factory=CameraSearchSettings)
@@ -171,19 +174,23 @@ def view_step(first: View, second: View) -> CameraStep | None:
         better = refined is not None and 1 - refined.agreement < 0.5 * (1 - followed.agreement)
         return _in_frames(first, refined if refined is not None and better else followed)
     best, *others = search(first.pattern, second.pattern, settings.search)
-    next_best = max([-1.0, *(step.agreement for step in (*others[:1], *([] if followed is None else [followed])))])
-    if best.agreement >= max(settings.accepted, next_best + settings.ahead):
-        return _in_frames(first, best, settings.doubt)
-    if followed is not None and (followed.agreement >= settings.accepted or followed.share >= 0.5):
-        return _in_frames(first, followed)
-    return None
+    ahead = 1 - best.agreement <= settings.ahead * (1 - max((step.agreement for step in others), default=-1.0))
+    if followed is not None and leads_to_the_same(followed, best, first.pattern):
+        # Two ways that come to the same need agree less.
+        if ahead and best.agreement >= settings.accepted / 2:
+            return _in_frames(first, best if best.agreement > followed.agreement + 0.02 else followed)
+    elif ahead and best.agreement >= settings.accepted:
+        return _in_frames(first, best)
+    return _in_frames(first, followed) if followed is not None and followed.share >= 0.5 else None
 
 
-def _in_frames(first: View, found: FoundStep, doubt: float = 0.0) -> CameraStep:
-    """A step between patterns in pixels of the frames, off by ``doubt`` longest sides if they did not agree at all."""
+def _in_frames(first: View, found: FoundStep) -> CameraStep:
+    """A step between patterns in pixels of the frames, the more in doubt the less the patterns agree."""
     ratio = first.image.shape[1] / first.ratio / first.pattern.shape[1]
     similarity = np.column_stack([found.similarity[:, :2], found.similarity[:, 2] * ratio])
-    return CameraStep(similarity, doubt * (1 - found.agreement) * max(first.image.shape) / first.ratio)
+    if found.agreement >= first.settings.sure:
+        return CameraStep(similarity)
+    return CameraStep(similarity, first.settings.doubt * (1 - found.agreement) * max(first.image.shape) / first.ratio)
 
 
 @dataclass(frozen=True)

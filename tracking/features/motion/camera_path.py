@@ -55,15 +55,15 @@ class CameraPath:
             self._before = _Placed(frame, view, transform)
         return transform
 
-    def step(self, frame: int) -> CameraStep | None:
-        """Where pixels of the frame before lie in a frame; None for the first, and where nothing told."""
-        if frame == 0 or frame in self.unknown:
-            return None
+    def step(self, frame: int) -> CameraStep:
+        """Where pixels of the frame before lie in a frame, of infinite deviation where nothing told."""
+        if frame == 0:
+            return CameraStep(STANDS_STILL)
         earlier, now = (np.vstack([self.transforms[k], [0, 0, 1]]) for k in (frame - 1, frame))
         # A camera that stood still is told from one that moved by less than rounding.
         same = np.array_equal(earlier, now)
         similarity = STANDS_STILL if same else np.asarray(np.linalg.solve(now, earlier)[:2])
-        return CameraStep(similarity, self.deviations.get(frame, 0.0))
+        return CameraStep(similarity, np.inf if frame in self.unknown else self.deviations.get(frame, 0.0))
 
     def _transform(self, before: _Placed, view: View, frame: int) -> FloatArray:
         """Where the next frame lies."""

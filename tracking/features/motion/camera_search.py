@@ -71,7 +71,10 @@ def pattern(image: ImageArray, settings: CameraSearchSettings) -> Pattern:
     size = max(round(image.shape[1] * ratio), 8), max(round(image.shape[0] * ratio), 8)
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     slow = cv2.GaussianBlur(small, (0, 0), settings.brightness)
-    return np.asarray(cv2.GaussianBlur(small, (0, 0), settings.detail) - slow, dtype=np.float32)
+    result = cv2.GaussianBlur(small, (0, 0), settings.detail) - slow
+    # What rounding leaves of a blank image.
+    result[np.abs(result) < 0.01] = 0
+    return np.asarray(result, dtype=np.float32)
 
 
 def agreement(first: Pattern, second: Pattern, similarity: FloatArray, overlap: float) -> float:
@@ -98,7 +101,7 @@ def search(first: Pattern, second: Pattern, settings: CameraSearchSettings) -> l
         refined = refine(first, second, guess, settings)
         if refined is not None:
             found.append(refined)
-    return _distinct(sorted(found, key=lambda step: -step.agreement), first.shape[1], first.shape[0])
+    return _distinct(sorted(found, key=lambda step: -step.agreement), first)
 
 
 def _moved(image: Pattern, similarity: FloatArray) -> tuple[Pattern, Pattern]:
@@ -162,12 +165,18 @@ def refine(first: Pattern, second: Pattern, guess: FloatArray, settings: CameraS
     return FoundStep(similarity, agreement(first, second, similarity, settings.overlap))
 
 
-def _distinct(steps: Sequence[FoundStep], width: int, height: int) -> list[FoundStep]:
-    """``steps`` without those that take the corners where a better one does, to a twentieth of the width."""
+def leads_to_the_same(one: FoundStep, other: FoundStep, image: Pattern) -> bool:
+    """Whether two steps take the corners of ``image`` to the same places, to an eighth of the width."""
+    height, width = image.shape[:2]
     corners = np.array([[x, y, 1.0] for x in (0, width) for y in (0, height)])
+    away = corners @ (one.similarity - other.similarity).T
+    return bool(np.linalg.norm(away, axis=1).max() <= width / 8)
+
+
+def _distinct(steps: Sequence[FoundStep], image: Pattern) -> list[FoundStep]:
+    """``steps`` without those that lead to the same as a better one."""
     kept: list[FoundStep] = []
     for step in steps:
-        away = [np.linalg.norm(corners @ (step.similarity - k.similarity).T, axis=1).max() for k in kept]
-        if min(away, default=np.inf) > width / 20:
+        if not any(leads_to_the_same(step, better, image) for better in kept):
             kept.append(step)
     return kept

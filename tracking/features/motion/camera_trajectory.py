@@ -18,7 +18,7 @@ class CameraStep:
 
     Attributes:
         similarity: ``(2, 3)`` where pixels of the frame before lie in this one.
-        deviation: standard deviation in pixels of that place; 0 where there is no doubt.
+        deviation: standard deviation in pixels of that place; 0 where there is no doubt, infinite where nothing tells.
     """
 
     similarity: FloatArray

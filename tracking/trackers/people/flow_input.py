@@ -31,15 +31,19 @@ class InputSettings:
     Attributes:
         detection: what scores are worth.
         camera: how its motion is estimated from boxes; None takes it to stand still.
+        lost: deviation of the camera's place, in heights of a box, after a step that its images do not tell.
         duplicate: of two boxes of a frame that overlap by more (intersection over union), the one of the lower score
             is left out.
     """
 
     detection: DetectionCost = field(default_factory=DetectionCost)
     camera: CameraFromBoxes | None = field(default_factory=CameraFromBoxes)
+    lost: float = 3.0
     duplicate: float = 0.95
 
     def __post_init__(self) -> None:
+        if not 0 <= self.lost < np.inf:
+            raise ValueError(f"expected lost from 0, got {self.lost}")
         if not 0 < self.duplicate <= 1:
             raise ValueError(f"expected duplicate in (0, 1], got {self.duplicate}")
 
@@ -116,9 +120,7 @@ class FlowInput:
     def _follow_camera(self, rows: DetectionRows, first: int, count: int) -> None:
         """Extend the trajectory by ``count`` frames from ``first`` on."""
         if self.path is not None:
-            for frame in range(first, first + count):
-                step = self.path.step(frame)
-                self.camera.append(step, 0.0 if step is not None or frame == 0 else self._usual_shift())
+            self._follow_images(self.path, rows, first, count)
             return
         if self.settings.camera is None:
             for _ in range(count):
@@ -129,6 +131,16 @@ class FlowInput:
         steps = steps_from_boxes(frames, boxes, count + 1, self.frame_rate, self.settings.camera)
         for index in range(1, count + 1):
             self._append_step(steps, index, self.settings.camera)
+
+    def _follow_images(self, path: CameraPath, rows: DetectionRows, first: int, count: int) -> None:
+        """The same by what the images say."""
+        height = float(np.median(sizes(rows.boxes).max(axis=1))) if len(rows) else 1.0
+        for frame in range(first, first + count):
+            step = path.step(frame)
+            known = np.isfinite(step.deviation)
+            self.camera.append(step.similarity, step.deviation / height if known else self.settings.lost)
+            if not known:
+                self.camera.unknown.append(frame)
 
     def _append_step(self, steps: Steps, index: int, settings: CameraFromBoxes) -> None:
         shift, support = float(steps.shift[index]), float(steps.support[index])

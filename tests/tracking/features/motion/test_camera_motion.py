@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+import cv2
 import numpy as np
 import pytest
 
@@ -49,6 +50,46 @@ def test_a_flight_is_followed_to_a_pixel(flight, frames):
     assert np.median(moves) > 2  # the flight does move
     # A similarity cannot follow the perspective of a tilted view: about a pixel in 640 near the border.
     assert np.median(errors) < 1.0
+
+
+@pytest.mark.parametrize(("seed", "jerk"), [(271, 11), (96, 7)])
+def test_a_jerk_by_a_quarter_of_the_width_is_found(seed, jerk):
+    settings = DroneSceneSettings(width=640, height=360, frames=16, people=3, clutter=1, camera="violent")
+    plan = plan_flight(settings, seed)
+    points = np.array([[x, y] for x in (160, 320, 480) for y in (90, 180, 270)], dtype=float)
+    path = CameraPath()
+    for frame in range(jerk - 2, jerk + 2):
+        path.add(draw_flight(plan, frame)[0])
+    assert path.unknown == []
+    for number, frame in enumerate(range(jerk - 1, jerk + 2), start=1):
+        exact = through(ground_homography(plan.cameras[frame - 1], plan.cameras[frame]), points)
+        step = path.step(number)
+        away = np.linalg.norm(through(step.similarity, points) - exact, axis=1)
+        # What a similarity cannot follow, a pixel or two, and what the path says that it may be off.
+        assert np.median(away) < 2 + 2 * step.deviation
+        assert step.deviation < 10
+        if frame == jerk:
+            assert np.linalg.norm(exact - points, axis=1).max() > 140
+
+
+def test_frames_without_anything_in_common_say_nothing():
+    rng = np.random.default_rng(0)
+    one, other = (np.kron(rng.integers(0, 256, (12, 20, 3)), np.ones((15, 16, 1))).astype(np.uint8) for _ in range(2))
+    assert camera_motion(one, other) is None
+
+
+def test_a_frame_that_shows_nothing_does_not_lose_the_way():
+    rng = np.random.default_rng(1)
+    scene = cv2.GaussianBlur(rng.integers(0, 256, (240, 420, 3)).astype(np.uint8), (0, 0), 1.5)
+    black = np.zeros((180, 320, 3), np.uint8)
+    path = CameraPath()
+    for image in (scene[30:210, 40:360], black, scene[22:202, 52:372], scene[22:202, 55:375]):
+        path.add(image)
+    assert path.unknown == [1, 2]
+    assert np.isinf(path.step(2).deviation)
+    np.testing.assert_allclose(path.transforms[2], [[1, 0, 12], [0, 1, -8]], atol=0.2)
+    np.testing.assert_allclose(path.step(3).similarity, [[1, 0, -3], [0, 1, 0]], atol=0.2)
+    assert path.step(3).deviation == 0
 
 
 def test_a_still_camera_gives_exactly_the_identity():
@@ -101,6 +142,23 @@ def jumping(path):
         boxes = np.array([[100.0, 100, 130, 170], [160, 100, 190, 170]]) + np.array([shift, 0, shift, 0])
         detections.append(Detections(boxes, np.full(2, 0.99)))
     return detections
+
+
+@pytest.mark.parametrize("said", [True, False])
+def test_gates_open_where_nobody_knows_how_far_the_camera_jumped(said):
+    """Two people stand; in one frame the camera jumps by two heights, which the images do not tell."""
+    path = CameraPath()
+    flow = FlowTracker(camera=path)
+    for frame in range(24):
+        path.transforms.append(np.eye(3)[:2])
+        if said and frame == 12:
+            path.unknown.append(frame)
+        shift = 140.0 * (frame >= 12)
+        boxes = np.array([[100.0, 100, 130, 170], [300, 100, 330, 170]]) + np.array([shift, 0, shift, 0])
+        flow.update(Detections(boxes, np.full(2, 0.99)))
+    # A camera that is taken to have stood still tears the tracks.
+    assert ([len(track) for track in flow.tracks()] == [24, 24]) == said
+    assert flow.facts()["camera_unknown"] == ([13] if said else [])
 
 
 def test_compensation_keeps_people_apart_whom_a_jumping_camera_confuses():

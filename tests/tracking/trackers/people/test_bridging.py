@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.tracklets.action_refinement import RefinementSettings
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.pipelines.observations import Observation, Observers, observe
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
@@ -170,7 +171,7 @@ def test_windows_link_bridged_people_as_the_whole_does(cost: float, used: bool) 
     for chunk in (None, 10):
         tracker = DroneTracker(DroneSettings(refinement, chunk=chunk, overlap=20))
         for one, step in zip(seen, clip.steps, strict=True):
-            tracker.update(one.detections, step)
+            tracker.update(one.detections, CameraStep(step))
         results.append(tracker.tracks())
     assert len(results[0]) == len(results[1]) == 2
     for whole, windowed in zip(*results, strict=True):
