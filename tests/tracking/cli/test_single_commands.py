@@ -122,7 +122,8 @@ def test_a_result_of_another_length_is_said(labelled, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tmp_path, capsys):
+def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("tsuiseki.trainers.experiments.single.lost_status.CHASES", 1)
     out, cache = tmp_path / "out", tmp_path / "cache"
     words = ["reproduce", "multi-correlation-filter", "--data", str(labelled), "--cache", str(cache)]
     words += ["--seeds", "1", "--sweep_seeds", "1"]
@@ -145,7 +146,7 @@ def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tm
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--parts", "sweep"], "--parts: expected some of unseen, readings, sweeps"),
+        (["--parts", "sweep"], "--parts: expected some of unseen, readings, status"),
         (["--seeds", "0"], "--seeds: expected at least 1"),
         (["--data", "nowhere"], "expected a folder of sequences or a label file at nowhere"),
     ],

@@ -1,0 +1,32 @@
+"""What counts as a loss that was noticed, and as a false alarm."""
+
+import numpy as np
+
+from tsuiseki.trainers.experiments.single import lost_status
+from tsuiseki.trainers.experiments.single.lost_status import LostCounts, count_losses
+from tsuiseki.trainers.experiments.store import Store
+
+
+def test_losses_and_alarms_are_counted():
+    overlaps = np.concatenate([np.full(5, 0.8), np.zeros(9), [0.6], np.zeros(12), [np.nan], np.zeros(10)])
+    lost = np.zeros(len(overlaps), dtype=bool)
+    lost[2] = True  # followed: an alarm
+    lost[8] = True  # nine frames are no loss
+    lost[15 + 9] = True  # the tenth frame of the first loss
+    assert count_losses(overlaps, lost) == LostCounts(losses=2, noticed=1, followed=6, alarms=1)
+
+
+def test_a_loss_noticed_later_than_ten_frames_is_not_noticed():
+    lost = np.zeros(30, dtype=bool)
+    lost[10:] = True
+    assert count_losses(np.zeros(30), lost) == LostCounts(losses=1)
+
+
+def test_the_table_has_given_clips_and_generated_ones(tmp_path, monkeypatch):
+    monkeypatch.setattr(lost_status, "CHASES", 1)
+    monkeypatch.setattr(lost_status, "TRACKERS", {"kcf": lost_status.RegularisedSettings(sizes=1)})
+    clips = lost_status.generated_clips(1)
+    outcome = lost_status.lost_status(Store(tmp_path), clips, [0])
+    first, second = outcome.tables[0].rows
+    assert first[2:] == second[2:]
+    assert outcome.values["status"]["kcf, given clips"]["followed"] > 0
