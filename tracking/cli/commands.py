@@ -93,6 +93,9 @@ COMMANDS: Tree = {
             "affinity-drone": Command(
                 "the same, seen from a drone", "trainers.affinity.affinity_drone:fit_drone_affinities"
             ),
+            "association": Command(
+                "who follows whom, by whole tracks", "tracking.cli.train.networks:association", forwarded=True
+            ),
             "objectness": Command("which boxes look like an object"),
             "body": Command("a body that bends, from silhouettes"),
             "motion": Command("how a body that bends moves, from its tracks"),
@@ -104,6 +107,9 @@ COMMANDS: Tree = {
             "detector": Command("from a checkpoint, or from torchvision's COCO weights"),
             "appearance": Command("from a checkpoint"),
             "action": Command("from a checkpoint, one file a stream"),
+            "association": Command(
+                "costs of the flow, from a checkpoint", "trainers.exporting.export_association:export_trained"
+            ),
         },
     ),
     "calibrate": Group(

@@ -47,7 +47,7 @@ ALWAYS = 1000.0
 
 
 @dataclass(frozen=True)
-class LabelledVideo:
+class DetectedVideo:
     """Detections and labels of one sequence.
 
     Attributes:
@@ -122,7 +122,7 @@ class Graphs:
 
 
 def sequence_graphs(
-    video: LabelledVideo, settings: FlowSettings | None = None, changes: CostChanges | None = None
+    video: DetectedVideo, settings: FlowSettings | None = None, changes: CostChanges | None = None
 ) -> Graphs:
     """The networks of both levels of a sequence, at the tracker's costs by default.
 
@@ -168,7 +168,7 @@ def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: Flow
 
 
 def _detection_graph(
-    video: LabelledVideo,
+    video: DetectedVideo,
     seen: Seen,
     owners: IntArray,
     parts: LinkParts,
@@ -199,7 +199,7 @@ def _detection_graph(
 
 
 def _tracklet_graph(
-    video: LabelledVideo, seen: Seen, owners: IntArray, labels: IntArray, settings: FlowSettings
+    video: DetectedVideo, seen: Seen, owners: IntArray, labels: IntArray, settings: FlowSettings
 ) -> Graph:
     """Tracklets in place of detections, joins of their ends in place of links; an owner has half of one."""
     ends = Ends.of(labels)

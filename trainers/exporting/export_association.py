@@ -12,15 +12,39 @@ import torch
 
 from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork, FeatureNames
-from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
-from tsuiseki.trainers.exporting.export import quiet_exporter
+from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.exporting.export import load_module, quiet_exporter
 
 # Costs, absolute: float32 sums in another order differ by about 1e-6 of a cost of up to 8.
 TOLERANCE = 1e-4
 INPUTS = ("links", "detections", "joins")
 OUTPUTS = ("link_changes", "detection_changes", "join_changes")
+
+
+def export_trained(checkpoint: Path, out: Path, training_data: str = "", overwrite: bool = False) -> float:
+    """Write the network of a checkpoint as ONNX.
+
+    Args:
+        checkpoint: of `tsuiseki train association`.
+        out: the file to write.
+        training_data: for the card, in words.
+        overwrite: replace an existing file.
+
+    Returns:
+        The largest difference of a cost to torch that the parity check saw.
+
+    Raises:
+        RequestError: a missing or foreign file, or a training that has not taken a step.
+    """
+    network = load_module(AssociationTraining, checkpoint).network
+    if not any(part.linear.weight.any() for part in (network.links, network.detections, network.joins)):
+        raise RequestError(f"{checkpoint}: expected a trained network, but it changes no cost; go on with the training")
+    worst = export_association(network, out, training_data, overwrite=overwrite)
+    print(f"{out}: no cost differs from torch's by more than {worst:.1g}")
+    return worst
 
 
 def export_association(

@@ -1,4 +1,4 @@
-"""`tsuiseki train detector|appearance|action`: LightningCLI with the toolkit's checkpoints, logs and errors."""
+"""`tsuiseki train` for networks: LightningCLI with the toolkit's checkpoints, logs and errors."""
 
 from __future__ import annotations
 
@@ -68,6 +68,20 @@ def fit_action(arguments: Sequence[str]) -> Path:
     return fit(Task("action", ActionTraining, ActionData, "val/map", links), arguments)
 
 
+def fit_association(arguments: Sequence[str]) -> Path:
+    """Train an association network as the command line ``arguments`` say, and export it; see `fit`.
+
+    ``DIR`` also gets ``association.onnx``, the best network as the tracker takes it.
+    """
+    from tsuiseki.trainers.association.data import AssociationData
+    from tsuiseki.trainers.association.training import AssociationTraining
+    from tsuiseki.trainers.exporting.export_association import export_trained
+
+    best = fit(Task("association", AssociationTraining, AssociationData, "val/agreement"), arguments)
+    export_trained(best, best.parent.parent / "association.onnx", overwrite=True)
+    return best
+
+
 def fit(task: Task, arguments: Sequence[str]) -> Path:
     """Train as the command line ``arguments`` say.
 
@@ -87,6 +101,7 @@ def fit(task: Task, arguments: Sequence[str]) -> Path:
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*isinstance.treespec, LeafSpec.*")
         warnings.filterwarnings("ignore", message=".*number of training batches.*smaller than the logging interval.*")
+        warnings.filterwarnings("ignore", message=".*overridden `transfer_batch_to_device`.*")
         warnings.filterwarnings("ignore", message=".*Checkpoint directory .* exists and is not empty.*")
         # Lightning calls jsonargparse by names that newer versions discourage.
         warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning.pytorch.cli")

@@ -8,12 +8,12 @@ import pytest
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, Problem, cheapest
-from tsuiseki.trainers.association.graphs import Counts, Graph, LabelledVideo, sequence_graphs, window, windows
+from tsuiseki.trainers.association.graphs import Counts, DetectedVideo, Graph, sequence_graphs, window, windows
 
 FRAMES = 60
 
 
-def video(people: int = 2, clutter: bool = True, unseen: bool = True, frames: int = FRAMES) -> LabelledVideo:
+def video(people: int = 2, clutter: bool = True, unseen: bool = True, frames: int = FRAMES) -> DetectedVideo:
     """People side by side who walk to the right; clutter that stands; one more whom nobody detects."""
     ids, boxes, when, found = [], [], [], []
     for t in range(frames):
@@ -32,7 +32,7 @@ def video(people: int = 2, clutter: bool = True, unseen: bool = True, frames: in
         ~every,
         np.ones(len(ids)),
     )
-    return LabelledVideo("walk", found, truth, 30.0, (640, 480))
+    return DetectedVideo("walk", found, truth, 30.0, (640, 480))
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_tracklets(graph: Graph) -> None:
     del graph
     labelled = video(clutter=False, unseen=False)
     gap = [Detections.empty() if 20 <= t < 40 else found for t, found in enumerate(labelled.detections)]
-    level = sequence_graphs(LabelledVideo("gap", gap, labelled.truth, 30.0, (640, 480)))
+    level = sequence_graphs(DetectedVideo("gap", gap, labelled.truth, 30.0, (640, 480)))
     joins = level.tracklets
     assert joins.links.shape[1] == 27
     found = cheapest(Problem(joins.costs, joins.tail, joins.head))
@@ -108,7 +108,7 @@ def test_tracklets(graph: Graph) -> None:
     ],
     ids=["no detections", "no people", "one frame", "nothing"],
 )
-def test_windows_of_next_to_nothing(empty: LabelledVideo) -> None:
+def test_windows_of_next_to_nothing(empty: DetectedVideo) -> None:
     levels = sequence_graphs(empty)
     for graph in (levels.detections, levels.tracklets):
         assert graph.arcs(DifferenceWeights()).count == len(graph)
@@ -124,7 +124,7 @@ def test_single_labelled_boxes_are_neither_right_nor_wrong() -> None:
     """The tracker drops shorter tracks, so x* has none."""
     whole = video(people=1, clutter=False, unseen=False)
     few = [found if t < 2 else Detections.empty() for t, found in enumerate(whole.detections)]
-    assert len(sequence_graphs(LabelledVideo("few", few, whole.truth, 30.0, None)).detections) == 0
+    assert len(sequence_graphs(DetectedVideo("few", few, whole.truth, 30.0, None)).detections) == 0
 
 
 def test_counts(graph: Graph) -> None:

@@ -1,4 +1,4 @@
-"""`tsuiseki train detector`, `appearance` and `action`: Lightning's own command line, in our frame."""
+"""`tsuiseki train detector`, `appearance`, `action` and `association`: Lightning's own command line, in our frame."""
 
 from __future__ import annotations
 
@@ -39,3 +39,10 @@ def action(words: Sequence[str]) -> None:
     with needs_train_extra():
         from tsuiseki.trainers.networks.fit import fit_action
     fit_action(words)
+
+
+def association(words: Sequence[str]) -> None:
+    """Fit the costs of the flow to labelled video, through the flow."""
+    with needs_train_extra():
+        from tsuiseki.trainers.networks.fit import fit_association
+    fit_association(words)

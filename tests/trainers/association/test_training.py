@@ -1,0 +1,214 @@
+"""`tsuiseki train association`: learns, resumes, exports, and names what it cannot use."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from tsuiseki.tracking.association.flow.cost_network import CostNetwork
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.trainers.association.data import AssociationData, EveryWindow, RandomWindows, TrainingWindow
+from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.exporting.export_association import TOLERANCE, export_trained
+from tsuiseki.trainers.networks.fit import fit_association
+
+FRAMES = 90
+
+
+def write_walk(folder: Path, people: int = 4, det: bool = True, extra: str = "", away: float = 0.0) -> Path:
+    """People who cross, each detected in most frames, and clutter of low scores."""
+    rng = np.random.default_rng(0)
+    (folder / "gt").mkdir(parents=True)
+    write_sequence_info(folder, folder.name, 30.0, FRAMES, 640, 480)
+    labels, found = [], []
+    for t in range(1, FRAMES + 1):
+        for k in range(people):
+            x = 40 + 5 * t if k % 2 else 500 - 5 * t
+            row = f"{x:.1f},{80 + 30 * k},40,100"
+            labels.append(f"{t},{k + 1},{row},1,1,1")
+            if rng.random() < 0.85:
+                x, y = np.array([x + away, 80 + 30 * k]) + rng.normal(0, 3, 2)
+                found.append(f"{t},-1,{x:.1f},{y:.1f},40,100,{rng.uniform(0.6, 1):.2f},-1,-1,-1")
+        if rng.random() < 0.5:
+            x, y = rng.uniform(0, 400, 2) + away
+            found.append(f"{t},-1,{x:.1f},{y:.1f},30,80,{rng.uniform(0.3, 0.7):.2f},-1,-1,-1")
+    (folder / "gt" / "gt.txt").write_text("\n".join(labels) + "\n" + extra)
+    if det:
+        (folder / "det").mkdir()
+        (folder / "det" / "det.txt").write_text("\n".join(found) + "\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_walk(tmp_path_factory.mktemp("walks") / "walk")
+
+
+def options(walk: Path, out: Path, *more: str) -> list[str]:
+    trainer = {"accelerator": "cpu", "max_epochs": 2, "num_sanity_val_steps": 0, "gradient_clip_val": 1.0}
+    data = {"train": f"[{walk}]", "seconds": 1.0, "windows": 8}
+    words = [f"--{g}.{k}={v}" for g, values in (("trainer", trainer), ("data", data)) for k, v in values.items()]
+    return [*words, f"--out={out}", *more]
+
+
+@pytest.fixture(scope="module")
+def trained(walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("association") / "out"
+    fit_association(options(walk, out, "--model.hidden=4", "--model.warmup_steps=1"))
+    return out
+
+
+def column(out: Path, name: str, version: int = 0) -> list[float]:
+    with (out / "metrics" / f"version_{version}" / "metrics.csv").open() as file:
+        return [float(row[name]) for row in csv.DictReader(file) if row.get(name)]
+
+
+def weights(checkpoint: Path) -> dict[str, torch.Tensor]:
+    return dict(load_module(AssociationTraining, checkpoint).network.state_dict())
+
+
+def test_logs_and_exports(trained: Path) -> None:
+    objective = column(trained, "train/objective")
+    assert objective[-1] < objective[0]
+    assert 0.5 < column(trained, "val/agreement")[-1] <= 1
+    assert {"val/mota", "val/switches"} <= set(
+        (trained / "metrics/version_0/metrics.csv").read_text().split("\n")[0].split(",")
+    )
+    assert list((trained / "tensorboard").iterdir())
+    network = load_module(AssociationTraining, trained / "checkpoints" / "best.ckpt").network
+    rows = np.random.default_rng(0).normal(size=(9, 23))
+    with torch.no_grad():
+        expected = network.links(torch.as_tensor(rows, dtype=torch.float32))[:, 0].numpy()
+    assert expected.any()
+    np.testing.assert_allclose(
+        CostNetwork(trained / "association.onnx", threads=1).links(rows), expected, atol=TOLERANCE
+    )
+
+
+def test_the_same_seed_gives_the_same_weights(trained: Path, walk: Path, tmp_path: Path) -> None:
+    """In processes, too."""
+    words = options(walk, tmp_path / "again", "--model.hidden=4", "--model.warmup_steps=1", "--model.processes=2")
+    fit_association(words)
+    one, other = weights(trained / "checkpoints/last.ckpt"), weights(tmp_path / "again/checkpoints/last.ckpt")
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_goes_on_where_it_was(trained: Path, walk: Path) -> None:
+    before = weights(trained / "checkpoints/last.ckpt")["links.mean"]
+    last = f"--ckpt_path={trained / 'checkpoints/last.ckpt'}"
+    fit_association(options(walk, trained, "--model.hidden=4", "--trainer.max_epochs=3", last))
+    assert len(column(trained, "train/objective", version=1)) == 1
+    torch.testing.assert_close(weights(trained / "checkpoints/last.ckpt")["links.mean"], before)
+
+
+def test_tracks_with_what_was_learnt(trained: Path, walk: Path, tmp_path: Path) -> None:
+    words = ["track", "people", str(walk), "--detections", str(walk / "det/det.txt"), "--out", str(tmp_path / "out")]
+    assert main([*words, "--affinity", str(trained / "association.onnx")]) == 0
+    assert (tmp_path / "out" / "tracks.txt").read_text()
+
+
+def test_starts_from_a_network(trained: Path) -> None:
+    checkpoint = trained / "checkpoints" / "best.ckpt"
+    started = AssociationTraining(hidden=4, start=checkpoint)
+    torch.testing.assert_close(started.network.links.mean, weights(checkpoint)["links.mean"])
+    with pytest.raises(RequestError, match="expected a network of the same features and hidden, with links"):
+        AssociationTraining(hidden=7, start=checkpoint)
+    with pytest.raises(RequestError, match="expected a checkpoint to start from"):
+        AssociationTraining(start=trained / "nothing.ckpt")
+
+
+@pytest.mark.parametrize("loss", ["fenchel_young", "hinge"])
+def test_the_gradient_of_a_step_reaches_all_that_makes_costs(walk: Path, loss: str) -> None:
+    data = AssociationData([walk], seconds=1.0, windows=2)
+    data.setup("fit")
+    module = AssociationTraining(loss=loss, joins=1.0, pairwise=0.1, epsilon=3.0)  # type: ignore[arg-type]
+    module.standardise(data.learnt)
+    module.log = lambda *_, **__: None  # type: ignore[method-assign]
+    for index in range(2):
+        total = module.training_step(RandomWindows(data.learnt, 1.0, 2, lambda: (0, 0))[index], 0)
+        assert total is not None
+        total.backward()
+    assert module.network.links.linear.weight.grad is not None
+    assert module.network.links.linear.weight.grad.any()
+    assert module.network.detections.linear.weight.grad is not None
+    assert (module.network.detections.linear.weight.grad.abs().sum(dim=1) > 0).all()
+
+
+def test_windows_are_drawn_anew_every_epoch(walk: Path) -> None:
+    data = AssociationData([walk], seconds=0.5, windows=6)
+    data.setup("fit")
+    names = [[w.detections.name for w in RandomWindows(data.learnt, 0.5, 6, lambda e=e: (0, e))] for e in (0, 0, 1)]
+    assert names[0] == names[1] != names[2]
+    held = EveryWindow(data.held, 0.5)
+    assert sum(len(held[k].detections.people) for k in range(len(held))) == 4 * round(0.2 * FRAMES)
+
+
+def test_a_window_without_detections_is_no_step(walk: Path) -> None:
+    data = AssociationData([walk])
+    data.setup("fit")
+    graph = data.learnt[0].detections
+    from tsuiseki.trainers.association.graphs import window
+
+    nothing = TrainingWindow(window(graph, 5000, 5010), data.learnt[0].tracklets)
+    assert AssociationTraining().training_step(nothing, 0) is None
+
+
+def test_a_loss_that_is_no_number_names_its_window(walk: Path) -> None:
+    data = AssociationData([walk])
+    data.setup("fit")
+    module = AssociationTraining()
+    module.log = lambda *_, **__: None  # type: ignore[method-assign]
+    module.standardise(data.learnt)
+    module.loss = lambda costs, *_: costs.sum() * float("nan")  # type: ignore[assignment]
+    with pytest.raises(RunError, match=r"loss is nan on walk, frames \d+-\d+; lower"):
+        module.training_step(EveryWindow(data.learnt, 1.0)[0], 0)
+
+
+def test_an_unfinished_training_is_not_exported(tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match="expected a checkpoint at"):
+        export_trained(tmp_path / "best.ckpt", tmp_path / "a.onnx")
+    import lightning
+
+    trainer = lightning.Trainer(max_epochs=0, accelerator="cpu", logger=False, enable_progress_bar=False)
+    module = AssociationTraining()
+    trainer.strategy.connect(module)
+    trainer.save_checkpoint(tmp_path / "first.ckpt")
+    with pytest.raises(RequestError, match="expected a trained network, but it changes no cost"):
+        export_trained(tmp_path / "first.ckpt", tmp_path / "a.onnx")
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ({"det": False}, r"expected det/det.txt beside the labels of odd"),
+        ({"people": 1}, r"expected a sequence with two people, .* got odd"),
+        ({"extra": "3,1,5,5,40,100,1,1,1\n"}, r"id 1 stands twice in frame 3"),
+        ({"away": 3000.0}, r"odd: expected detections on labelled people, but none of \d+ overlaps one by half"),
+    ],
+    ids=["no detections", "one person", "an id twice", "on nobody"],
+)
+def test_unusable_sequences_are_named(tmp_path: Path, what: dict[str, object], message: str) -> None:
+    folder = write_walk(tmp_path / "odd", **what)  # type: ignore[arg-type]
+    with pytest.raises(RequestError, match=message):
+        AssociationData([folder]).setup("fit")
+
+
+def test_labels_of_other_classes_are_named(tmp_path: Path) -> None:
+    folder = write_walk(tmp_path / "cars")
+    labels = (folder / "gt" / "gt.txt").read_text().replace(",1,1,1\n", ",1,3,1\n")
+    (folder / "gt" / "gt.txt").write_text(labels)
+    with pytest.raises(RequestError, match="cars"):
+        AssociationData([folder]).setup("fit")
+
+
+def test_a_wrong_setting_is_one_line(capsys: pytest.CaptureFixture[str], walk: Path, tmp_path: Path) -> None:
+    words = ["train", "association", *options(walk, tmp_path / "out", "--model.switch=0.1")]
+    assert main(words) == 2
+    assert "two wrong links above a detection" in capsys.readouterr().err
