@@ -158,6 +158,7 @@ COMMANDS: Tree = {
             "association": Experiment(
                 "people and cars linked on given detections, with peers", "association.association"
             ),
+            "end-to-end": Experiment("costs learnt through the flow", "end_to_end.end_to_end"),
             "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
             "stereo-sphere": Experiment("a ball in space from two cameras", "sphere.stereo_sphere"),
             "multiview-drone": Experiment("a drone in space from measured pixels", "sphere.multiview_drone"),

@@ -129,22 +129,25 @@ class AssociationTraining(lightning.LightningModule):
             RunError: the loss is no number; names the window.
         """
         del batch_index
-        graph = batch.detections
-        if not len(graph):
+        if not len(batch.detections):
             return None
-        loss, rng = self._annealed(), np.random.default_rng([self.seed, self.global_step])
+        rng = np.random.default_rng([self.seed, self.global_step])
+        objective, others = self.losses(batch, self._annealed(), rng)
+        self.log("train/objective", objective, on_step=False, on_epoch=True, prog_bar=True, batch_size=1)
+        return finite(objective + others, batch.detections.name)
+
+    def losses(self, batch: TrainingWindow, loss: FlowLoss, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        """The loss of the flow of a window with detections, a detection; and all others, by their weights."""
+        graph, tracklets = batch.detections, batch.tracklets
         costs = self.costs(graph)
-        total = loss(costs.double(), graph.arcs(self.weights), rng, self._spread) / len(graph)
-        self.log("train/objective", total, on_step=False, on_epoch=True, prog_bar=True, batch_size=1)
+        objective = loss(costs.double(), graph.arcs(self.weights), rng, self._spread) / len(graph)
+        others = objective.new_zeros(())
         if self.pairwise:
-            total = total + self.pairwise * link_cross_entropy(costs, graph)
-        tracklets = batch.tracklets
+            others = others + self.pairwise * link_cross_entropy(costs, graph)
         if self.joins and len(tracklets.tail):
             joined = loss(self.join_costs(tracklets).double(), tracklets.arcs(self.weights), rng, self._spread)
-            total = total + self.joins * joined / len(tracklets)
-        if not torch.isfinite(total):
-            raise RunError(f"the loss is {total.item()} on {graph.name}; lower --model.learning_rate and start again")
-        return total
+            others = others + self.joins * joined / len(tracklets)
+        return objective, others
 
     def validation_step(self, batch: TrainingWindow, batch_index: int) -> None:
         """Count what the flow does right and wrong."""
@@ -195,6 +198,17 @@ class AssociationTraining(lightning.LightningModule):
 
     def _tensor(self, values: FloatArray) -> Tensor:
         return torch.as_tensor(values, dtype=torch.float32, device=self.device)
+
+
+def finite(loss: Tensor, name: str) -> Tensor:
+    """The loss of the window ``name``.
+
+    Raises:
+        RunError: it is no number.
+    """
+    if not torch.isfinite(loss):
+        raise RunError(f"the loss is {loss.item()} on {name}; lower --model.learning_rate and start again")
+    return loss
 
 
 def link_cross_entropy(costs: Tensor, graph: Graph) -> Tensor:

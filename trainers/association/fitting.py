@@ -1,0 +1,124 @@
+"""Fitting an association network to the networks of sequences without the frame of a training run, in seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch.optim import AdamW
+
+from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.tracking.association.flow.cost_network import LARGEST
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.association.data import RandomWindows
+from tsuiseki.trainers.association.flow_loss import LossName
+from tsuiseki.trainers.association.graphs import Graphs
+from tsuiseki.trainers.association.training import AssociationTraining, finite
+from tsuiseki.trainers.networks.schedule import decay_groups, warmup_cosine
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How an association network is fitted; see `AssociationTraining` for what is not told here.
+
+    Attributes:
+        loss: of the flow.
+        epsilon: of ``fenchel_young``.
+        epsilon_last: in the end; None keeps it.
+        pairs: of perturbations.
+        hidden: width of the hidden layers.
+        steps: windows that are looked at.
+        seconds: length of a window.
+        joins: weight of the second level.
+        pairwise: weight of the cross-entropy of links.
+        length: power of the length of an identity in Δ.
+        learning_rate: at its highest.
+        weight_decay: towards the tracker's own costs.
+        seed: of windows, perturbations and first weights.
+    """
+
+    loss: LossName = "fenchel_young"
+    epsilon: float = 1.0
+    epsilon_last: float | None = None
+    pairs: int = 1
+    hidden: int = 0
+    steps: int = 120
+    seconds: float = 2.0
+    joins: float = 0.2
+    pairwise: float = 0.0
+    length: float = 0.0
+    learning_rate: float = 3e-3
+    weight_decay: float = 1e-2
+    seed: int = 0
+
+
+def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
+    """The network after ``fit.steps`` windows.
+
+    Raises:
+        RunError: a loss is no number; names the window.
+    """
+    torch.manual_seed(fit.seed)
+    module = AssociationTraining(
+        fit.hidden, fit.loss, fit.epsilon, None, fit.pairs, length=fit.length, joins=fit.joins, pairwise=fit.pairwise
+    )
+    module.standardise(graphs)
+    windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0))
+    optimiser = AdamW(decay_groups(module, fit.weight_decay), lr=fit.learning_rate)
+    for step in range(fit.steps):
+        batch = windows[step]
+        if not len(batch.detections):
+            continue
+        loss = module.loss
+        if fit.epsilon_last is not None:
+            loss = loss.annealed(step / fit.steps, fit.epsilon_last)
+        for group in optimiser.param_groups:
+            group["lr"] = fit.learning_rate * warmup_cosine(step, 10, max(fit.steps, 11), 0.01)
+        optimiser.zero_grad()
+        objective, others = module.losses(batch, loss, np.random.default_rng([fit.seed, step]))
+        finite(objective + others, batch.detections.name).backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
+        optimiser.step()
+    return module.network.eval()
+
+
+@dataclass(frozen=True)
+class NetworkChanges:
+    """An association network in torch as the tracker takes it; a `CostChanges`.
+
+    Attributes:
+        network: the network.
+        scale: all changes of links are multiplied with.
+        use: added to what using a detection costs.
+        ends: added to what a start, and what an end costs.
+    """
+
+    network: AssociationNetwork
+    scale: float = 1.0
+    use: float = 0.0
+    ends: float = 0.0
+
+    def links(self, rows: FloatArray) -> FloatArray:
+        """``(P,)`` changes of the costs of links."""
+        return self.scale * self._of("links", rows)[:, 0]
+
+    def detections(self, rows: FloatArray) -> FloatArray:
+        """``(N, 3)`` changes of the costs of detections, of a track's start and of its end there."""
+        changes = self._of("detections", rows) + np.array([self.use, self.ends, self.ends])
+        return np.asarray(changes.clip(-LARGEST, LARGEST))
+
+    def joins(self, rows: FloatArray) -> FloatArray:
+        """``(P,)`` changes of the costs of joins."""
+        return self._of("joins", rows)[:, 0]
+
+    def scaled(self, scalars: Sequence[float]) -> NetworkChanges:
+        """The same with another scale, use and ends."""
+        scale, use, ends = (float(value) for value in scalars)
+        return replace(self, scale=scale, use=use, ends=ends)
+
+    def _of(self, part: str, rows: FloatArray) -> FloatArray:
+        with torch.no_grad():
+            changes: torch.Tensor = getattr(self.network, part)(torch.as_tensor(rows, dtype=torch.float32))
+        return changes.double().numpy()

@@ -1,0 +1,72 @@
+"""Fits on some sequences and tracks on others: the units that are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+from tsuiseki.tracking.association.flow.cost_network import CostChanges
+from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.association.data import affordable
+from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_network
+from tsuiseki.trainers.association.flow_loss import Problem, cheapest
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, sequence_graphs
+from tsuiseki.trainers.experiments.association.labelled import read_labels
+from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
+from tsuiseki.trainers.experiments.end_to_end.pairwise import Learner, fit_pairs
+
+
+def video_of(clip: Clip) -> DetectedVideo:
+    """The detections and labels of a sequence."""
+    return DetectedVideo(clip.name, read_clip(clip), read_labels(clip), clip.rate, _size(clip))
+
+
+@lru_cache(maxsize=40)
+def graphs_of_clip(clip: Clip) -> Graphs:
+    """The networks of a sequence, at the tracker's own costs."""
+    graphs = sequence_graphs(video_of(clip))
+    return Graphs(affordable(graphs.detections), graphs.tracklets, graphs.lost)
+
+
+def learnable(clips: Sequence[Clip]) -> list[Graphs]:
+    """The networks of those sequences that have detections."""
+    return [graphs for graphs in map(graphs_of_clip, clips) if len(graphs.detections) and len(graphs.detections.tail)]
+
+
+def default_table(clip: Clip) -> FloatArray:
+    """Tracks at the tracker's own costs, see `table_of`."""
+    return tracked(clip, None)
+
+
+def learnt_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit) -> list[FloatArray]:
+    """Tracks of ``tests`` by a network that was fitted through the flow on ``train``."""
+    changes = NetworkChanges(fit_network(learnable(train), fit))
+    return [tracked(clip, changes) for clip in tests]
+
+
+def pairwise_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], learner: Learner) -> list[FloatArray]:
+    """Tracks of ``tests`` by costs that were learnt on the pairs of ``train``."""
+    changes = fit_pairs(learnable(train), learner)
+    return [tracked(clip, changes) for clip in tests]
+
+
+def tracked(clip: Clip, changes: CostChanges | None) -> FloatArray:
+    """Tracks by boxes alone."""
+    tracker = FlowTracker(frame_rate=clip.rate, size=_size(clip), changes=changes)
+    for found in read_clip(clip):
+        tracker.update(found)
+    return table_of(tracker.tracks())
+
+
+def lost_links(clip: Clip) -> list[int]:
+    """Links that the labels have, those that the tracker does not consider, and right ones that its flow takes."""
+    graphs = graphs_of_clip(clip)
+    graph = graphs.detections
+    links = graph.labelled[3 * len(graph) :]
+    flow = cheapest(Problem(graph.costs, graph.tail, graph.head))[3 * len(graph) :]
+    return [int(links.sum()) + graphs.lost, graphs.lost, int((links * flow).sum())]
+
+
+def _size(clip: Clip) -> tuple[int, int] | None:
+    return clip.size if min(clip.size) > 0 else None
