@@ -74,6 +74,8 @@ class Graph:
         frame_rate: frames a second.
         frames: ``(N,)`` of the detections, or of the first ones of tracklets.
         owners: ``(N,)`` whose each is, below 0 for nobody's.
+        boxes: ``(N, 4)`` where the image shows them, pixels.
+        tracks: ``(N,)`` track of each by default, -1 for none.
         costs: ``(3 N + P,)`` by default: of use, starts, ends and links.
         fixed: ``(3 N,)`` those of use, starts and ends that are not learnt.
         detections: ``(N, G)`` features; without columns where those costs are fixed.
@@ -88,6 +90,8 @@ class Graph:
     frame_rate: float
     frames: IntArray
     owners: IntArray
+    boxes: FloatArray
+    tracks: IntArray
     costs: FloatArray
     fixed: BoolArray
     detections: FloatArray
@@ -145,7 +149,7 @@ def sequence_graphs(
     owners = owners_of(seen.frames, seen.image, video.truth)
     labels = window.labels() if len(seen) else np.empty(0, np.int64)
     parts = _link_parts(seen, window, labels, settings)
-    graph = _detection_graph(video, seen, owners, parts, observation, logit, settings)
+    graph = _detection_graph(video, seen, owners, labels, parts, observation, logit, settings)
     kept = owners != IGNORED
     lost = _links_to_make(seen.frames, owners) - int(graph.labelled[3 * len(graph) :].sum()) if kept.any() else 0
     return Graphs(graph, _tracklet_graph(video, seen, owners, labels, settings), max(lost, 0))
@@ -171,6 +175,7 @@ def _detection_graph(
     video: DetectedVideo,
     seen: Seen,
     owners: IntArray,
+    tracks: IntArray,
     parts: LinkParts,
     observation: FloatArray,
     logit: FloatArray,
@@ -184,6 +189,8 @@ def _detection_graph(
         video.frame_rate,
         seen.frames,
         owners,
+        seen.image,
+        tracks,
         np.concatenate([observation, np.full(len(seen), costs.entry), np.full(len(seen), costs.exit), parts.cost]),
         np.zeros(3 * len(seen), dtype=np.bool_),
         features,
@@ -221,6 +228,8 @@ def _tracklet_graph(
             video.frame_rate,
             starts,
             majority,
+            seen.image[ends.first] if count else np.empty((0, 4)),
+            np.arange(count),
             np.concatenate([np.full(count, -ALWAYS), np.zeros(2 * count), cost]),
             np.ones(3 * count, dtype=np.bool_),
             np.empty((count, len(DETECTION_FEATURES))),
@@ -277,6 +286,8 @@ def taken_out(graph: Graph, which: BoolArray) -> Graph:
         graph,
         frames=graph.frames[kept],
         owners=graph.owners[kept],
+        boxes=graph.boxes[kept],
+        tracks=graph.tracks[kept],
         costs=graph.costs[np.append(nodes, links)],
         fixed=graph.fixed[nodes],
         detections=graph.detections[kept],
