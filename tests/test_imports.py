@@ -24,9 +24,9 @@ ALLOWED = {
     "configs": set(),
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here.
-LAYERS = ("errors", "opencv", "weights", "types", "frame_range", "geometry", "timing", "output", "processes", "onnx",
-          "preprocessing", "interchange", "formats", "video", "synchronise", "cameras", "bodies", "likelihoods",
-          "filters", "features", "association", "trackers", "evaluation", "report", "pipelines", "front",
+LAYERS = ("errors", "opencv", "weights", "types", "frame_range", "coded_size", "geometry", "timing", "output",
+          "processes", "onnx", "preprocessing", "interchange", "formats", "video", "synchronise", "cameras", "bodies",
+          "likelihoods", "filters", "features", "association", "trackers", "evaluation", "report", "pipelines", "front",
           "cli")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/readers", "datamodules/scenes")
 

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
+from tsuiseki.tracking.coded_size import CodedSizes, Size
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot import IMAGE_SUFFIXES, is_sequence, list_images, read_sequence
 from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
@@ -62,7 +63,7 @@ class Source(Protocol):
         """The frames of the stretch, numbered as in the whole video; one is held at a time.
 
         Raises:
-            RunError: the video breaks off or an image cannot be read.
+            RunError: the video breaks off or changes its size, or an image cannot be read.
         """
         ...
 
@@ -171,19 +172,30 @@ class VideoFile:
 
     def frames(self) -> Iterator[Frame]:
         """See `Source.frames`."""
-        capture = cv2.VideoCapture(str(self.path))
-        index, milliseconds = 0, 0.0
+        capture, sizes = cv2.VideoCapture(str(self.path)), CodedSizes(self.path)
+        index, milliseconds, size = 0, 0.0, None
         try:
             while self.frames_wanted.last is None or index <= self.frames_wanted.last:
                 if not capture.grab():
                     self._refuse_early_end(index, milliseconds / 1000)
                     return
+                size = self._same_size(index, size, sizes.read())
                 milliseconds = capture.get(cv2.CAP_PROP_POS_MSEC)
                 if index >= self.frames_wanted.first:
                     yield Frame(index, index / self.frame_rate, _retrieve(capture, f"{self.path}: frame {index + 1}"))
                 index += 1
         finally:
             capture.release()
+            sizes.close()
+
+    def _same_size(self, index: int, size: Size | None, stated: Size | None) -> Size | None:
+        """The size of the pictures so far; raises RunError where a coded frame states another one."""
+        if size is not None and stated is not None and stated != size:
+            raise RunError(
+                f"{self.path}: expected {size[0]}x{size[1]} pixels throughout, got {stated[0]}x{stated[1]} from about "
+                f"frame {index + 1} on; cut the file there"
+            )
+        return stated or size
 
     def _refuse_early_end(self, frames: int, seconds: float) -> None:
         """Tell a truncated file from one whose header only estimates its length.
