@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -95,12 +96,19 @@ class WantedInput:
     dtype: np.dtype[Any]
 
 
+def cores_of(threads: int) -> int:
+    """``threads``, or for 0 the number of cores that this process may use."""
+    if threads:
+        return threads
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def open_session(path: str | Path, threads: int = 0) -> onnxruntime.InferenceSession:
     """The ONNX file at ``path``, ready to run.
 
     Args:
         path: the file.
-        threads: CPU threads of a call; 0 leaves it to onnxruntime.
+        threads: CPU threads of a call; 0 takes all cores.
 
     Raises:
         RequestError: the file is missing, not ONNX, or newer than onnxruntime can read.
@@ -109,7 +117,8 @@ def open_session(path: str | Path, threads: int = 0) -> onnxruntime.InferenceSes
     if not path.is_file():
         raise RequestError(f"expected an ONNX file at {path}, found none; export one with `tsuiseki export`")
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
+    # By itself onnxruntime would bind its threads to cores, where other work of this program may be.
+    options.intra_op_num_threads = cores_of(threads)
     options.log_severity_level = 3
     try:
         return onnxruntime.InferenceSession(path.read_bytes(), options, providers=onnxruntime.get_available_providers())
@@ -173,7 +182,7 @@ class OnnxModel:
     Args:
         path: the ONNX file.
         kind: what the caller needs the model to be.
-        threads: CPU threads of a call; 0 leaves it to onnxruntime.
+        threads: CPU threads of a call; 0 takes all cores.
 
     Raises:
         RequestError: the file is missing, not ONNX, without a card, of another kind or of a newer format version.

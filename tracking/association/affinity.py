@@ -73,7 +73,7 @@ class Affinity:
 
     Args:
         path: the ONNX file.
-        threads: CPU threads; 0 leaves it to onnxruntime.
+        threads: CPU threads; 0 takes all cores.
 
     Raises:
         RequestError: the file is no affinity (see `OnnxModel`), or its features are not known here.

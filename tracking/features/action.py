@@ -31,7 +31,7 @@ class ActionRecogniser:
 
     Args:
         paths: of the files, one a stream.
-        threads: CPU threads; 0 leaves it to onnxruntime.
+        threads: CPU threads; 0 takes all cores.
         batch_size: most crops of one inference call.
 
     Raises:

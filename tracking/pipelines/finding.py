@@ -16,10 +16,11 @@ from tsuiseki.tracking.features.networks.exported import Appearance, Describe, D
 from tsuiseki.tracking.features.networks.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike, as_describer, as_detector
-from tsuiseki.tracking.features.networks.streaming import stream, workers_of
+from tsuiseki.tracking.features.networks.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, IntArray
 from tsuiseki.tracking.video import Source
@@ -55,7 +56,7 @@ class PeopleInputs:
         """Batches that are worked on at a time."""
         networks = isinstance(self.detect, ViewedDetector | Detector | ForeignDetector | Sequence)
         described = self.describe is None or isinstance(self.describe, Appearance | ForeignAppearance)
-        return workers_of(self.threads) if networks and described and not self.source.live else 1
+        return cores_of(self.threads) if networks and described and not self.source.live else 1
 
     @property
     def needs_images(self) -> bool:

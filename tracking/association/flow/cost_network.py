@@ -53,7 +53,7 @@ class CostNetwork:
 
     Args:
         path: the ONNX file.
-        threads: CPU threads; 0 leaves it to onnxruntime.
+        threads: CPU threads; 0 takes all cores.
 
     Raises:
         RequestError: the file is no association network (see `OnnxModel`), or its features are not known here.

@@ -42,7 +42,7 @@ class Detector:
         path: the ONNX file.
         score_threshold: detections below it are dropped; in [0, 1].
         iou_threshold: of the non-maximum suppression; in [0, 1].
-        threads: CPU threads; 0 leaves it to onnxruntime.
+        threads: CPU threads; 0 takes all cores.
 
     Raises:
         RequestError: the file is no detector (see `OnnxModel`).
@@ -109,7 +109,7 @@ class Appearance:
 
     Args:
         path: the ONNX file.
-        threads: CPU threads; 0 leaves it to onnxruntime.
+        threads: CPU threads; 0 takes all cores.
         batch_size: most crops of one inference call.
 
     Raises:

@@ -22,7 +22,7 @@ class ForeignAppearance:
 
     Args:
         path: the ONNX file.
-        threads: CPU threads; 0 leaves it to onnxruntime.
+        threads: CPU threads; 0 takes all cores.
         batch_size: most crops of one inference call, where the file takes several.
         options: what the file does not tell.
 

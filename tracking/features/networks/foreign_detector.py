@@ -35,7 +35,7 @@ class ForeignDetector:
         path: the ONNX file.
         score_threshold: detections below it are dropped; in [0, 1].
         iou_threshold: of the non-maximum suppression, where the network does none itself; in [0, 1].
-        threads: CPU threads; 0 leaves it to onnxruntime.
+        threads: CPU threads; 0 takes all cores.
         options: what the file does not tell.
 
     Attributes:

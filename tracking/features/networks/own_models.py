@@ -34,7 +34,7 @@ def as_detector(given: DetectorLike, score_threshold: float = 0.3, threads: int 
     Args:
         given: an exported network's file, a `Detector`, or a function; see the module.
         score_threshold: of a detector that is read from a file, in [0, 1].
-        threads: CPU threads of a network that is read from a file; 0 leaves it to onnxruntime.
+        threads: CPU threads of a network that is read from a file; 0 takes all cores.
 
     Raises:
         RequestError: it is none of them, or the file is no detector.
@@ -55,7 +55,7 @@ def as_describer(given: AppearanceLike, threads: int = 0) -> Describe:
 
     Args:
         given: an exported network's file, an `Appearance`, or a function; see the module.
-        threads: CPU threads of a network that is read from a file; 0 leaves it to onnxruntime.
+        threads: CPU threads of a network that is read from a file; 0 takes all cores.
 
     Raises:
         RequestError: it is none of them, or the file is no appearance network.

@@ -8,7 +8,6 @@ The result is the same with any number of workers: batches are cut and networks 
 from __future__ import annotations
 
 import itertools
-import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -19,13 +18,6 @@ from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 
 _Found: TypeAlias = list[tuple[Frame, Detections]]
-
-
-def workers_of(threads: int) -> int:
-    """How many batches to work on at a time with ``threads`` threads; 0 takes all cores that this process may use."""
-    if threads:
-        return threads
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def stream(

@@ -11,11 +11,12 @@ from onnx import TensorProto, helper, numpy_helper
 
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector, decode_boxes
-from tsuiseki.tracking.features.networks.streaming import stream, workers_of
-from tsuiseki.tracking.onnx import FORMAT_VERSION, METADATA_KEY, ModelCard, OnnxModel
+from tsuiseki.tracking.features.networks.streaming import stream
+from tsuiseki.tracking.onnx import FORMAT_VERSION, METADATA_KEY, ModelCard, OnnxModel, cores_of, open_session
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
+from tsuiseki.tracking.weights import shipped
 
 HEIGHT, WIDTH = 24, 32
 DETECTOR_CARD = ModelCard(
@@ -212,5 +213,12 @@ def test_what_goes_wrong_in_a_worker_reaches_the_caller():
 
 
 def test_threads_are_as_many_as_asked_for_or_all_there_are():
-    assert workers_of(3) == 3
-    assert workers_of(0) >= 1
+    assert cores_of(3) == 3
+    assert cores_of(0) >= 1
+
+
+def test_all_cores_are_asked_for_by_number(tmp_path):
+    """Onnxruntime's own default binds threads to cores: with other work on them it is slower than a number."""
+    path = tmp_path / "m.onnx"
+    path.write_bytes(shipped("affinity_people").read_bytes())
+    assert open_session(path, 0).get_session_options().intra_op_num_threads == cores_of(0)
