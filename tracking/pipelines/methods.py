@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -48,6 +49,7 @@ def people_tracker(
     seed: int = 0,
     source: Source | None = None,
     camera: CameraPath | None = None,
+    delay: float | None = None,
 ) -> PeopleTracker:
     """A fresh tracker; the flow has hand-set costs where there is no affinity.
 
@@ -58,10 +60,16 @@ def people_tracker(
         seed: of all chance.
         source: the video, for the flow's times and the border of its images.
         camera: gets the frames before the tracker gets their detections, where the movement of the camera matters.
+        delay: seconds after which the flow answers a frame; None answers at the end.
 
     Raises:
-        RequestError: there is no such method.
+        RequestError: there is no such method, or another than the flow shall have a delay.
     """
+    if delay is not None and (method != "flow" or not 0 <= delay < inf):
+        raise RequestError(
+            f"expected `delay` of 0 seconds or more with the method flow, got {delay:g} with {method}"
+            + ("" if method == "flow" else ", which answers at once")
+        )
     settings = settings or MethodSettings()
     pairs = affinity if isinstance(affinity, Affinity) else None
     changes = affinity if isinstance(affinity, CostNetwork) else None
@@ -69,7 +77,7 @@ def people_tracker(
     rate, size = DEFAULT_FRAME_RATE if source is None else source.frame_rate, getattr(source, "size", None)
     size = size if size and min(size) > 0 else None
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
-        "flow": lambda: FlowTracker(settings.flow, pairs, observation, rate, size, camera, seed, changes),
+        "flow": lambda: FlowTracker(settings.flow, pairs, observation, rate, size, camera, seed, changes, delay),
         "deepsort": lambda: DeepSort(settings.deepsort, seed),
         "sort": lambda: Sort(settings.sort, seed),
         "bytetrack": lambda: ByteTrack(settings.bytetrack, seed),

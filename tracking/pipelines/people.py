@@ -106,14 +106,16 @@ def follow_people(
     moving_camera: bool = False,
     threads: int = 0,
     seed: int = 0,
+    delay: float | None = None,
 ) -> Iterator[tuple[Frame, Targets]]:
     """Each frame with the people in it, while the video comes.
 
     Args:
         source: as in `track_people`; a webcam is followed until the loop ends.
-        method: any but ``flow``, or a tracker that answers while it runs, also one with a delay, whose frames
-            come as late as it answers.
+        method: any, ``flow`` with a ``delay``; or a tracker that answers while it runs, also one with a delay, whose
+            frames come as late as it answers.
         detections, detector, appearance, affinity, frames, moving_camera, threads, seed: see `track_people`.
+        delay: seconds after which ``flow`` answers a frame for good; each frame comes so much later.
 
     Returns:
         An iterator over all frames in order, each with its image and the people in it.
@@ -123,14 +125,14 @@ def follow_people(
         RunError: the video breaks off.
     """
     inputs, tracker = _prepared(
-        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed
+        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed, delay
     )
     if not inputs.source.has_images:
         raise RequestError(f"{inputs.source.name} has no images to follow people in; use track_people")
     if not _answers_while_it_runs(tracker):
         raise RequestError(
-            "expected a method that answers while it runs, such as sort, got one that decides at the end; "
-            "use track_people"
+            "expected a method that answers while it runs, such as sort, or flow with a `delay`, got one that decides "
+            "at the end; use track_people"
         )
     batch_size = 1 if inputs.source.live else inputs.batch_size
     return _followed(replace(inputs, batch_size=batch_size), tracker)
@@ -147,6 +149,7 @@ def _prepared(
     moving_camera: bool,
     threads: int,
     seed: int,
+    delay: float | None = None,
 ) -> tuple[PeopleInputs, PeopleTracker]:
     """Everything opened and checked before the first frame is read."""
     opened = open_source(str(source), parse_frames(frames))
@@ -155,7 +158,7 @@ def _prepared(
     # The shipped costs know the scores of this toolkit's networks, not those of other people's detectors.
     known_scores = knows_scores(detect)
     camera = CameraPath() if moving_camera else None
-    tracker = _tracker(method, affinity, known_scores, threads, seed, opened, camera)
+    tracker = _tracker(method, affinity, known_scores, threads, seed, opened, camera, delay)
     inputs = PeopleInputs(
         opened,
         detect,
@@ -176,22 +179,26 @@ def _tracker(
     seed: int,
     source: Source,
     camera: CameraPath | None,
+    delay: float | None,
 ) -> PeopleTracker:
     if isinstance(method, str):
         learnt = people_affinity(method, affinity, threads, known_scores=known_scores)
-        return people_tracker(method, None, learnt, seed, source, camera)
+        return people_tracker(method, None, learnt, seed, source, camera, delay)
     if not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     if affinity is not None:
         raise RequestError(
             "expected `affinity` with the method's name, got it beside a tracker; give it to the tracker"
         )
+    if delay is not None:
+        raise RequestError("expected `delay` with the method's name, got it beside a tracker; give it to the tracker")
     return method if camera is None else MotionCompensated(method, camera)
 
 
 def _answers_while_it_runs(tracker: PeopleTracker) -> bool:
-    """An online tracker can forget, and one with a delay has one; see `trackers.base`."""
-    return hasattr(_inner(tracker), "forget") or getattr(_inner(tracker), "delay", None) is not None
+    """One that may have a delay has one, or else it can forget; see `trackers.base`."""
+    inner = _inner(tracker)
+    return inner.delay is not None if hasattr(inner, "delay") else hasattr(inner, "forget")
 
 
 def _inner(tracker: PeopleTracker) -> PeopleTracker:

@@ -8,9 +8,10 @@ A tracker of many is fed the detections of one frame after the other, frames wit
 * ``update(detections)`` takes the next frame. What it takes is whatever `as_detections` understands, and is never
   written to. An `OnlineTracker` answers with the `Targets` of this very frame, in time that does not grow with the
   length of the video. A tracker with a delay of d frames answers with those of the frame d before, and with None as
-  long as there is none; one that decides at the end always answers None.
+  long as there is none, in time and memory that do not grow either; its answers are final. One that decides at the end
+  always answers None.
 * ``tracks()`` gives the tracks of all frames so far, as they are if the video ends here. It may be asked at any time
-  and changes nothing.
+  and changes nothing. Of a tracker with a delay it repeats what was answered, and adds the frames that were not.
 
 Frames count from 0, the first ``update``. IDs count from 1, live in the tracker, and are never given twice: two
 trackers in one process share nothing. An id that was answered stays that target's id, also in ``tracks()``.
@@ -21,8 +22,8 @@ What the status of a target says:
 * ``searching``: nothing does; its box is where it is expected, and its score is 0.
 * ``lost``: it is given up in this frame, and its id does not come back. A target that ends is not always announced.
 
-A target is answered from the frame on in which its tracker believes in it; ``tracks()`` may begin earlier, with the
-detections that made the tracker believe.
+A target is answered from the frame on in which its tracker believes in it. The ``tracks()`` of an online tracker may
+begin earlier, with the detections that made it believe.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ class OnlineTracker(PeopleTracker, Protocol):
         """Take the next frame; its targets."""
 
     def forget(self) -> None:
-        """Drop what is kept for ``tracks()``, which then begins with the next frame; ids go on.
+        """Drop what is kept for ``tracks()``, which then begins with the next frame that is answered; ids go on.
 
-        A run without end needs this: an online tracker holds nothing else that grows with the video.
+        A run without end needs this: a tracker that is online or has a delay holds nothing else that grows with the
+        video.
         """

@@ -28,7 +28,7 @@ from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
 from tsuiseki.tracking.association.flow.pairwise_flow import PairwiseCosts, pairwise_tracks
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.association.rows import rows_of
-from tsuiseki.tracking.trackers.people.flow import long_tracks
+from tsuiseki.tracking.trackers.people.flow_output import long_tracks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import FloorTrack
 

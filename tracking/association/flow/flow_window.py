@@ -22,7 +22,7 @@ from tsuiseki.tracking.association.flow.flow_rounds import (
 from tsuiseki.tracking.association.flow.link_cost import MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, track_labels
 from tsuiseki.tracking.association.flow.sliding_flow import Decision, SlidingFlow
-from tsuiseki.tracking.association.nearby import gaps
+from tsuiseki.tracking.association.nearby import Pairs, gaps
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, beliefs_along
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -61,6 +61,10 @@ class FlowWindow:
         longest: most frames that may stay undecided; None never cuts.
         transition: learnt costs of pairs, taken beside the motion; None for none.
         changes: by how much costs learnt on whole tracks differ from these; None for not at all.
+
+    Attributes:
+        overlap: links span fewer frames than this.
+        changes: as given.
     """
 
     def __init__(
@@ -73,11 +77,11 @@ class FlowWindow:
         changes: CostChanges | None = None,
     ) -> None:
         self.costs = costs
-        self._overlap = gaps(costs.rounds.window, frame_rate) + 1
+        self.overlap = gaps(costs.rounds.window, frame_rate) + 1
         most = costs.entry + MOST_WORTH + (0.0 if changes is None else LARGEST)
-        self._flow = SlidingFlow(self._overlap, most, longest)
+        self._flow = SlidingFlow(self.overlap, most, longest)
         self._transition = transition
-        self._changes = changes
+        self.changes = changes
         self._seen = no_detections(frame_rate, size)
         self._links = Links()
         # Of decided detections: what follows them. Of undecided ones: what followed them in the last round.
@@ -98,9 +102,10 @@ class FlowWindow:
         """All links between undecided detections at their last prices."""
         return self._links
 
-    def labels(self) -> IntArray:
-        """``(K,)`` track of each kept detection in the last solution, -1 for none."""
-        return self._labels(self._flow.solution())
+    @property
+    def follower(self) -> IntArray:
+        """``(N,)`` numbers of what follows the detections that are kept, by the last solution; -1 for nothing."""
+        return self._follower
 
     def add(self, new: Seen) -> None:
         """Take the detections of the next frames."""
@@ -112,7 +117,7 @@ class FlowWindow:
         entry, exit = (np.full(len(new), cost) for cost in (self.costs.entry, self.costs.exit))
         self._flow.extend(new.frames, FlowGraph(np.zeros(len(new)), entry, exit, none, none, nothing))
         seen, rounds = self._seen, self.costs.rounds
-        free = np.flatnonzero(self._free())
+        free = np.flatnonzero(self.free())
         fresh = np.flatnonzero(seen.numbers >= new.numbers[0])
         longest = gaps(min(rounds.near, rounds.window), seen.frame_rate)
         i, j = candidates(seen, free, fresh, 1, longest, self.costs.link)
@@ -124,27 +129,35 @@ class FlowWindow:
         found = Links(tail, head, cost, np.zeros(len(kept), dtype=np.bool_), hidden)
         self._links = joined_links(self._links, found)
 
-    def solve(self, observation: FloatArray, start: FloatArray | None = None, end: FloatArray | None = None) -> None:
+    def solve(
+        self,
+        observation: FloatArray,
+        start: FloatArray | None = None,
+        end: FloatArray | None = None,
+        rounds: int | None = None,
+    ) -> None:
         """Alternate between the flow and the prices of its links.
 
         Args:
             observation: ``(U,)`` costs of the undecided detections.
             start: ``(U,)`` changes of the cost of a track's start at each; none by default.
             end: ``(U,)`` likewise of its end.
+            rounds: how often links are priced again at most; by default as often as the settings say.
         """
         before: set[bytes] = set()
-        for number in range(self.costs.rounds.rounds + 1):
+        rounds = self.costs.rounds.rounds if rounds is None else rounds
+        for number in range(rounds + 1):
             self._flow.replace(self.graph(observation, start, end))
             solution = self._flow.solution()
-            free = self._free()
+            free = self.free()
             undecided = self._flow.undecided
             # Index -1, a track's end, picks the appended -1.
             self._follower[free] = np.append(undecided, -1)[solution.follower]
             key = self._follower.tobytes()
-            if number == self.costs.rounds.rounds or key in before:
+            if number == rounds or key in before:
                 return
             before.add(key)
-            labels = self._labels(solution)
+            labels = self.labels()
             past, future = beliefs_along(labels, self._seen.measured, self.costs.link.motion)
             self._links = repriced(
                 self._links,
@@ -168,6 +181,23 @@ class FlowWindow:
         self._forget()
         return decision
 
+    def settle(self, settled: IntArray, before: int, last_frame: int, joins: Pairs, kept: int) -> None:
+        """Settle detections; see `SlidingFlow.settle`.
+
+        Args:
+            settled: their numbers.
+            before: nothing from this frame on is forgotten.
+            last_frame: the last frame that has come.
+            joins: numbers of last detections of tracks, and of what follows them, beyond what the flow says.
+            kept: of the forgotten detections those from this frame on are kept for what is known of their tracks.
+        """
+        tails, heads = joins
+        self._flow.settle(settled, before, last_frame, tails)
+        self._follower[np.searchsorted(self._seen.numbers, tails)] = heads
+        # What leads to a settled detection is settled, too.
+        self._links = self._links.select(~np.isin(self._links.head, settled))
+        self._keep(kept)
+
     def remainder(self) -> Decision:
         """All that is not decided, as it is if the video ends here; nothing is forgotten."""
         return self._flow.remainder()
@@ -182,7 +212,8 @@ class FlowWindow:
         other._flow, other._follower = copy(self._flow), self._follower.copy()
         return other
 
-    def _free(self) -> BoolArray:
+    def free(self) -> BoolArray:
+        """``(N,)`` which of the detections that are kept are not decided."""
         return np.isin(self._seen.numbers, self._flow.undecided, assume_unique=True)
 
     def graph(
@@ -205,36 +236,38 @@ class FlowWindow:
             logit: ``(N,)`` of the probability that each kept detection is right.
             observation: ``(N,)`` their costs by default.
         """
-        free = self._free()
-        if self._changes is None:
+        free = self.free()
+        if self.changes is None:
             return np.zeros((int(free.sum()), 3))
-        return self._changes.detections(detection_evidence(self._seen, observation, logit)[free])
+        return self.changes.detections(detection_evidence(self._seen, observation, logit)[free])
 
     def _link_change(self) -> LinkChange | None:
-        changes = self._changes
+        changes = self.changes
         if changes is None:
             return None
         motion = self.costs.link.motion
         return lambda seen, parts: changes.links(link_evidence(seen, parts, motion))
 
-    def _labels(self, solution: FlowSolution) -> IntArray:
-        """``(N,)`` tracks over decided and undecided detections alike."""
-        numbers = self._seen.numbers
+    def labels(self) -> IntArray:
+        """``(N,)`` tracks of all detections that are kept, by the last solution; -1 for undecided ones of no track."""
+        numbers, solution = self._seen.numbers, self._flow.solution()
         place = np.searchsorted(numbers, self._follower).clip(max=len(numbers) - 1)
         follower = np.where((self._follower >= 0) & (numbers[place] == self._follower), place, -1)
         used = np.ones(len(numbers), dtype=np.bool_)
-        used[self._free()] = solution.used
+        used[self.free()] = solution.used
         return track_labels(FlowSolution(used, follower, np.zeros(len(numbers)), 0.0))
 
     def _forget(self) -> None:
         """Drop links of decided detections, and detections too old to matter."""
-        numbers = self._flow.undecided
-        kept = np.isin(self._links.tail, numbers) & np.isin(self._links.head, numbers)
-        self._links = self._links.select(kept)
-        frames = self._seen.frames
-        free = self._free()
+        frames, free = self._seen.frames, self.free()
         oldest = frames[free].min() if free.any() else frames.max(initial=0)
-        recent = free | (frames >= oldest - self._overlap - round(CONTEXT * self._seen.frame_rate))
+        self._keep(oldest - self.overlap - round(CONTEXT * self._seen.frame_rate))
+
+    def _keep(self, first: int) -> None:
+        """Keep the links of undecided detections, and of the decided ones those from a frame on."""
+        numbers = self._flow.undecided
+        self._links = self._links.select(np.isin(self._links.tail, numbers) & np.isin(self._links.head, numbers))
+        recent = self.free() | (self._seen.frames >= first)
         self._seen = select_detections(self._seen, recent)
         self._follower = self._follower[recent]
 

@@ -10,20 +10,14 @@ of the whole video among the flows without a gap of ``overlap`` frames or more. 
 optimum is shorter than the overlap, they have its cost, and they are its tracks where it is the only one. A fixed
 overlap alone would not do: a choice between two matchings can hang in the balance over any number of frames.
 
-**How it is known that no future can change a detection.** Merge source and sink into a hub; ``y``, the length of the
-shortest path from the hub to a node in the residual network, is an optimal dual solution. All the future can do is to
-pay for units that arrive at frontier nodes v_i: nothing at the least, and at the most what continuing a track saves: a
-track's entry, less the cheapest transition if that costs less than nothing. The dual problem is to maximise a
-supermodular function under lower bounds on the frontier, so its solutions grow with those bounds, and the dual
-solution that holds in the end lies between ``y`` of the window as it is and ``y'`` of the window in which every
-frontier node is offered the most. The optimum of the whole video differs from the window's only along residual paths
-from the hub to the frontier that are tight under that dual solution. Every node of such a path either has ``y < y'``,
-or is of the frontier, or has a residual arc, tight for some dual solution between the two, to a node of the path. The
-nodes for which none of this holds are safe. Integers make the comparisons exact.
+How it is known that no future can change a detection: `flow_safety`.
 
 **Memory.** What is kept is the undecided part. Usually that is little more than the frontier, whatever the length of
 the video; people who stay inseparable for long can make it grow. ``longest`` bounds it: a window of more frames is cut,
 with ``exact`` turned off, by deciding all that lies before the frontier as if the video ended there.
+
+**Settling.** Where answers may not wait, detections that were answered are settled as the window has them. What follows
+the last one of a track stays open, for as long as a transition can reach the frames to come.
 """
 
 from __future__ import annotations
@@ -32,10 +26,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, scaled, solve
+from tsuiseki.tracking.association.flow.flow_safety import safe_detections
+from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, solve
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
-
-FAR = np.int64(2**60)
 
 
 @dataclass(frozen=True)
@@ -164,7 +157,7 @@ class SlidingFlow:
         if before is not None:
             frontier |= self._frames >= before
         solution = self.solution()
-        done = _safe_detections(self._graph, solution, self._inflow, frontier, self.most_saving)
+        done = safe_detections(self._graph, solution, self._inflow, frontier, self.most_saving)
         done = _with_predecessors(done, solution)
         if self.longest is not None and len(self._frames) and self._undecided_span(done, last_frame) > self.longest:
             self.exact = False
@@ -172,6 +165,30 @@ class SlidingFlow:
         decision = self._decision(done, solution)
         self._forget(done, solution)
         return decision
+
+    def settle(self, settled: IntArray, before: int, last_frame: int, closed: IntArray) -> None:
+        """Settle that detections are used and how they follow each other; forget what nothing can change any more.
+
+        The last one of each track stays until no frame after ``last_frame`` is within its reach; what follows it is
+        open. So do detections that are not settled, of which those of no track are forgotten then.
+
+        Args:
+            settled: numbers of detections that the solution uses; with each of them all before it on its track.
+            before: nothing from this frame on is forgotten.
+            last_frame: the last frame that has come.
+            closed: numbers of settled detections that nothing shall follow.
+        """
+        solution = self.solution()
+        certain = np.isin(self._numbers, settled)
+        follower = solution.follower
+        # Index -1, a track's end, picks the appended False.
+        passed = np.append(certain, False)[follower] & (follower >= 0)
+        old = (self._frames + self.overlap <= last_frame + 1) & (self._frames < before)
+        done = certain & (passed | ((follower < 0) & old) | np.isin(self._numbers, closed))
+        done |= ~solution.used & old
+        self.exact = self.exact and bool(done.all())
+        self._inflow = self._inflow | certain
+        self._forget(done, solution)
 
     def remainder(self) -> Decision:
         """All that is not decided, as it is if the video ends here; nothing is forgotten."""
@@ -222,71 +239,3 @@ def _with_predecessors(done: BoolArray, solution: FlowSolution) -> BoolArray:
         broken = broken[done[broken]]
         done[broken] = False
     return done
-
-
-def _safe_detections(
-    graph: FlowGraph, solution: FlowSolution, inflow: BoolArray, frontier: BoolArray, most_saving: float
-) -> BoolArray:
-    """``(N,)`` the detections that no future can change (see the module's text)."""
-    least = _Residual(graph, solution, inflow)
-    offered = np.where(frontier, np.minimum(graph.exit, -most_saving), graph.exit)
-    generous = FlowGraph(graph.observation, graph.entry, offered, graph.tail, graph.head, graph.transition)
-    most = _Residual(generous, solve(generous, inflow), inflow)
-    low, high = least.distances(), most.distances()
-    unsafe = low != high
-    unsafe[1::2] |= frontier
-    least.spread_to_tails(unsafe, low, np.maximum(low, high))
-    return np.asarray(~(unsafe[0::2] | unsafe[1::2]))
-
-
-class _Residual:
-    """The residual network of a solution, without the arcs into the hub; node 2i is u_i, node 2i + 1 is v_i.
-
-    Transitions need no capacity of their own, since the observation arcs have one.
-    """
-
-    def __init__(self, graph: FlowGraph, solution: FlowSolution, inflow: BoolArray) -> None:
-        self._nodes = 2 * len(graph)
-        observation, transition = scaled(graph.observation), scaled(graph.transition)
-        u = np.arange(0, self._nodes, 2)
-        linked = solution.follower[graph.tail] == graph.head
-        self._tails = np.concatenate(
-            [np.where(solution.used, u + 1, u), 2 * graph.tail + 1, 2 * graph.head[linked]], dtype=np.int64
-        )
-        self._heads = np.concatenate(
-            [np.where(solution.used, u, u + 1), 2 * graph.head, 2 * graph.tail[linked] + 1], dtype=np.int64
-        )
-        self._costs = np.concatenate(
-            [np.where(solution.used, -observation, observation), transition, -transition[linked]]
-        )
-        self._start = np.full(self._nodes, FAR)
-        self._start[0::2] = np.where(inflow, FAR, scaled(graph.entry))
-        ends = solution.used & (solution.follower < 0)
-        self._start[1::2] = np.where(ends, -scaled(graph.exit), FAR)
-
-    def distances(self) -> IntArray:
-        """``(2N,)`` lengths of the shortest paths from the hub (Bellman-Ford, all active nodes at a time)."""
-        order = np.argsort(self._tails, kind="stable")
-        heads, costs = self._heads[order], self._costs[order]
-        first = np.searchsorted(self._tails[order], np.arange(self._nodes + 1))
-        distance = self._start.copy()
-        active = np.flatnonzero(distance < FAR)
-        while len(active):
-            counts = first[active + 1] - first[active]
-            arcs = np.arange(counts.sum()) + np.repeat(first[active] - np.cumsum(counts) + counts, counts)
-            reached, length = heads[arcs], np.repeat(distance[active], counts) + costs[arcs]
-            shorter = length < distance[reached]
-            reached = reached[shorter]
-            np.minimum.at(distance, reached, length[shorter])
-            active = np.unique(reached)
-        return distance
-
-    def spread_to_tails(self, marked: BoolArray, low: IntArray, high: IntArray) -> None:
-        """Mark all nodes with a path to a marked one along arcs that some dual from ``low`` to ``high`` has tight."""
-        tight = low[self._tails] + self._costs <= high[self._heads]
-        tails, heads = self._tails[tight], self._heads[tight]
-        while True:
-            found = tails[marked[heads] & ~marked[tails]]
-            if not len(found):
-                return
-            marked[found] = True

@@ -22,7 +22,7 @@ from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.association.nearby import Pairs
 from tsuiseki.tracking.association.occlusion import hidden_between
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ def join(
     link: LinkCost,
     settings: JoinSettings,
     changes: CostChanges | None = None,
+    started: BoolArray | None = None,
 ) -> IntArray:
     """``(N,)`` track of each detection, -1 for none; tracks are numbered by their first tracklet.
 
@@ -65,6 +66,8 @@ def join(
         link: what links cost.
         settings: of the joining.
         changes: by how much learnt costs differ from these.
+        started: ``(M,)`` tracklets that are known to start a track, so that none is joined to their starts; by default
+            none is.
     """
     link = replace(link, miss=settings.miss)
     for _ in range(settings.passes):
@@ -75,6 +78,8 @@ def join(
         cost = parts.cost
         if changes is not None:
             cost = cost + changes.joins(evidence_of_joins(seen, labels, ends, parts, link))
+        if started is not None:
+            cost = np.where(started[j], np.inf, cost)
         before, after = cheapest_matching(i, j, cost - settings.limit)
         if len(before) == 0:
             break

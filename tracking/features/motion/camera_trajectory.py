@@ -41,17 +41,26 @@ class CameraTrajectory:
     def __init__(self, source: Literal["boxes", "images"] = "boxes") -> None:
         self.source = source
         self.unknown: list[int] = []
+        self._first = 0
         self._to_now: list[FloatArray] = []
         self._variance: list[float] = []
 
     def __len__(self) -> int:
-        return len(self._to_now)
+        return self._first + len(self._to_now)
 
     def copy(self) -> CameraTrajectory:
         """A copy that goes on by itself."""
         other = CameraTrajectory(self.source)
         other.unknown, other._to_now, other._variance = [*self.unknown], [*self._to_now], [*self._variance]
+        other._first = self._first
         return other
+
+    def forget(self, before: int) -> None:
+        """Drop where the frames before one lie; the newest frame stays. ``unknown`` is kept."""
+        count = min(before, len(self) - 1) - self._first
+        if count > 0:
+            del self._to_now[:count], self._variance[:count]
+            self._first += count
 
     def append(self, step: FloatArray | None, deviation: float = 0.0) -> None:
         """Add a frame.
@@ -69,7 +78,7 @@ class CameraTrajectory:
 
     def variance(self, frames: IntArray) -> FloatArray:
         """``(N,)`` variance of the place of a box, in squared heights, that the steps up to ``frames`` add up to."""
-        return np.asarray(self._variance)[frames]
+        return np.asarray(self._variance)[frames - self._first]
 
     def to_first(self, boxes: FloatArray, frames: IntArray) -> FloatArray:
         """``(N, 4)`` boxes of ``(N,)`` frames where the first frame would show them; they stay upright."""
@@ -83,7 +92,7 @@ class CameraTrajectory:
         if len(boxes) == 0:
             return boxes
         chosen, which = np.unique(frames, return_inverse=True)
-        matrices = np.stack([self._to_now[t] for t in chosen.tolist()])
+        matrices = np.stack([self._to_now[t - self._first] for t in chosen.tolist()])
         # Boxes of a camera that never moved stay as they are, to the last bit.
         if (matrices == STILL).all():
             return boxes

@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
+from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.association.flow.flow_rounds import Seen
+from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.association.occlusion import hidden_parts
 from tsuiseki.tracking.association.rows import DetectionRows, rows_of
@@ -58,6 +60,7 @@ class FlowInput:
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
         path: the camera's motion from images; None takes the boxes.
+        observation: learnt prices of scores, taken for their calibration; None lets the video calibrate them.
         camera: the trajectory so far.
         calibration: of the scores so far.
         duplicates: boxes left out so far.
@@ -68,6 +71,7 @@ class FlowInput:
     frame_rate: float
     size: tuple[int, int] | None
     path: CameraPath | None = None
+    observation: ObservationCost | None = None
     duplicates: int = 0
     _last: Detections = field(default_factory=Detections.empty)
     _count: int = 0
@@ -110,6 +114,23 @@ class FlowInput:
         )
         seen = Seen(rows.numbers, rows.frames, rows.boxes, boxes, measured, rows.features, self.frame_rate, self.size)
         return seen, rows.scores
+
+    def probability(self, scores: FloatArray) -> FloatArray:
+        """``(N,)`` of detections of ``(N,)`` scores being right: as learnt, and by the video where nothing is."""
+        if self.observation is None:
+            return self.calibration(scores)
+        least = self.settings.detection.least
+        odds = np.exp(self.observation(np.nan_to_num(scores)) - self.observation.b)
+        return np.clip(1 / (1 + odds), least, 1 - least)
+
+    def logits(self, scores: FloatArray) -> FloatArray:
+        """``(N,)`` logits of the probabilities of ``(N,)`` scores."""
+        probability = self.probability(scores)
+        return np.asarray(np.log(probability / (1 - probability)))
+
+    def costs(self, scores: FloatArray) -> FloatArray:
+        """``(N,)`` what using detections of ``(N,)`` scores costs."""
+        return self.settings.detection(self.probability(scores), self.frame_rate)
 
     def _noise(self, rows: DetectionRows) -> FloatArray:
         """``(N,)`` by how much more than r each measurement deviates."""
@@ -169,6 +190,25 @@ class FlowInput:
         self.calibration.add(
             np.append(scores[looks_back], scores[looks_ahead]), np.append(back[looks_back], ahead[looks_ahead])
         )
+
+
+def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, rounds: int | None = None) -> None:
+    """Alternate between the flow of what is not decided and the prices of its links.
+
+    Args:
+        window: holds the detections.
+        given: knows what their scores are worth.
+        scores: ``(N,)`` of the detections that the window keeps.
+        rounds: how often links are priced again at most; by default as often as the window's settings say.
+    """
+    observation, free = given.costs(scores), window.free()
+    if not free.any():
+        return
+    if window.changes is None:
+        window.solve(observation[free], rounds=rounds)
+        return
+    change = window.learnt(given.logits(scores), observation)
+    window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds)
 
 
 def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray, overlap: float) -> BoolArray:

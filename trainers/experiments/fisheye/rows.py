@@ -23,7 +23,7 @@ from tsuiseki.tracking.trackers.fisheye import (
     flow_on_floor,
 )
 from tsuiseki.tracking.trackers.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.trackers.people.flow import long_tracks
+from tsuiseki.tracking.trackers.people.flow_output import long_tracks
 from tsuiseki.tracking.trackers.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.trackers.people.record import run_tracker
 from tsuiseki.tracking.trackers.people.sort import Sort, SortSettings

@@ -27,6 +27,7 @@ MAKERS: dict[str, Callable[[], PeopleTracker]] = {
     "ocsort": OcSort,
     "flow": lambda: FlowTracker(FlowSettings(chunk=None)),
     "sliding flow": lambda: FlowTracker(FlowSettings(chunk=0.3)),
+    "flow with a delay": lambda: FlowTracker(delay=0.5),
 }
 EACH = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
 

@@ -1,0 +1,54 @@
+"""Settings of the flow tracker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tsuiseki.tracking.association.flow.flow_window import FlowCosts
+from tsuiseki.tracking.association.tracklets.interpolation import SmoothingSettings
+from tsuiseki.tracking.association.tracklets.joining import JoinSettings
+from tsuiseki.tracking.trackers.people.flow_input import InputSettings
+
+
+@dataclass(frozen=True)
+class FlowSettings:
+    """Settings of the flow tracker. Times are in seconds, so that they hold at any frame rate.
+
+    Attributes:
+        input: how detections are prepared: the worth of their scores, the motion of the camera, duplicates.
+        costs: of the flow over detections.
+        join: how tracklets are joined over longer gaps; None leaves them apart.
+        min_detections: tracks of fewer detections are dropped, unless the video itself has fewer frames.
+        min_time: and so are those of fewer than this many seconds of detections.
+        least: mean logit of the probability of a track's detections, under which it is taken for clutter; only where
+            learnt prices say what scores are worth.
+        fill: longest gap that is filled, on a straight line.
+        smoothing: how far boxes are smoothed; None reports them as detected.
+        chunk: least time between two decisions; None solves all frames at once in the end.
+        settle: time that stays undecided beyond the longest link, for the motion on both sides of what is decided.
+        longest: most time that may stay undecided; None lets it grow until every decision is exact.
+    """
+
+    input: InputSettings = field(default_factory=InputSettings)
+    costs: FlowCosts = field(default_factory=FlowCosts)
+    join: JoinSettings | None = field(default_factory=JoinSettings)
+    min_detections: int = 3
+    min_time: float = 0.16
+    least: float = 1.0
+    fill: float = 2.0
+    smoothing: SmoothingSettings | None = field(default_factory=lambda: SmoothingSettings(60.0, 5000.0))
+    chunk: float | None = 20.0
+    settle: float = 0.7
+    longest: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.chunk is not None and self.chunk <= 0:
+            raise ValueError(f"expected a chunk above 0 seconds, got {self.chunk}")
+        if min(self.min_detections, self.min_time, self.fill, self.settle) < 0:
+            raise ValueError("expected min_detections, min_time, fill and settle from 0")
+        if self.longest is not None and self.longest <= self.costs.rounds.window + self.settle:
+            raise ValueError(f"expected longest above window + settle, got {self.longest}")
+
+    def fewest(self, frame_rate: float) -> int:
+        """Detections that a track needs."""
+        return max(self.min_detections, round(self.min_time * frame_rate), 1)
