@@ -133,7 +133,7 @@ def test_a_bound_on_the_window_is_kept_and_reported() -> None:
 def test_each_part_of_the_overlap_rule_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     """A plain overlap, with everything before the frontier decided, misses the optimum."""
     monkeypatch.setattr(
-        "tsuiseki.tracking.association.flow.sliding_flow._safe_detections",
+        "tsuiseki.tracking.association.flow.sliding_flow.safe_detections",
         lambda *arguments: ~arguments[3],
     )
     missed = 0
