@@ -128,6 +128,7 @@ COMMANDS: Tree = {
             "sphere": Command("a ball in space, from calibrated cameras"),
             "drone": Command("people seen from a drone, and what they do"),
             "blobs": Command("objects of a colour, or measured points"),
+            "points": Command("targets from the measurements of a sensor"),
             "deformable": Command("bodies that bend, such as fish from above"),
             "fisheye": Command("people under ceiling cameras, and where on the floor"),
         },

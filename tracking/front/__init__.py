@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.pipelines.deformable import follow_deformable, track_deformable
     from tsuiseki.tracking.pipelines.drone import track_drone
     from tsuiseki.tracking.pipelines.evaluation import evaluate_people, evaluate_points, evaluate_target
+    from tsuiseki.tracking.pipelines.measurements import follow_measurements, track_measurements
     from tsuiseki.tracking.pipelines.people import follow_people, track_people
     from tsuiseki.tracking.pipelines.single import follow
     from tsuiseki.tracking.pipelines.sphere import SphereSettings, track_sphere
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
     from tsuiseki.tracking.types import Detections, Estimate, Frame, Position, Target, Targets, Track
     from tsuiseki.tracking.types.labels import GroundTruth
+    from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
     from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack
     from tsuiseki.tracking.weights import shipped
 
@@ -51,6 +53,7 @@ _MODULES = {
     "pipelines.deformable": "follow_deformable track_deformable",
     "pipelines.drone": "track_drone",
     "pipelines.evaluation": "evaluate_people evaluate_points evaluate_target",
+    "pipelines.measurements": "follow_measurements track_measurements",
     "pipelines.people": "follow_people track_people",
     "pipelines.single": "follow",
     "pipelines.sphere": "SphereSettings track_sphere",
@@ -65,6 +68,7 @@ _MODULES = {
     "trackers.people.sort": "Sort SortSettings",
     "types": "Detections Estimate Frame Position Target Targets Track",
     "types.labels": "GroundTruth",
+    "types.measurements": "Scan SensedTargets SensedTrack SensingModel",
     "types.tracks": "ActingTrack BodyTrack",
     "weights": "shipped",
 }
@@ -95,6 +99,10 @@ __all__ = [
     "Position",
     "RequestError",
     "RunError",
+    "Scan",
+    "SensedTargets",
+    "SensedTrack",
+    "SensingModel",
     "Sort",
     "SortSettings",
     "SphereSettings",
@@ -109,6 +117,7 @@ __all__ = [
     "follow",
     "follow_blobs",
     "follow_deformable",
+    "follow_measurements",
     "follow_people",
     "follow_points",
     "read_tracks",
@@ -116,6 +125,7 @@ __all__ = [
     "track_blobs",
     "track_deformable",
     "track_drone",
+    "track_measurements",
     "track_people",
     "track_points",
     "track_sphere",

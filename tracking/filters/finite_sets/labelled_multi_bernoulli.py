@@ -74,6 +74,9 @@ class LabelledMultiBernoulliFilter:
         report: a track is an estimate when its existence is above this.
         prune: a track ends when its existence is below this.
         resample_below: draw a track's particles anew below this share of effective ones.
+        kernel: width of the kernel by which they are spread then, over their own deviation, in [0, 1); it keeps their
+            mean and covariance (Liu and West, 2001). 0 leaves copies, which is right where the motion is restless.
+        discrete: so many last columns of a state are numbers of modes, which no kernel moves.
     """
 
     model: PointModel
@@ -82,6 +85,8 @@ class LabelledMultiBernoulliFilter:
     report: float = 0.5
     prune: float = 1e-3
     resample_below: float = 0.5
+    kernel: float = 0.0
+    discrete: int = 0
 
     def init(self, particles: FloatArray, count: float = 0.0) -> LabelledState:
         """``count`` targets never measured, spread evenly over particles ``(N, D)``; ``(0, D)`` begins with no target.
@@ -202,9 +207,22 @@ class LabelledMultiBernoulliFilter:
         uneven = np.flatnonzero(np.sum(weights**2, axis=1) * self.particles * self.resample_below > 1.0)
         drawn = systematic_rows(weights[uneven], self.particles, rng)
         particles, log_weights = state.particles.copy(), state.log_weights.copy()
-        particles[uneven] = particles[uneven[:, None], drawn]
+        particles[uneven] = self._spread(particles[uneven[:, None], drawn], rng)
         log_weights[uneven] = -np.log(self.particles)
         return LabelledState(state.labels, state.existence, particles, log_weights, state.hidden, state.next_label)
+
+    def _spread(self, drawn: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Particles ``(T, P, D)`` spread by the kernel."""
+        if not self.kernel or not drawn.size:
+            return drawn
+        moved, columns = drawn.copy(), drawn.shape[2] - self.discrete
+        mean = drawn[:, :, :columns].mean(axis=1, keepdims=True)
+        away = drawn[:, :, :columns] - mean
+        values, vectors = np.linalg.eigh(np.matmul(away.transpose(0, 2, 1), away) / self.particles)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+        noise = np.matmul(rng.standard_normal(away.shape), root.transpose(0, 2, 1))
+        moved[:, :, :columns] = mean + np.sqrt(1 - self.kernel**2) * away + self.kernel * noise
+        return moved
 
 
 def _draw_by_measurement(

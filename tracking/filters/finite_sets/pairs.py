@@ -71,7 +71,7 @@ def find_pairs(particles: FloatArray, starts: IntArray, measurements: FloatArray
     first = np.cumsum(sizes) - sizes
     particle = np.repeat(starts[groups] - first, sizes) + np.arange(int(sizes.sum()))
     measurement = np.repeat(chosen, sizes)
-    log_likelihood = sensor.log_likelihood(projected[particle], measurements[measurement])
+    log_likelihood = sensor.log_likelihood(projected[particle], measurements, measurement)
     return Pairs(groups, chosen, first, particle, measurement, log_likelihood)
 
 
@@ -90,11 +90,11 @@ def _gate(
     reference = projected[starts]
     sizes = np.diff(np.append(starts, len(projected)))
     offset = sensor.difference(projected, np.repeat(reference, sizes, axis=0))
-    reach = sensor.gate * sensor.deviation
+    reach = sensor.gate * sensor.deviations(len(measurements))
     columns = [np.ascontiguousarray(column) for column in offset.T]
-    low = np.stack([np.minimum.reduceat(column, starts) for column in columns], axis=1) - reach
-    high = np.stack([np.maximum.reduceat(column, starts) for column in columns], axis=1) + reach
+    low = np.stack([np.minimum.reduceat(column, starts) for column in columns], axis=1)
+    high = np.stack([np.maximum.reduceat(column, starts) for column in columns], axis=1)
     distance = sensor.difference(measurements[None, :, :], reference[:, None, :])
-    inside = np.all((distance >= low[:, None, :]) & (distance <= high[:, None, :]), axis=2)
+    inside = np.all((distance >= low[:, None, :] - reach) & (distance <= high[:, None, :] + reach), axis=2)
     groups, chosen = np.nonzero(inside)
     return groups.astype(np.int64), chosen.astype(np.int64)

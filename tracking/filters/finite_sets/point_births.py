@@ -114,7 +114,7 @@ class MeasurementBirths:
             return NoBirths(self.columns).draw(measurements, rng)
         # Fewer around each where there are hundreds, which may all lie within one gate.
         count = min(self.count, max(self.limit // total, 1))
-        noise = self.sensor.deviation * rng.standard_normal((total, count, width))
+        noise = self.sensor.spread(rng.standard_normal((total, count, width)))
         places = (measurements[:, None, :] + noise).reshape(-1, width)
         particles = self.complete(places, rng)
         starts = np.arange(total) * count

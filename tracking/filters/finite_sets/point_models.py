@@ -7,12 +7,12 @@ radians a second. Equation numbers are those of the finite-sets paper.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 StateFunction = Callable[[FloatArray], FloatArray]
 
@@ -91,17 +91,44 @@ class GaussianSensor:
         deviation: ``(Z,)`` standard deviations, > 0.
         circular: columns of the measurement that are angles in radians.
         gate: deviations beyond which a likelihood counts as zero.
+        roots: ``(M, Z, Z)`` lower triangular roots of the covariances of the M measurements of this step, where each
+            has its own; `of_scan` sets them.
     """
 
     project: StateFunction
     deviation: FloatArray
     circular: tuple[int, ...] = ()
     gate: float = 5.0
+    roots: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "deviation", np.asarray(self.deviation, dtype=np.float64))
         if not (np.isfinite(self.deviation).all() and np.all(self.deviation > 0)):
             raise ValueError(f"expected deviations above zero, got {self.deviation.tolist()}")
+
+    def of_scan(self, covariances: FloatArray) -> GaussianSensor:
+        """The sensor for one step whose M measurements have these covariances ``(M, Z, Z)``.
+
+        Raises:
+            ValueError: one is not positive definite.
+        """
+        try:
+            roots = np.asarray(np.linalg.cholesky(covariances), dtype=np.float64) if len(covariances) else None
+        except np.linalg.LinAlgError as error:
+            raise ValueError("expected positive definite covariances, got one that is not") from error
+        return replace(self, roots=roots)
+
+    def deviations(self, count: int) -> FloatArray:
+        """Standard deviations ``(count, Z)`` of so many measurements."""
+        if self.roots is None:
+            return np.broadcast_to(self.deviation, (count, len(self.deviation)))
+        return np.asarray(np.sqrt(np.einsum("mzy,mzy->mz", self.roots, self.roots)))
+
+    def spread(self, noise: FloatArray) -> FloatArray:
+        """Errors of M measurements ``(M, K, Z)`` from standard normal ``noise`` of that shape."""
+        if self.roots is None:
+            return np.asarray(self.deviation * noise)
+        return np.asarray(np.einsum("mzy,mky->mkz", self.roots, noise))
 
     def difference(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """``a - b`` of measurements ``(..., Z)``, the shortest way round for angles."""
@@ -110,10 +137,18 @@ class GaussianSensor:
             result[..., column] = (result[..., column] + np.pi) % (2 * np.pi) - np.pi
         return result
 
-    def log_likelihood(self, projected: FloatArray, measurements: FloatArray) -> FloatArray:
-        """``log h(y | x)`` ``(K,)`` of pairs of projected states and measurements ``(K, Z)``, constants kept."""
-        scaled = self.difference(projected, measurements) / self.deviation
-        constant = np.log(np.prod(np.sqrt(2 * np.pi) * self.deviation))
+    def log_likelihood(self, projected: FloatArray, measurements: FloatArray, which: IntArray) -> FloatArray:
+        """``log h(y | x)`` ``(K,)``, constants kept, of projected states ``(K, Z)`` and measurements ``which`` ``(K,)``
+        of ``(M, Z)``.
+        """
+        difference = self.difference(projected, measurements[which])
+        if self.roots is None:
+            scaled = difference / self.deviation
+            constant = np.log(np.prod(np.sqrt(2 * np.pi) * self.deviation))
+        else:
+            scaled = np.einsum("kzy,ky->kz", np.linalg.inv(self.roots)[which], difference)
+            diagonal = np.einsum("mzz->mz", self.roots)
+            constant = np.log(np.prod(np.sqrt(2 * np.pi) * diagonal, axis=1))[which]
         return np.asarray(-0.5 * np.einsum("kz,kz->k", scaled, scaled) - constant)
 
 

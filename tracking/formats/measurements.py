@@ -1,0 +1,168 @@
+"""A sensor's measurements as CSV with a header: a time and a place a row; and tracks of points with covariances.
+
+The first column is ``time`` (seconds) or ``frame`` (whole numbers). The measured columns are the sensor's, such as
+``x,y`` or ``bearing,range``. A row whose measured cells are empty says that at this time the sensor looked and measured
+nothing. Where measurements have errors of their own, columns ``sd_x,sd_y`` give standard deviations, or ``cov_x_x``,
+``cov_x_y``, ``cov_y_y`` covariances. Other columns are passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.measurements import Scan, SensedTrack
+
+
+def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Scan]:
+    """The scans of a CSV of measurements, in order of time.
+
+    Args:
+        path: of the file.
+        names: of the measured columns, in the sensor's order.
+        period: seconds from one frame to the next, where the file has frames; frames without a row are empty scans.
+
+    Raises:
+        RequestError: a column is missing, a value is no number, a covariance is not positive definite, or a row is
+            earlier than the one before it.
+    """
+    header, rows = _rows(path)
+    clock = "time" if "time" in header else "frame"
+    _need(path, header, [clock, *names])
+    errors = _error_columns(path, header, names)
+    times: list[float] = []
+    found: list[FloatArray] = []
+    spreads: list[FloatArray] = []
+    for line, row in rows:
+        time = _number(path, line, clock, row)
+        if times and time < times[-1]:
+            raise RequestError(
+                f"{path}:{line}: expected rows in order of {clock}, got {time:g} after {times[-1]:g}; sort it"
+            )
+        times.append(time)
+        if all(not (row[name] or "").strip() for name in names):
+            found.append(np.full(len(names), np.nan))
+            spreads.append(np.eye(len(names)))
+            continue
+        found.append(np.array([_number(path, line, name, row) for name in names]))
+        spreads.append(_covariance(path, line, row, names, errors))
+    scans = _scans(np.array(times), np.array(found).reshape(-1, len(names)), np.array(spreads), bool(errors))
+    if clock == "time":
+        return scans
+    return _filled(path, scans, period, len(names))
+
+
+def _scans(times: FloatArray, found: FloatArray, spreads: FloatArray, own: bool) -> list[Scan]:
+    seen = ~np.isnan(found[:, 0])
+    scans = []
+    for time in np.unique(times):
+        here = seen & (times == time)
+        scans.append(Scan(float(time), found[here], spreads[here] if own else None))
+    return scans
+
+
+def _filled(path: Path, scans: list[Scan], period: float, width: int) -> list[Scan]:
+    """Scans of all frames, with their times."""
+    by_frame = {scan.time: scan for scan in scans}
+    if any(frame != int(frame) for frame in by_frame):
+        raise RequestError(f"{path}: expected whole numbers in column frame; name it time where it holds seconds")
+    first, last = int(min(by_frame)), int(max(by_frame))
+    if last - first >= 100 * len(scans) + 1000:
+        raise RequestError(f"{path}: expected frames that follow each other, got {len(scans)} from {first} to {last}")
+    nothing = np.empty((0, width))
+    filled = []
+    for frame in range(first, last + 1):
+        scan = by_frame.get(float(frame), Scan(frame, nothing))
+        filled.append(Scan(frame * period, scan.measurements, scan.covariances))
+    return filled
+
+
+def _error_columns(path: Path, header: Sequence[str], names: Sequence[str]) -> list[str]:
+    """The columns of the errors: none, ``sd_`` or ``cov_``."""
+    deviations = [f"sd_{name}" for name in names]
+    covariances = [f"cov_{a}_{b}" for a, b in combinations_with_replacement(names, 2)]
+    for columns in (covariances, deviations):
+        if any(column in header for column in columns):
+            _need(path, header, columns)
+            return columns
+    return []
+
+
+def _covariance(
+    path: Path, line: int, row: dict[str, str | None], names: Sequence[str], errors: Sequence[str]
+) -> FloatArray:
+    values = [_number(path, line, column, row) for column in errors]
+    if not values:
+        return np.eye(len(names))
+    if len(values) == len(names) and errors[0].startswith("sd_"):
+        if min(values) <= 0:
+            raise RequestError(f"{path}:{line}: expected standard deviations above 0, got {min(values):g}")
+        return np.diag(np.square(values))
+    covariance = np.zeros((len(names), len(names)))
+    upper = list(combinations_with_replacement(range(len(names)), 2))
+    for (a, b), value in zip(upper, values, strict=True):
+        covariance[a, b] = covariance[b, a] = value
+    if not np.linalg.eigvalsh(covariance)[0] > 0:
+        raise RequestError(f"{path}:{line}: expected a positive definite covariance, got {covariance.tolist()}")
+    return covariance
+
+
+def _rows(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str | None]]]]:
+    if not path.is_file():
+        raise RequestError(f"expected a CSV of measurements at {path}, found no file")
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        reader = csv.DictReader(file, skipinitialspace=True)
+        header = [name.strip() for name in reader.fieldnames or []]
+        reader.fieldnames = header
+        rows = [(line, row) for line, row in enumerate(reader, start=2)]
+    if not rows:
+        raise RequestError(f"{path}: expected at least one row of measurements, got none")
+    return header, rows
+
+
+def _need(path: Path, header: Sequence[str], columns: Sequence[str]) -> None:
+    missing = [column for column in columns if column not in header]
+    if missing:
+        raise RequestError(f"{path}: expected the columns {','.join(columns)} in its first line, found no {missing[0]}")
+
+
+def _number(path: Path, line: int, name: str, row: dict[str, str | None]) -> float:
+    text = row.get(name)
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise RequestError(f"{path}:{line}: expected a finite number in column {name}, got {text!r}")
+    return value
+
+
+def write_sensed_tracks(path: Path, tracks: Sequence[SensedTrack], dimensions: int) -> None:
+    """Tracks as ``frame,time,id,x,y[,z],vx,vy[,vz]``, the covariance's upper triangle, existence and modes, by time.
+
+    ``frame`` counts the scans from 1.
+    """
+    axes = "xyz"[:dimensions]
+    state = [name for axis in axes for name in (axis, f"v{axis}")]
+    triangle = list(combinations_with_replacement(range(len(state)), 2))
+    modes = tracks[0].modes.shape[1] if tracks else 0
+    header = ["frame", "time", "id", *axes, *(f"v{axis}" for axis in axes)]
+    header += [f"cov_{state[a]}_{state[b]}" for a, b in triangle]
+    header += ["existence", *(f"mode{number + 1}" for number in range(modes))]
+    lines = []
+    for track in tracks:
+        for k in range(len(track)):
+            numbers = [*track.positions[k], *track.velocities[k], *(track.covariances[k, a, b] for a, b in triangle)]
+            numbers += [track.existence[k], *track.modes[k]]
+            lines.append((int(track.scans[k]) + 1, track.id, f"{track.times[k]:.9g}", [f"{v:.7g}" for v in numbers]))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        for frame, identity, time, numbers in sorted(lines):
+            writer.writerow([frame, time, identity, *numbers])
