@@ -19,7 +19,6 @@ from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 OVERLAPS = np.linspace(0, 1, 21)
-THESIS_OVERLAPS = np.linspace(0, 1, 11)
 DISTANCES = np.arange(51)
 PRECISION_AT = 20
 

@@ -307,8 +307,8 @@ def read_tracks(path: str | Path) -> list[Track]:
     boxes = _boxes(rows)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
     order = np.lexsort([frames, ids])
-    pieces = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
-    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p]) for p in pieces]
+    tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
+    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p]) for p in tracks]
 
 
 def write_tracks(path: str | Path, tracks: Iterable[Track], class_of: Callable[[int], int] = lambda _: -1) -> None:

@@ -66,7 +66,7 @@ class FisheyeSettings:
     """How detections are matched to tracks.
 
     Attributes:
-        by_looks: match by appearance in the first stage.
+        by_appearance: match by appearance in the first stage.
         by_place: match by places in the second stage, and gate the first by them.
         feature_gate: ε_feat, the largest cosine distance of a match by appearance, in [0, 2].
         reach: ε_pos for no time, metres: how far off two places of one person may be found.
@@ -79,7 +79,7 @@ class FisheyeSettings:
         start_score: lowest score of a detection that may start a track.
     """
 
-    by_looks: bool = True
+    by_appearance: bool = True
     by_place: bool = True
     feature_gate: float = 0.5
     reach: float = 0.9
@@ -92,8 +92,8 @@ class FisheyeSettings:
     start_score: float = 0.3
 
     def __post_init__(self) -> None:
-        if not (self.by_looks or self.by_place):
-            raise ValueError("expected matching by looks or by place, got neither")
+        if not (self.by_appearance or self.by_place):
+            raise ValueError("expected matching by appearance or by place, got neither")
         if not (0 <= self.feature_gate <= 2 and self.reach >= 0 and self.speed >= 0 and 0 < self.update <= 1):
             raise ValueError("expected feature_gate in [0, 2], reach and speed from 0, and update in (0, 1]")
         if not (self.memory > 0 and self.noise > 0 and self.confirm >= 0 and self.max_age >= 0):
@@ -164,7 +164,7 @@ class FisheyeTracker:
         away = np.linalg.norm(live.places[:, None] - found.places[None], axis=2)
         gate = settings.reach + settings.speed * live.unseen[:, None]
         seen = detected = np.empty(0, dtype=np.int64)
-        if settings.by_looks and features.shape[1] and live.appearance.shape[1]:
+        if settings.by_appearance and features.shape[1] and live.appearance.shape[1]:
             costs = 1 - live.appearance @ features.T
             if settings.by_place:
                 costs = np.where(away > gate, np.inf, costs)
@@ -296,6 +296,6 @@ def flow_on_floor(
     place = np.concatenate([np.arange(len(each.places)) for each in found]).astype(np.int64)
     fewest = max(1, round(settings.min_seconds * frame_rate))
     return [
-        _joined(number, [(int(rows.frames[k]), found[rows.frames[k]], int(place[k])) for k in piece])
-        for number, piece in enumerate(long_tracks(labels, fewest), start=1)
+        _joined(number, [(int(rows.frames[k]), found[rows.frames[k]], int(place[k])) for k in tracklet])
+        for number, tracklet in enumerate(long_tracks(labels, fewest), start=1)
     ]

@@ -144,7 +144,7 @@ def fit_drone_affinities(
         folders: MOTChallenge sequences with gt/gt.txt, or folders of them.
         out: folder for the files.
         actions: exported action streams, separated by commas.
-        appearance: exported appearance network; without one the looks count as unknown.
+        appearance: exported appearance network; without one appearance counts as unknown.
         detector: exported detector; without one det/det.txt of each sequence is taken.
         keep_camera_motion: compare places as they are in the pictures, not as if the camera had stood still.
         cache: folder that keeps what the networks say.

@@ -136,7 +136,7 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
     assert np.allclose(found.scores[:1], expected.scores[:1], atol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_coco_weights_become_a_person_detector(tmp_path: Path) -> None:
     torch.manual_seed(0)
     model = ssdlite320_mobilenet_v3_large(weights=None, weights_backbone=None, num_classes=91).eval()

@@ -31,20 +31,20 @@ class JoinSettings:
 
     Attributes:
         window: longest gap, seconds.
-        looks_window: longest gap where the appearance of both is known, seconds.
+        appearance_window: longest gap where the appearance of both is known, seconds.
         limit: a link that costs more joins nothing.
         miss: cost of a second without a detection.
         passes: how often all ends are matched, at most.
     """
 
     window: float = 2.0
-    looks_window: float = 5.0
+    appearance_window: float = 5.0
     limit: float = 12.0
     miss: float = 0.6
     passes: int = 4
 
     def __post_init__(self) -> None:
-        if min(self.window, self.looks_window, self.miss) < 0 or self.passes < 0:
+        if min(self.window, self.appearance_window, self.miss) < 0 or self.passes < 0:
             raise ValueError("expected windows, miss and passes from 0")
 
 
@@ -121,7 +121,7 @@ def join_parts(
     seen: Seen, labels: IntArray, ends: Ends, appearance: FloatArray | None, link: LinkCost, settings: JoinSettings
 ) -> tuple[IntArray, IntArray, LinkParts]:
     """Numbers of the tracks that may follow each other, and what it costs to join their ends."""
-    i, j = _in_time(seen, ends, settings.looks_window if appearance is not None else settings.window)
+    i, j = _in_time(seen, ends, settings.appearance_window if appearance is not None else settings.window)
     past, future = beliefs_along(labels, seen.measured, link.motion)
     tails, heads = ends.last[i], ends.first[j]
     one_frame = 1 / seen.frame_rate

@@ -62,7 +62,7 @@ def fisheye(
     Args:
         source: videos, folders of images or MOTChallenge sequence folders, one for each camera, in their order.
         cameras: cameras.yaml with lens, pose and floor of each camera; tsuiseki calibrate pose writes it.
-        method: hungarian decides frame by frame, by looks and then by place; flow links the whole video at the end.
+        method: hungarian decides each frame, by appearance and then by place; flow links the whole video at the end.
         detections: MOTChallenge detections (det.txt) of each source, separated by commas, instead of a detector.
         detector: exported detector; by default the shipped detector_drone.onnx, which knows people from above but finds
             few of them in a fisheye picture: train one with configs/detector_ceiling.yaml, or give detections.
@@ -88,11 +88,11 @@ def fisheye(
     _check(score_threshold, score_range, threads)
     if detections is not None and (len(detections) != len(source) or detector is not None):
         raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
-    looks = None if str(appearance) == "none" else appearance or shipped("appearance_people")
+    model = None if str(appearance) == "none" else appearance or shipped("appearance_people")
     finds = None if detections is not None else _detector(detector, score_threshold, threads)
     person = PersonModel(height=person_height, body_radius=body_radius)
-    views = _views(source, cameras, resize, needs_images=finds is not None or looks is not None or overlay)
-    describe = None if looks is None else open_appearance(looks, threads)
+    views = _views(source, cameras, resize, needs_images=finds is not None or model is not None or overlay)
+    describe = None if model is None else open_appearance(model, threads)
     with output.run() as run:
         done = []
         for k, view in enumerate(views):

@@ -77,5 +77,5 @@ class Record:
         if not len(order):
             return []
         boxes, scores = np.concatenate(self._boxes), np.concatenate(self._scores)
-        pieces = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
-        return [Track(int(ids[piece[0]]), frames[piece], boxes[piece], scores[piece]) for piece in pieces]
+        tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
+        return [Track(int(ids[rows[0]]), frames[rows], boxes[rows], scores[rows]) for rows in tracks]

@@ -43,7 +43,7 @@ class Row:
 
     Attributes:
         name: as in the table.
-        crops: what the looks come from: ``image``, ``upright``, ``standing`` or ``none``.
+        crops: what the appearance comes from: ``image``, ``upright``, ``standing`` or ``none``.
         place: ``none``, ``image`` or ``world``.
         track: detections of a sequence, its rate and a choice of settings to tracks.
         grid: what the settings are chosen from.
@@ -61,10 +61,10 @@ class Row:
             yield dict(zip(self.grid, values, strict=True))
 
 
-def _hungarian(by_looks: bool, by_place: bool) -> Callable[[Sequence[FloorDetections], float, Choice], Any]:
+def _hungarian(by_appearance: bool, by_place: bool) -> Callable[[Sequence[FloorDetections], float, Choice], Any]:
     def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
         settings = FisheyeSettings(
-            by_looks=by_looks, by_place=by_place, confirm=CONFIRM, max_age=PATIENCE, start_score=0.0, **choice
+            by_appearance=by_appearance, by_place=by_place, confirm=CONFIRM, max_age=PATIENCE, start_score=0.0, **choice
         )
         tracker = FisheyeTracker(rate, settings)
         for each in found:

@@ -184,12 +184,12 @@ def test_what_no_detector_scored_counts_as_seen_with_score_0(make: Callable[[], 
         np.testing.assert_array_equal(track.scores, np.where(track.frames == 8, 0, scored.scores))
 
 
-def test_sort_goes_by_place_and_deepsort_by_looks() -> None:
+def test_sort_goes_by_place_and_deepsort_by_appearance() -> None:
     video = _apart_then_swapped()
-    by_place, by_looks = run_tracker(video, Sort()), run_tracker(video, DeepSort())
-    assert [len(track) for track in by_place] == [len(track) for track in by_looks] == [16, 16]
+    by_place, by_appearance = run_tracker(video, Sort()), run_tracker(video, DeepSort())
+    assert [len(track) for track in by_place] == [len(track) for track in by_appearance] == [16, 16]
     assert abs(by_place[0].boxes[-1, 0] - by_place[0].boxes[0, 0]) < 5
-    assert abs(by_looks[0].boxes[-1, 0] - by_looks[0].boxes[0, 0]) > 20
+    assert abs(by_appearance[0].boxes[-1, 0] - by_appearance[0].boxes[0, 0]) > 20
 
 
 def test_deepsort_gates_are_separate() -> None:
