@@ -231,6 +231,7 @@ tbody tr:last-child > * { border-bottom: 0; } .best { color: var(--best); font-w
 .meter { width: 40%; } .meter span { display: block; height: .7rem; background: var(--accent); border-radius: 2px; }
 video, svg.plot { display: block; width: 100%; height: auto; } video { border-radius: 4px; background: #000; }
 svg.plot text { font-family: system-ui, sans-serif; }
+@media (max-width: 44rem) { section:has(svg.plot) { overflow-x: auto; } svg.plot { min-width: 38rem; } }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1rem; margin: 0; font-size: .92rem; }
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
 """

@@ -77,7 +77,7 @@ class DelayedFlow:
     def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow, delay: int) -> None:
         self.settings, self.input, self.window, self.delay = settings, given, window, delay
         join = settings.join
-        looks_back = [] if join is None else [join.window, join.looks_window]
+        looks_back = [] if join is None else [join.window, join.appearance_window]
         longest = max(settings.costs.rounds.window, settings.fill, *looks_back)
         self._reach = round((longest + CONTEXT) * given.frame_rate)
         self._waiting: tuple[Detections, ...] = ()
