@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -14,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from tsuiseki.tracking.report.overlay import draw_label, track_colour, without_flicker
-from tsuiseki.tracking.report.page import PAGE, STYLE
+from tsuiseki.tracking.report.page import PAGE, STYLE, embedded_video
 from tsuiseki.tracking.report.plots import inline_svg
 from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
@@ -159,12 +158,12 @@ class FloorSection:
     def html(self, number: int) -> str:
         """Plan, dwell map and video."""
         walked = sum(float(np.linalg.norm(np.diff(t.places, axis=0), axis=1).sum()) for t in self.tracks)
-        text = f"<p>{len(self.tracks)} people, {walked:.0f} m walked in all.</p>"
-        text += inline_svg(lambda ink: floor_figure(self.tracks, self.floor, self.camera[None], ink), f"paths{number}")
-        text += inline_svg(lambda ink: dwell_figure(self.tracks, self.floor, self.frame_rate, ink), f"dwell{number}")
+        who = "1 person" if len(self.tracks) == 1 else f"{len(self.tracks)} people"
+        paths = inline_svg(lambda ink: floor_figure(self.tracks, self.floor, self.camera[None], ink), f"paths{number}")
+        dwell = inline_svg(lambda ink: dwell_figure(self.tracks, self.floor, self.frame_rate, ink), f"dwell{number}")
+        text = f'<p>{who}, {walked:.0f} m walked in all.</p><div class="plans">{paths}{dwell}</div>'
         if self.video is not None:
-            data = base64.b64encode(self.video.read_bytes()).decode("ascii")
-            text += f'<video controls loop muted playsinline src="data:video/webm;base64,{data}"></video>'
+            text += embedded_video(self.video)
         return text
 
 

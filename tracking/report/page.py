@@ -232,6 +232,8 @@ tbody tr:last-child > * { border-bottom: 0; } .best { color: var(--best); font-w
 video, svg.plot { display: block; width: 100%; height: auto; } video { border-radius: 4px; background: #000; }
 svg.plot text { font-family: system-ui, sans-serif; }
 @media (max-width: 44rem) { section:has(svg.plot) { overflow-x: auto; } svg.plot { min-width: 38rem; } }
+.plans { display: flex; flex-wrap: wrap; gap: 1rem; margin: .8rem 0; }
+.plans svg.plot { flex: 1 1 16rem; min-width: 0; max-height: 32rem; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1rem; margin: 0; font-size: .92rem; }
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
 """

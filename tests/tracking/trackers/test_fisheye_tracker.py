@@ -124,5 +124,5 @@ def test_two_on_one_spot_stay_two():
 
 
 def test_settings_that_match_by_nothing_are_refused():
-    with pytest.raises(ValueError, match="looks or by place"):
+    with pytest.raises(ValueError, match="by appearance or by place"):
         FisheyeSettings(by_appearance=False, by_place=False)
