@@ -45,11 +45,6 @@ class Innovation:
     residual: FloatArray
     covariance: FloatArray
 
-    def squared_distance(self) -> FloatArray:
-        """``(N,)`` squared Mahalanobis lengths of the residuals; chi-square of M degrees if the model is right."""
-        whitened = np.linalg.solve(self.covariance, self.residual[..., None])[..., 0]
-        return np.asarray((self.residual * whitened).sum(axis=-1))
-
 
 def predict(state: Gaussians, transition: FloatArray, noise: FloatArray) -> Gaussians:
     """The states one step later.

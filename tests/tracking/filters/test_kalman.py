@@ -26,7 +26,8 @@ def test_one_dimension_in_closed_form() -> None:
     updated, innovation = update(predicted, np.array([[10.0]]), np.eye(1), np.array([[3.0]]))
     np.testing.assert_allclose(updated.mean, [[6 + 37 / 40 * 4]])
     np.testing.assert_allclose(updated.covariance, [[[37 * 3 / 40]]])
-    np.testing.assert_allclose(innovation.squared_distance(), [16 / 40])
+    assert innovation.residual.tolist() == [[4.0]]
+    assert innovation.covariance.tolist() == [[[40.0]]]
 
 
 def test_batch_is_the_textbook_recursion_of_each_track() -> None:

@@ -170,21 +170,6 @@ def compared_features(
     return _averaged(rows, labels, actions, (half, 0), past), _averaged(rows, labels, actions, (0, half), past)
 
 
-def multi_frame_features(frames: IntArray, labels: IntArray, actions: FloatArray, window: int) -> FloatArray:
-    """Eq. 5.3: ``(N, A)`` means over the ``window`` frames around each detection of a track, of those that are there.
-
-    Args:
-        frames: ``(N,)``; a track has at most one detection a frame.
-        labels: ``(N,)`` number of the track of each, -1 for a detection outside all tracks, which keeps its own.
-        actions: ``(N, A)`` single-frame features.
-        window: λ, odd.
-
-    >>> multi_frame_features(np.arange(3), np.zeros(3, int), np.array([[0.0], [3.0], [6.0]]), 3).ravel().tolist()
-    [1.5, 3.0, 4.5]
-    """
-    return window_means(frames, labels, actions, frames, labels, (window // 2, window // 2))
-
-
 def window_means(
     frames: IntArray,
     labels: IntArray,
@@ -193,7 +178,7 @@ def window_means(
     at_labels: IntArray,
     reach: tuple[int, int],
 ) -> FloatArray:
-    """``(M, A)`` means of a track's features over windows at frames in which it need not be detected.
+    """Eq. 5.3: ``(M, A)`` means of a track's features over windows at frames in which it need not be detected.
 
     Args:
         frames: ``(N,)`` of the detections.

@@ -18,7 +18,6 @@ from tsuiseki.trainers.experiments.single.search_intervals import Intervals
 
 DPI = 110
 STYLES = ("-", "--", ":")
-PICTURES = 4
 
 
 def plot_sweeps(sweeps: Sequence[tuple[Sweep, Mapping[float, Repeated]]]) -> Figure:

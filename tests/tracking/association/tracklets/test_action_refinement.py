@@ -16,7 +16,6 @@ from tsuiseki.tracking.association.rows import DetectionRows
 from tsuiseki.tracking.association.tracklets.action_refinement import (
     Prices,
     RefinementSettings,
-    multi_frame_features,
     refine,
     window_means,
 )
@@ -42,7 +41,7 @@ def test_windows_are_means_over_the_frames_that_are_there(window: int) -> None:
     keys = rng.permutation(5 * 40)[:90]
     frames, labels = keys % 40 + 7, keys // 40 - 1
     actions = rng.random((90, 4))
-    found = multi_frame_features(frames, labels, actions, window)
+    found = window_means(frames, labels, actions, frames, labels, (window // 2, window // 2))
     np.testing.assert_allclose(found, slow_means(frames, labels, actions, window), atol=1e-12)
 
 
