@@ -71,6 +71,7 @@ def count_figure(truth: GroundTruth, results: Mapping[str, Sequence[Track]], len
         ink: colour of text and axes.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     figure = Figure(figsize=(10, 3), layout="constrained")
     axes = figure.subplots()
@@ -84,6 +85,7 @@ def count_figure(truth: GroundTruth, results: Mapping[str, Sequence[Track]], len
     axes.set_xlabel("frame", color=ink)
     axes.set_xlim(1, max(length, 2))
     axes.set_ylim(bottom=0)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     _dress(axes, ink)
     figure.legend(loc="outside lower center", ncols=min(4, len(results) + 1), frameon=False, labelcolor=ink)
     return figure
