@@ -141,7 +141,7 @@ class Run:
             RunError: there is none.
             KeyboardInterrupt: before the first step was finished.
         """
-        self._patient = True
+        self._patient, before = True, self.count
         watched = progress(items, what, total)
         while not self._asked:
             try:
@@ -149,14 +149,14 @@ class Run:
             except StopIteration:
                 break
             except LATE as error:
-                if not self.count:
+                if self.count == before:
                     raise
                 self._fail(error)
                 break
             yield item
             self.count += 1
         watched.close()
-        if not self.count:
+        if self.count == before:
             raise Interrupted(self._asked) if self._asked else RunError("expected frames, got none")
 
     def replay(self, source: Source) -> Iterator[Frame]:
@@ -168,12 +168,19 @@ class Run:
         return self.watched(self._again(source), "drawing", self.count)
 
     def watched(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-        """``items`` with progress; an interrupt ends them with KeyboardInterrupt."""
-        asked = self._asked
-        for item in progress(items, what, total):
+        """``items`` with progress; an interrupt from now on ends them with KeyboardInterrupt."""
+        return self._watched(progress(items, what, total), self._asked)
+
+    def _watched(self, items: Iterable[T], asked: int) -> Iterator[T]:
+        for item in items:
             if self._asked != asked:
                 raise Interrupted(self._asked)
             yield item
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user asked to end: begin no other part."""
+        return bool(self._asked)
 
     def _again(self, source: Source) -> Iterator[Frame]:
         from tsuiseki.tracking.video import open_source

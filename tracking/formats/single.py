@@ -6,7 +6,8 @@ Quirks of the data sets that are met here:
   and count as two sequences; David, BlurCar1, BlurCar3 and BlurCar4 have labels from a later frame on; several have
   more images than boxes: the images without a box at the end are not used;
 * VOT: images in ``color/``, ``imgs/`` or the folder itself, polygons in ``groundtruth.txt``;
-* UAV123: ``data_seq/UAV123/NAME/`` and ``anno/UAV123/NAME.txt``, or both in one folder laid out like OTB.
+* UAV123: images in ``data_seq/UAV123/NAME/``, labels in ``anno/UAV123/NAME.txt``, or both in one folder laid out like
+  OTB; a video cut into several sequences has ``NAME_1.txt``, ``NAME_2.txt``, …, which begin at images known by number.
 """
 
 from __future__ import annotations
@@ -36,6 +37,13 @@ ATTRIBUTES = {
     "LR": "low resolution",
 }
 FIRST_NUMBERS = {"david": 300, "blurcar1": 247, "blurcar3": 3, "blurcar4": 18}
+# First image of each further part of UAV123's videos, at 30 frames/s; UAV123@10fps keeps every third.
+LATER_PARTS = {
+    "bird1": (775, 1573), "car1": (751, 1627), "car6": (487, 1807, 2953, 3925), "car8": (1357,), "car16": (415,),
+    "group1": (1333, 2515, 3925), "group2": (907, 1771), "group3": (1567, 2827, 4369), "person2": (1189,),
+    "person4": (1501,), "person5": (877,), "person7": (1249,), "person8": (1075,), "person12": (601,),
+    "person14": (847, 1813), "person17": (1501,), "person19": (1243, 2791), "truck4": (577,), "uav1": (1555, 2473),
+}  # fmt: skip
 IMAGE_FOLDERS = ("img", "imgs", "color", "images")
 LABEL_NAMES = re.compile(r"groundtruth(_rect)?(\.\d+)?\.txt")
 
@@ -173,7 +181,9 @@ def _in_folder(folder: Path) -> list[SingleSequence]:
     """The sequences of one folder: none, one, or one a target."""
     labels = sorted(p for p in folder.iterdir() if LABEL_NAMES.fullmatch(p.name))
     if not labels:
-        return []
+        images = list_images(folder)
+        parts = _labels_apart(folder) if images else []
+        return [_paired(p.stem, images, read_boxes(p), frozenset(), _first_of_part(p)) for p in parts]
     images = next((found for name in IMAGE_FOLDERS if (found := list_images(folder / name))), list_images(folder))
     attributes = _own_attributes(folder)
     result = []
@@ -182,6 +192,34 @@ def _in_folder(folder: Path) -> list[SingleSequence]:
         name = folder.name + (f"-{number}" if number.isdigit() else "")
         result.append(_paired(name, images, read_boxes(path), attributes, _first_number(folder)))
     return result
+
+
+def has_labels(folder: Path) -> bool:
+    """Whether ``folder`` is a sequence whose labels lie in it or, as in UAV123, apart."""
+    return any(LABEL_NAMES.fullmatch(path.name) for path in folder.iterdir()) or bool(_labels_apart(folder))
+
+
+def _labels_apart(folder: Path) -> list[Path]:
+    """UAV123's label files of the images in ``folder``, in order."""
+    folder = folder.resolve()
+    for root in list(folder.parents)[:3]:
+        for place in (root / "anno" / folder.parent.name, root / "anno"):
+            whole = place / f"{folder.name}.txt"
+            if whole.is_file():
+                return [whole]
+            if parts := sorted(place.glob(f"{folder.name}_[1-9].txt")):
+                return parts
+    return []
+
+
+def _first_of_part(labels: Path) -> int:
+    """Number of the image with which a part of a video of UAV123 begins."""
+    video, _, part = labels.stem.rpartition("_")
+    starts = LATER_PARTS.get(video, ())
+    if not part.isdigit() or not 2 <= int(part) <= len(starts) + 1:
+        return 1
+    first = starts[int(part) - 2]
+    return (first - 1) // 3 + 1 if "10fps" in labels.parent.name else first
 
 
 def _own_attributes(folder: Path) -> frozenset[str]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import list_images
-from tsuiseki.tracking.formats.single import LABEL_NAMES, find_single_sequences
+from tsuiseki.tracking.formats.single import find_single_sequences, has_labels
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.trackers.single.interface import SingleTracker, follow_target
 from tsuiseki.tracking.trackers.single.methods import METHODS, Preset, SingleMethod, make_tracker
@@ -106,7 +106,7 @@ def open_single(source: str | Path | int, frames: str | None = None) -> tuple[So
         RequestError: see `open_source` and `find_single_sequences`.
     """
     stretch, folder = parse_frames(frames), Path(str(source))
-    if not folder.is_dir() or not any(LABEL_NAMES.fullmatch(path.name) for path in folder.iterdir()):
+    if not folder.is_dir() or not has_labels(folder):
         return open_source(str(source), stretch), None
     sequence = find_single_sequences(folder)[0]
     if not sequence.images:

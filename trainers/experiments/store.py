@@ -2,8 +2,8 @@
 
 An entry's name is a digest of the function, its arguments, the data they name and the version of the code: the sources
 of the function's module and of all that it imports of ours, and the versions of the packages that results depend on.
-So an experiment that was stopped goes on where it was, and nothing stale is ever taken. Entries of older code stay
-until somebody deletes the folder.
+So an experiment that was stopped goes on where it was, and nothing stale is ever taken. What other code made of the
+same arguments is removed when it is computed anew.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import ast
 import hashlib
 import importlib.util
 import json
+import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -59,6 +60,7 @@ class Store:
         entry = {**_key(compute, args, kwargs), "value": value}
         with output_file(path, overwrite=True) as work:
             work.write_text(json.dumps(entry) + "\n", encoding="utf-8")
+        _clear_older(path)
         return restored(kind, value)  # type: ignore[no-any-return]
 
     def has(self, compute: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> bool:
@@ -75,6 +77,7 @@ class Store:
         if not home.is_dir():
             with output_folder(home, overwrite=True) as work:
                 write(work / name, *args, **kwargs)
+            _clear_older(home)
         return home / name
 
     def has_made(
@@ -84,9 +87,26 @@ class Store:
         return self._entry(write, (name, *args), kwargs).is_dir()
 
     def _entry(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Path:
-        """The path of an entry, without suffix."""
-        key = json.dumps(_key(function, args, kwargs), sort_keys=True)
-        return self.folder / function.__name__ / hashlib.sha256(key.encode()).hexdigest()[:32]
+        """The path of an entry, without suffix: its name tells what was asked, and what answered."""
+        key = _key(function, args, kwargs)
+        answered = {name: key.pop(name) for name in ("code", "versions")}
+        return self.folder / function.__name__ / f"{_digest(key)}-{_digest(answered)}"
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def _clear_older(entry: Path) -> None:
+    """Remove what other code made of the same arguments as ``entry``."""
+    asked = entry.name.partition("-")[0]
+    for path in entry.parent.glob(f"{asked}-*"):
+        if path == entry:
+            continue
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _key(function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:

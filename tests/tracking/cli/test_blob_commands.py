@@ -127,3 +127,14 @@ def test_trackers_wait_for_the_first_measurement_and_outlast_silence(method):
     (track,) = tracker.tracks()
     assert track.frames[0] <= 6
     assert track.frames[-1] < 30
+
+
+def test_a_gap_of_ten_million_frames_takes_no_time(tmp_path):
+    (tmp_path / "gt.csv").write_text("frame,id,x,y\n1,1,5,5\n10000000,1,9,9\n")
+    (tmp_path / "found.csv").write_text("frame,id,x,y\n1,1,5,5\n10000000,1,9,12\n")
+    scores = tmp_path / "s.json"
+    words = ["evaluate", "points", str(tmp_path / "gt.csv"), str(tmp_path / "found.csv"), "--json", str(scores)]
+    assert main(words) == 0
+    (values,) = json.loads(scores.read_text()).values()
+    assert values["frames"] == 10_000_000
+    assert values["ospa1"] == pytest.approx(3e-7)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 import yaml
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.cli.track import fisheye
+from tsuiseki.tracking.report import floor
 
 LENS = "2 -100 0\n2 150 60\n120 160\n1 0 0\n240 320\n"
 ROOM = ["--room", "small", "--people", "3", "--frames", "4", "--frame-rate", "2", "--width", "320", "--height", "240"]
@@ -129,3 +132,31 @@ def test_a_pose_from_height_and_from_points(tmp_path, capsys):
     assert "at 0.000, 0.000, 2.500 m" in capsys.readouterr().out.splitlines()[-1]
     assert main(["calibrate", "pose", str(lens), "--height", "0", "--out", str(tmp_path / "c.yaml")]) == 2
     one_line(capsys, "above 0 m")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("when", ["tracking", "drawing"])
+def test_an_interrupt_in_the_second_camera_keeps_the_first(room, tmp_path, monkeypatch, capsys, when, number):
+    seen = []
+
+    def begins(*values, **named):
+        seen.append(None)
+        if len(seen) == 2:
+            signal.raise_signal(number)
+        return original(*values, **named)
+
+    where, name = (floor, "write_floor_overlay") if when == "drawing" else (fisheye, "_ceiling")
+    original = getattr(where, name)
+    monkeypatch.setattr(where, name, begins)
+    out = tmp_path / "out"
+    assert track(room, out, *given(room), "--appearance", "none", "--overlay") == 128 + number
+    record = json.loads((out / "run.json").read_text())
+    assert record["partial"] is True
+    assert {"camera1/tracks.txt", "camera1/world.csv", "camera1/overlay.webm"} <= set(record["files"])
+    assert ("camera2/tracks.txt" in record["files"]) == (when == "drawing")
+    assert "camera2/overlay.webm" not in record["files"]
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("tsuiseki:")]
+    assert len(lines) == 1
+    assert "interrupted" in lines[0]
+    assert f"is in {out}, marked in its run.json" in lines[0]
+    assert [p.name for p in out.iterdir() if p.name.startswith(".")] == []

@@ -311,3 +311,16 @@ def test_people_have_a_report(clip: Path, drone_models: Path, tmp_path: Path) ->
     assert "<h1>People in clip</h1>" in page
     assert "<title>person 1, frames" in page
     assert 'src="data:video/webm;base64,' in page
+
+
+def test_the_target_of_uav123_is_labelled_apart(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    images, labels = tmp_path / "data_seq" / "UAV123" / "bike1", tmp_path / "anno" / "UAV123"
+    images.mkdir(parents=True)
+    labels.mkdir(parents=True)
+    for number, image in enumerate(sorted(clip.iterdir()), 1):
+        (images / f"{number:06d}.png").symlink_to(image)
+    (labels / "bike1.txt").write_text("".join(f"{21 + 3 * n},31,20,20\n" for n in range(FRAMES)))
+    assert main(["track", "single", str(images), "--method", "kcf", "--out", str(tmp_path / "bike1")]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", "single", str(images), str(tmp_path / "bike1")]) == 0
+    assert "bike1" in capsys.readouterr().out

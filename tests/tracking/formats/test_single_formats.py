@@ -134,3 +134,18 @@ def test_spellings_of_a_name():
 def test_an_empty_folder_is_refused(tmp_path):
     with pytest.raises(RequestError, match="found none"):
         find_single_sequences(tmp_path)
+
+
+@pytest.mark.parametrize(("data", "first"), [("UAV123", 775), ("UAV123_10fps", 259)])
+def test_labels_of_uav123_lie_apart(tmp_path, data, first):
+    images, labels = tmp_path / "data_seq" / data, tmp_path / "anno" / data
+    for name, number in (("bike1", 1), ("bird1", 1), ("bird1", 2), ("bird1", first), ("bird1", first + 1)):
+        write(images / name / f"{number:06d}.jpg", "")
+    write(labels / "bike1.txt", "11,21,30,40\n")
+    write(labels / "bird1_1.txt", "1,1,5,5\n1,1,5,5\n")
+    write(labels / "bird1_2.txt", "2,2,5,5\n3,3,5,5\n")
+    (bike,) = find_single_sequences(images / "bike1")
+    assert bike.boxes.tolist() == [[10, 20, 40, 60]]
+    found = find_single_sequences(images)
+    assert [s.name for s in found] == ["bike1", "bird1_1", "bird1_2"]
+    assert [[int(p.stem) for p in s.images] for s in found] == [[1], [1, 2], [first, first + 1]]

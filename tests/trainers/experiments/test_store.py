@@ -140,7 +140,10 @@ def test_code_that_is_imported_at_any_depth_counts_and_other_code_does_not(lab: 
     assert code_version(["tsuiseki.lab.top"]) != before
     for name in ("deep", "middle", "top"):
         sys.modules.pop(f"tsuiseki.lab.{name}")
+    store.recall(module(lab, "top", source).compute, 5)
     assert store.recall(module(lab, "top", source).compute, 4) == 12
+    # What the older code made of 4 is gone; nothing else is.
+    assert len(list((tmp_path / "store" / "compute").iterdir())) == 2
 
 
 def test_a_folder_is_made_once_and_whole(tmp_path: Path) -> None:

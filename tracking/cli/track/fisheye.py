@@ -96,6 +96,8 @@ def fisheye(
     with output.run() as run:
         done = []
         for k, view in enumerate(views):
+            if run.interrupted:
+                break
             with run.times.measure("table"):
                 ceiling = _ceiling(view, tables, person)
             ceiling = ceiling.looking(describe, crops)
