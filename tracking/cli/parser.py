@@ -226,7 +226,7 @@ def _shared_options(
         default = inspect.signature(function).parameters[name].default
         texts: dict[str, str] = {}
         for base in reversed(kind.__mro__):
-            texts |= _documentation(base)[1] if is_shared(base) else {}
+            texts |= _documentation(base)[1] if dataclasses.is_dataclass(base) else {}
         hints = get_type_hints(kind)
         for field in _options_of(kind):
             value = field.default if default is inspect.Parameter.empty else getattr(default, field.name)

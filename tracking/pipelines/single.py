@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import get_args
 
@@ -13,6 +15,9 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
+from tsuiseki.tracking.geometry import corners_from_xywh
+from tsuiseki.tracking.pipelines.selection import select_box
+from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.single.interface import SingleTracker, follow_target
 from tsuiseki.tracking.trackers.single.methods import METHODS, Preset, SingleMethod, make_tracker
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame
@@ -116,3 +121,43 @@ def open_single(source: str | Path | int, frames: str | None = None) -> tuple[So
     assert stretch.last is not None
     used = FrameRange(skipped + stretch.first, skipped + stretch.last)
     return open_source(sequence.images[0].parent, used), sequence.boxes[stretch.first]
+
+
+def parse_box(text: str) -> FloatArray:
+    """``(4,)`` corners of ``X,Y,W,H``.
+
+    Raises:
+        RequestError: it is something else.
+    """
+    words = re.split(r"[,\s]+", text.strip())
+    try:
+        numbers = np.array([float(word) for word in words])
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) != 4 or not np.isfinite(numbers).all():
+        raise RequestError(f"`box`: expected X,Y,W,H in pixels, such as 120,80,40,90, got {text!r}")
+    return corners_from_xywh(numbers)
+
+
+def follow_measured(
+    frames: Iterator[Frame], box: FloatArray | None, tracker: SingleTracker, times: StageTimes
+) -> Iterator[Estimate]:
+    """The target in every frame.
+
+    Args:
+        frames: of the video.
+        box: the target in the first of them; None lets the user draw it.
+        tracker: a fresh one.
+        times: gets the stage ``read and track``.
+    """
+    first = next(frames, None)
+    if first is None:
+        return
+    start = select_box(first.image) if box is None else box
+    estimates = follow_target(chain((first,), frames), start, tracker)
+    while True:
+        with times.measure("read and track"):
+            estimate = next(estimates, None)
+        if estimate is None:
+            return
+        yield estimate

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.cli.track import fisheye
+from tsuiseki.tracking.pipelines.fisheye import CeilingSource
 from tsuiseki.tracking.report import floor
 
 LENS = "2 -100 0\n2 150 60\n120 160\n1 0 0\n240 320\n"
@@ -145,7 +145,7 @@ def test_an_interrupt_in_the_second_camera_keeps_the_first(room, tmp_path, monke
             signal.raise_signal(number)
         return original(*values, **named)
 
-    where, name = (floor, "write_floor_overlay") if when == "drawing" else (fisheye, "_ceiling")
+    where, name = (floor, "write_floor_overlay") if when == "drawing" else (CeilingSource, "view")
     original = getattr(where, name)
     monkeypatch.setattr(where, name, begins)
     out = tmp_path / "out"

@@ -18,24 +18,20 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.video import Source
 
 
-@dataclass(frozen=True)
-class Finding(Shared):
-    """Where the detections come from.
+@dataclass(frozen=True, kw_only=True)
+class Detecting(Shared):
+    """What finds people.
 
     Attributes:
-        detections: MOTChallenge detections (det.txt) to use instead of a detector.
         detector: exported detector; by default the shipped one.
         score_threshold: the detector keeps what scores at least this, from 0 to 1.
         score_range: smallest and largest score that the rows of --detections may have; by default any.
-        batch_size: frames of one call of the detector.
-        threads: CPU cores of the networks, which work on several frames at a time; 0 takes all.
+        threads: CPU cores of the networks; 0 takes all.
     """
 
-    detections: Path | None = None
     detector: Path | None = None
     score_threshold: float = 0.3
     score_range: tuple[float, float] | None = None
-    batch_size: int = 4
     threads: int = 0
 
     def check(self) -> None:
@@ -43,10 +39,28 @@ class Finding(Shared):
         if not 0 <= self.score_threshold <= 1:
             raise RequestError(f"`score_threshold`: expected a number from 0 to 1, got {self.score_threshold:g}")
         check_score_range(self.score_range)
-        if self.batch_size < 1:
-            raise RequestError(f"`batch_size`: expected at least 1 frame, got {self.batch_size}")
         if self.threads < 0:
             raise RequestError(f"`threads`: expected 0 or more, got {self.threads}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding(Detecting):
+    """Where the detections come from.
+
+    Attributes:
+        detections: MOTChallenge detections (det.txt) to use instead of a detector.
+        batch_size: frames of one call of the detector.
+        threads: CPU cores of the networks, which work on several frames at a time; 0 takes all.
+    """
+
+    detections: Path | None = None
+    batch_size: int = 4
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        if self.batch_size < 1:
+            raise RequestError(f"`batch_size`: expected at least 1 frame, got {self.batch_size}")
         if self.detections is not None and self.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
 

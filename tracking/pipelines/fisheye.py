@@ -1,0 +1,156 @@
+"""Ceiling cameras with their sources: opened, checked against each other, and looked through frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, read_floor_cameras
+from tsuiseki.tracking.cameras.person_model import PersonModel, cached_table
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.pipelines.ceiling import CeilingView
+from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.trackers.fisheye import (
+    FisheyeSettings,
+    FisheyeTracker,
+    FloorDetections,
+    FloorFlowSettings,
+    flow_on_floor,
+)
+from tsuiseki.tracking.types import Detections, FloatArray, Frame
+from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.video import Source, open_source
+
+Scaling: TypeAlias = Literal["no", "cut", "widen"]
+FloorMethod: TypeAlias = Literal["hungarian", "flow"]
+REACH = 10.0
+
+
+@dataclass(frozen=True)
+class CeilingSource:
+    """A source, its camera for images of this size, and the floor.
+
+    Attributes:
+        source: the video.
+        placed: its camera.
+        floor: ``(4,)`` x1, y1, x2, y2 of the floor that people stand on, metres.
+    """
+
+    source: Source
+    placed: CameraOverFloor
+    floor: FloatArray
+
+    @property
+    def rate(self) -> float:
+        """Frames per second."""
+        return self.placed.frame_rate or self.source.frame_rate
+
+    def view(self, tables: Path, person: PersonModel) -> CeilingView:
+        """What finds people's places, with the table of boxes that the folder ``tables`` keeps."""
+        camera = self.placed.camera
+        return CeilingView(camera, cached_table(tables, camera, self.floor, person), person)
+
+
+def open_ceiling(
+    sources: Sequence[str], cameras: Path, resize: Scaling = "no", *, needs_images: bool = True
+) -> list[CeilingSource]:
+    """Sources with their cameras, checked against each other.
+
+    Args:
+        sources: one for each camera, in their order.
+        cameras: the camera file.
+        resize: how a calibration is scaled to images of another size.
+        needs_images: refuse a sequence that is text only.
+
+    Raises:
+        RequestError: the numbers differ, there are no images, or a calibration is of another size.
+    """
+    placed = read_floor_cameras(cameras)
+    if len(sources) != len(placed):
+        raise RequestError(
+            f"expected one source for each camera, got {len(sources)} sources and {len(placed)} cameras in {cameras}"
+        )
+    views = []
+    for text, entry in zip(sources, placed, strict=True):
+        opened = open_source(text)
+        if needs_images and not opened.has_images:
+            raise RequestError(f"{opened.name} has no images; give `detections`, and none for `appearance`")
+        fitted = _fitted(entry, opened, resize)
+        x, y = fitted.camera.position[:2]
+        floor = np.array([x - REACH, y - REACH, x + REACH, y + REACH]) if fitted.floor is None else fitted.floor
+        views.append(CeilingSource(opened, fitted, floor))
+    return views
+
+
+def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraOverFloor:
+    """The camera for the source's images."""
+    if not source.has_images or source.live:
+        return placed
+    height, width = next(iter(source.frames())).image.shape[:2]
+    have = placed.camera.width, placed.camera.height
+    if have == (width, height):
+        return placed
+    if resize == "no":
+        raise RequestError(
+            f"{placed.name}: expected images of {have[0]}x{have[1]} as calibrated, got {width}x{height} in "
+            f"{source.name}; calibrate at that size, or scale the calibration with `resize` cut or widen"
+        )
+    return placed.resized(width, height, resize)
+
+
+def people_on_floor(
+    frames: Iterable[Frame],
+    detect: Detector | Sequence[Detections],
+    ceiling: CeilingView,
+    times: StageTimes,
+    length: int | None = None,
+) -> Iterator[FloorDetections]:
+    """The people of each frame, located and described.
+
+    Args:
+        frames: of the source; not read where the detections are given and nothing looks at images.
+        detect: what finds people, or what was found in each frame.
+        ceiling: the camera.
+        times: gets the stages.
+        length: of the source; by default as many frames as detections.
+    """
+
+    def found_at(given: Sequence[Detections], index: int) -> Detections:
+        return given[index] if index < len(given) else Detections.empty()
+
+    if not isinstance(detect, Detector) and ceiling.appearance is None:
+        for index in range(len(detect) if length is None else length):
+            yield ceiling.locate(found_at(detect, index), times)
+        return
+    for frame in frames:
+        if isinstance(detect, Detector):
+            with times.measure("detect"):
+                found = detect.detect([frame.image])[0]
+        else:
+            found = found_at(detect, frame.index)
+        yield ceiling.describe(frame.image, ceiling.locate(found, times), times)
+
+
+def link_on_floor(
+    found: Iterable[FloorDetections],
+    rate: float,
+    method: FloorMethod,
+    hungarian: FisheyeSettings,
+    flow: FloorFlowSettings,
+    times: StageTimes,
+) -> list[FloorTrack]:
+    """The tracks of one camera: ``hungarian`` decides frame by frame, ``flow`` links the whole video at the end."""
+    online, kept = FisheyeTracker(rate, hungarian), []
+    for each in found:
+        if method == "flow":
+            kept.append(each)
+            continue
+        with times.measure("associate"):
+            online.update(each)
+    with times.measure("associate"):
+        return flow_on_floor(kept, rate, flow) if method == "flow" else online.tracks()
