@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -14,22 +14,15 @@ from tsuiseki.tracking.errors import RequestError
 if TYPE_CHECKING:
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
     from tsuiseki.tracking.pipelines.methods import PeopleMethod
+    from tsuiseki.tracking.report.demo import DemoResult
     from tsuiseki.tracking.trackers.people.run import FrameLog
     from tsuiseki.tracking.types import Track
-    from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.video import Source
 
 # What each method is called in table and report; the tracks of the last one are drawn.
 METHODS: Mapping[PeopleMethod, str] = {"sort": "SORT", "deepsort": "DeepSORT", "flow": "Min-cost flow"}
 CLIP_FOLDER = "street"
 REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
-STAGES = {
-    "generate": "generate the clip",
-    "decode": "decode",
-    "detect": "detect",
-    "describe": "describe",
-    "overlay": "draw the overlay",
-}
 FRAMES, FRAME_RATE = 180, 25.0
 OUTPUT = SeededOutput(Path("out/demo"), seed=100)
 
@@ -67,6 +60,7 @@ def demo(
     from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
     from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
     from tsuiseki.tracking.formats.mot import read_ground_truth
+    from tsuiseki.tracking.report.demo import DemoResult
     from tsuiseki.tracking.video import open_source
 
     with output.run() as run:
@@ -86,23 +80,10 @@ def demo(
             name: evaluate_sequences([SequencePair(CLIP_FOLDER, truth, found, run.count)])
             for name, found in tracks.items()
         }
-        _write(run, _Demo(source, truth, tracks, log, scores, models, run.count))
+        _write(run, DemoResult(source, truth, tracks, scores, run.count), log, models)
     if run.status == 0:
-        _show(scores, output.out)
+        show_scores(scores, output.out, "video and plots")
     return run.status
-
-
-@dataclass(frozen=True)
-class _Demo:
-    """Everything that the result folder tells."""
-
-    source: Source
-    truth: GroundTruth
-    tracks: Mapping[str, list[Track]]
-    log: FrameLog
-    scores: Mapping[str, PeopleEvaluation]
-    models: Mapping[str, Path]
-    frames: int
 
 
 def _models(work: Path, *, train: bool) -> dict[str, Path]:
@@ -131,55 +112,35 @@ def _track(
     return run_trackers(run.steps(found, total=frames_expected(source)), trackers, run.times)
 
 
-def _write(run: Run, demo: _Demo) -> None:
+def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]) -> None:
     """A folder for each method, the overlay, the report."""
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.output import RunRecord
+    from tsuiseki.tracking.report.demo import street_report
     from tsuiseki.tracking.report.overlay import write_overlay
+    from tsuiseki.tracking.report.page import write_report
 
     given, seed = run.output.given, run.output.random_seed
-    models = {kind: path.name for kind, path in demo.models.items()}
+    names = {kind: path.name for kind, path in models.items()}
     for method, name in METHODS.items():
         tracks = demo.tracks[name]
         run.write(f"{method}/tracks.txt", lambda path, tracks=tracks: write_tracks(path, tracks))  # type: ignore[misc]
         seconds = {s: v for s, v in run.times.seconds.items() if s not in demo.tracks or s == name}
-        record = RunRecord(given.command, {"frames": demo.frames, "models": models, "method": method}, seed, seconds)
-        record.frames = demo.log.columns(tracks)
+        record = RunRecord(given.command, {"frames": demo.frames, "models": names, "method": method}, seed, seconds)
+        record.frames = log.columns(tracks)
         record.write(run.work / method)
-    run.facts["models"] = models
-    best = demo.tracks[list(METHODS.values())[-1]]
+    run.facts["models"] = names
+    source, best = demo.source, demo.tracks[list(METHODS.values())[-1]]
     with run.times.measure("overlay"):
-        overlay = run.draw(
-            OVERLAY_FILE, lambda path: write_overlay(path, demo.source.frames(), best, demo.source.frame_rate)
-        )
-    _write_report(run, demo, overlay)
-
-
-def _write_report(run: Run, demo: _Demo, overlay: Path | None) -> None:
-    from tsuiseki.tracking.output import versions
-    from tsuiseki.tracking.report.page import Report, ReportedMethod, write_report
-
-    methods = [ReportedMethod(name, demo.scores[name].combined, demo.tracks[name]) for name in METHODS.values()]
-    people = len(set(demo.truth.ids.tolist()))
-    facts = {f"{kind} model": path.name for kind, path in demo.models.items()}
-    facts |= {"seed": str(run.output.random_seed)} | versions()
-    report = Report(
-        title="Tsuiseki demo",
-        introduction=f"{people} people on a generated street, {demo.frames} frames. Networks trained on generated "
-        "scenes found and described them once; three methods linked what they found, each scored against the truth.",
-        methods=methods,
-        truth=demo.truth,
-        length=demo.frames,
-        frame_rate=demo.source.frame_rate,
-        overlay=overlay,
-        seconds={STAGES.get(stage, stage): value for stage, value in run.times.seconds.items()},
-        facts=facts,
-    )
+        overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
+    facts = {f"{kind} model": name for kind, name in names.items()} | {"seed": str(seed)}
+    report = street_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts))
     run.write(REPORT_FILE, lambda path: write_report(path, report))
 
 
-def _show(scores: Mapping[str, PeopleEvaluation], out: Path) -> None:
+def show_scores(scores: Mapping[str, PeopleEvaluation], out: Path, what: str) -> None:
+    """Print the scores of all methods, and where the report is; ``what`` it shows."""
     from tsuiseki.tracking.evaluation.table import people_table, show
 
     show(people_table(scores))
-    print(f"report with video and plots: {out / REPORT_FILE}")
+    print(f"report with {what}: {out / REPORT_FILE}")

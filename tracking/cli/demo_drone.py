@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -11,11 +10,9 @@ if TYPE_CHECKING:
 
     from tsuiseki.tracking.cli.options import SeededOutput
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
     from tsuiseki.tracking.pipelines.drone import DroneResult
     from tsuiseki.tracking.pipelines.drone_models import DroneModels
-    from tsuiseki.tracking.types.labels import GroundTruth
-    from tsuiseki.tracking.video import Source
+    from tsuiseki.tracking.report.demo import DemoResult
 
 METHODS: Mapping[Literal["flow", "flow-saf", "flow-maf"], str] = {
     "flow": "flow",
@@ -25,26 +22,17 @@ METHODS: Mapping[Literal["flow", "flow-saf", "flow-maf"], str] = {
 CLIP_FOLDER, REPORT_FILE, OVERLAY_FILE, THRESHOLD = "drone", "report.html", "overlay.webm", 0.4
 
 
-@dataclass(frozen=True)
-class _Demo:
-    """Everything that the result folder tells."""
-
-    source: Source
-    truth: GroundTruth
-    results: Mapping[str, DroneResult]
-    scores: Mapping[str, PeopleEvaluation]
-    frames: int
-
-
 def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
     from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
     from tsuiseki.datamodules.scenes.drone.files import write_drone
+    from tsuiseki.tracking.cli.demo import show_scores
     from tsuiseki.tracking.cli.track.drone_run import follow
     from tsuiseki.tracking.cli.track.finding import Finding
     from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.pipelines.drone_models import DroneModels, prices_of
+    from tsuiseki.tracking.report.demo import DemoResult
     from tsuiseki.tracking.trackers.drone import DroneSettings
     from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
     from tsuiseki.tracking.video import open_source
@@ -69,61 +57,36 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
             cache = str(clip), run.work / "observations"
             results[name] = follow(run, source, models, method, settings, prices, cache)
             scores[name] = evaluate_sequences([SequencePair(CLIP_FOLDER, truth, results[name].tracks, frames)])
-        _write(run, _Demo(source, truth, results, scores, frames))
+        tracks = {name: found.tracks for name, found in results.items()}
+        _write(run, DemoResult(source, truth, tracks, scores, frames), results)
     if run.status == 0:
-        _show(scores, output.out)
+        show_scores(scores, output.out, "video, actions and plots")
     return run.status
 
 
-def _write(run: Run, demo: _Demo) -> None:
+def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> None:
     """A folder for each method, the overlay, the report."""
     from tsuiseki.tracking.cli.track.drone_run import write_result
-    from tsuiseki.tracking.output import RunRecord, versions
-    from tsuiseki.tracking.report.actions import ActionReport, action_timelines, captions_of
+    from tsuiseki.tracking.output import RunRecord
+    from tsuiseki.tracking.report.actions import ActionReport, captions_of
+    from tsuiseki.tracking.report.demo import drone_report
     from tsuiseki.tracking.report.overlay import write_overlay
-    from tsuiseki.tracking.report.page import BOXES_NOTE, Report, ReportedMethod, write_report
+    from tsuiseki.tracking.report.page import write_report
 
-    best = demo.results[list(METHODS.values())[-1]]
-    captions = captions_of(best.people, best.names, THRESHOLD)
+    source, best = demo.source, results[list(METHODS.values())[-1]]
+    rate, captions = source.frame_rate, captions_of(best.people, best.names, THRESHOLD)
     with run.times.measure("draw the overlay"):
         overlay = run.draw(
             OVERLAY_FILE,
-            lambda path: write_overlay(
-                path, demo.source.frames(), best.tracks, demo.source.frame_rate, captions, trail_seconds=0.0
-            ),
+            lambda path: write_overlay(path, source.frames(), best.tracks, rate, captions, trail_seconds=0.0),
         )
     given, seed = run.output.given, run.output.random_seed
     for method, name in METHODS.items():
-        write_result(run, demo.results[name], demo.source, THRESHOLD, f"{method}/")
+        write_result(run, results[name], source, THRESHOLD, f"{method}/")
         record = RunRecord(given.command, {"frames": demo.frames, "method": method}, seed, run.times.seconds)
         record.frames, run.columns = run.columns, {}
         record.write(run.work / method)
-    people = len(set(demo.truth.ids.tolist()))
-    timelines = action_timelines(
-        ActionReport(demo.source.name, best.people, best.names, best.log.frames, THRESHOLD, demo.source.frame_rate)
-    )
-    report = Report(
-        title="Tsuiseki demo, from a drone",
-        introduction=f"{people} people on generated ground under a drone that jerks, {demo.frames} frames. Networks "
-        "trained on generated clips found and described them and recognised what they do, once; three ways link what "
-        "was found, each scored against the truth.",
-        methods=[
-            ReportedMethod(name, demo.scores[name].combined, found.tracks) for name, found in demo.results.items()
-        ],
-        truth=demo.truth,
-        length=demo.frames,
-        frame_rate=demo.source.frame_rate,
-        overlay=overlay,
-        overlay_note=BOXES_NOTE,
-        seconds=run.times.seconds,
-        facts={"seed": str(seed)} | versions(),
-        more=[timelines],
-    )
+    actions = ActionReport(source.name, best.people, best.names, best.log.frames, THRESHOLD, rate)
+    shown = replace(demo, overlay=overlay, seconds=run.times.seconds, facts={"seed": str(seed)})
+    report = drone_report(shown, actions)
     run.write(REPORT_FILE, lambda path: write_report(path, report))
-
-
-def _show(scores: Mapping[str, PeopleEvaluation], out: Path) -> None:
-    from tsuiseki.tracking.evaluation.table import people_table, show
-
-    show(people_table(scores))
-    print(f"report with video, actions and plots: {out / REPORT_FILE}")

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.points import is_point_file, read_points
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.likelihoods.colour_region import ColourRange, colour_of_box, parse_colour
+from tsuiseki.tracking.pipelines.finding import given_detections
 from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.trackers.points import PointSettings, PointTracker, points_as_boxes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.video import Source, open_source
 
+USUAL_EXTENT = (640.0, 480.0)
 ColourLike: TypeAlias = str | ColourRange | ArrayLike
 
 
@@ -143,6 +146,54 @@ def _prepared(
     opened, settings = open_source(str(source), parse_frames(frames)), settings or BlobSettings()
     if not opened.has_images:
         raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
-    wanted = chosen_colour(opened, colour)
+    return opened, colour_tracker(chosen_colour(opened, colour), settings, seed)
+
+
+def colour_tracker(colour: ColourRange, settings: BlobSettings, seed: int = 0) -> BlobTracker | SingleBlobTracker:
+    """The tracker of one object or of any number, as the preset says."""
     maker = SingleBlobTracker if settings.preset == "single" else BlobTracker
-    return opened, maker(wanted, settings, seed)
+    return maker(colour, settings, seed)
+
+
+def extent_of(source: Source) -> tuple[float, float]:
+    """Width and height of the images, pixels; a usual size where a sequence is text only."""
+    if not source.has_images:
+        return USUAL_EXTENT
+    height, width = next(iter(source.frames())).image.shape[:2]
+    return float(width), float(height)
+
+
+def read_measurements(
+    source: Source, path: Path, box: tuple[float, float], score_range: tuple[float, float] | None = None
+) -> list[Detections]:
+    """What a file measured in the wanted frames of ``source``, an entry a frame.
+
+    Args:
+        source: the video.
+        path: points as CSV with the columns frame,x,y, or MOTChallenge's det.txt.
+        box: width and height that points are given, pixels.
+        score_range: smallest and largest score that the rows of det.txt may have.
+
+    Raises:
+        RequestError: the file is missing or broken, or longer than the video.
+    """
+    if is_point_file(path):
+        found = [points_as_boxes(points, box) for points in read_points(path, source.length)]
+    else:
+        found = given_detections(path, source, score_range)
+    wanted = source.frames_wanted.within(source.length or len(found))
+    last = len(found) - 1 if wanted.last is None else wanted.last
+    return found[wanted.first : last + 1]
+
+
+def blob_result(
+    tracker: BlobTracker | SingleBlobTracker | PointTracker, first: int, count: int
+) -> tuple[list[Track], dict[str, list[Any]]]:
+    """The tracks in the frames of the video, and what happened in each of ``count`` frames from ``first``, 0-based."""
+    columns: dict[str, list[Any]] = {"frame": list(range(first + 1, first + count + 1))}
+    if isinstance(tracker, SingleBlobTracker):
+        columns |= {"score": [e.score for e in tracker.estimates], "status": [e.status for e in tracker.estimates]}
+        return tracker.tracks(), columns
+    if isinstance(tracker, BlobTracker):
+        columns["expected_count"] = [round(number, 4) for number in tracker.expected]
+    return [shifted(track, first) for track in tracker.tracks()], columns

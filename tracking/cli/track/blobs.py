@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.cli.run import Run, frames_expected
+from tsuiseki.tracking.cli.run import count, frames_expected
+from tsuiseki.tracking.cli.track.finding import check_score_range
 from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.likelihoods.colour_region import ColourRange
-    from tsuiseki.tracking.trackers.blobs import BlobSettings
-    from tsuiseki.tracking.trackers.points import PointSettings
-    from tsuiseki.tracking.types import Detections, Track
+    from tsuiseki.tracking.trackers.blobs import BlobTracker, SingleBlobTracker
     from tsuiseki.tracking.video import Source
 
 Preset = Literal["calibrated", "paper", "single"]
 Method = Literal["labelled", "phd"]
 SIZE = (32.0, 32.0)
-Followed: TypeAlias = "tuple[list[Track], dict[str, list[Any]]]"
 
 
 def blobs(
@@ -61,35 +59,44 @@ def blobs(
     """
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.formats.points import write_point_tracks
+    from tsuiseki.tracking.pipelines.blobs import blob_result, colour_tracker, extent_of, read_measurements
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.trackers.blobs import BlobSettings
-    from tsuiseki.tracking.trackers.points import PointSettings
+    from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
 
     if sum(choice is not None for choice in (colour, colour_box, detections)) != 1:
         raise RequestError("expected one of `colour`, `colour_box` and `detections`")
+    check_score_range(score_range)
     source = video.open(images=detections is None)
-    width, height = _extent(source)
+    width, height = extent = extent_of(source)
     if not (0 < size[0] <= max(width, SIZE[0]) and 0 < size[1] <= max(height, SIZE[1])):
         raise RequestError(
             f"`size`: expected at most the {width:g}x{height:g} pixels of a frame, got {size[0]:g},{size[1]:g}"
         )
+    tracker: BlobTracker | SingleBlobTracker | PointTracker
+    if detections is None:
+        settings = BlobSettings(preset=preset, particles=particles, size=size, smallest=smallest)
+        tracker = colour_tracker(_colour(source, colour, colour_box), settings, output.seed)
+        measured = None
+    else:
+        points = PointSettings(method=method, particles=particles, detection=detection, clutter=clutter, box=size)
+        tracker = PointTracker(points, extent, output.seed)
+        measured = read_measurements(source, detections, size, score_range)
+    update: Callable[[Any], object] = tracker.update
     with output.run() as run:
-        if detections is None:
-            wanted = _colour(source, colour, colour_box)
-            settings = BlobSettings(preset=preset, particles=particles, size=size, smallest=smallest)
-            tracks, run.columns = _follow_colour(run, source, wanted, settings, output.seed, record=video.overlay)
-        else:
-            points = PointSettings(method=method, particles=particles, detection=detection, clutter=clutter, box=size)
-            measured = _measurements(source, detections, size, score_range)
-            tracks, run.columns = _follow_measurements(run, source, measured, points, output.seed)
+        seen: Iterable[Any] = run.frames(source, record=video.overlay) if measured is None else measured
+        for frame in run.steps(seen, total=frames_expected(source) if measured is None else len(measured)):
+            with run.times.measure("track"):
+                update(frame)
+        tracks, run.columns = blob_result(tracker, source.frames_wanted.first, run.count)
         run.write("tracks.txt", lambda path: write_tracks(path, tracks))
         run.write("points.csv", lambda path: write_point_tracks(path, tracks))
         if video.overlay:
             run.draw(
                 video.overlay_file, lambda path: write_overlay(path, run.replay(source), tracks, source.frame_rate)
             )
-        what = "object" if len(tracks) == 1 else "objects"
-        summary = f"{len(tracks)} {what} in {run.count} frames: {output.out / 'tracks.txt'}"
+        objects = count(len(tracks), "object", "objects")
+        summary = f"{objects} in {run.count} frames: {output.out / 'tracks.txt'}"
         counts = run.columns.get("expected_count")
         run.done(summary + (f"\n{_expected(counts, preset)}" if counts else ""))
     return run.status
@@ -111,69 +118,3 @@ def _colour(source: Source, named: str | None, box: tuple[float, float, float, f
     if width <= 0 or height <= 0:
         raise RequestError(f"`colour_box`: expected X,Y,W,H with a width and height above 0, got {box}")
     return chosen_colour(source, (x, y, x + width, y + height))
-
-
-def _follow_colour(
-    run: Run, source: Source, colour: ColourRange, settings: BlobSettings, seed: int, *, record: bool
-) -> Followed:
-    from tsuiseki.tracking.trackers.blobs import BlobTracker, SingleBlobTracker
-
-    frames: list[int] = []
-    tracker = (
-        SingleBlobTracker(colour, settings, seed)
-        if settings.preset == "single"
-        else BlobTracker(colour, settings, seed)
-    )
-    for frame in run.steps(run.frames(source, record), total=frames_expected(source)):
-        with run.times.measure("track"):
-            tracker.update(frame)
-        frames.append(frame.index)
-    columns: dict[str, list[Any]] = {"frame": [index + 1 for index in frames]}
-    if isinstance(tracker, SingleBlobTracker):
-        columns |= {"score": [e.score for e in tracker.estimates], "status": [e.status for e in tracker.estimates]}
-        return tracker.tracks(), columns
-    columns["expected_count"] = [round(count, 4) for count in tracker.expected]
-    return _shifted(tracker.tracks(), frames[0]), columns
-
-
-def _measurements(
-    source: Source, path: Path, size: tuple[float, float], score_range: tuple[float, float]
-) -> list[Detections]:
-    from tsuiseki.tracking.cli.track.finding import check_score_range
-    from tsuiseki.tracking.formats.points import is_point_file, read_points
-    from tsuiseki.tracking.pipelines.finding import given_detections
-    from tsuiseki.tracking.trackers.points import points_as_boxes
-
-    if is_point_file(path):
-        return [points_as_boxes(points, size) for points in read_points(path, source.length)]
-    check_score_range(score_range)
-    return given_detections(path, source, score_range)
-
-
-def _follow_measurements(
-    run: Run, source: Source, found: list[Detections], settings: PointSettings, seed: int
-) -> Followed:
-    from tsuiseki.tracking.trackers.points import PointTracker
-
-    tracker = PointTracker(settings, _extent(source), seed)
-    wanted = source.frames_wanted.within(source.length or len(found))
-    last = len(found) - 1 if wanted.last is None else min(wanted.last, len(found) - 1)
-    for measured in run.steps(found[wanted.first : last + 1], total=last + 1 - wanted.first):
-        with run.times.measure("track"):
-            tracker.update(measured)
-    columns: dict[str, list[Any]] = {"frame": list(range(wanted.first + 1, wanted.first + run.count + 1))}
-    return _shifted(tracker.tracks(), wanted.first), columns
-
-
-def _extent(source: Source) -> tuple[float, float]:
-    """Width and height of the images; a usual size where a sequence is text only."""
-    if not source.has_images:
-        return 640.0, 480.0
-    height, width = next(iter(source.frames())).image.shape[:2]
-    return float(width), float(height)
-
-
-def _shifted(tracks: list[Track], first: int) -> list[Track]:
-    from tsuiseki.tracking.trackers.people.run import shifted
-
-    return [shifted(track, first) for track in tracks]

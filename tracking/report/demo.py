@@ -1,0 +1,89 @@
+"""The pages of `tsuiseki demo`: everything that came out of a generated clip, on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
+from tsuiseki.tracking.output import versions
+from tsuiseki.tracking.report.actions import ActionReport, action_timelines
+from tsuiseki.tracking.report.page import BOXES_NOTE, Report, ReportedMethod
+from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video import Source
+
+STAGES = {
+    "generate": "generate the clip",
+    "decode": "decode",
+    "detect": "detect",
+    "describe": "describe",
+    "overlay": "draw the overlay",
+}
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What came out of a clip.
+
+    Attributes:
+        source: the clip.
+        truth: its labels.
+        tracks: by what each method is called, the one whose result is drawn last.
+        scores: likewise.
+        frames: that were tracked.
+        seconds: of each stage.
+        facts: what the page says of how it was made.
+        overlay: the video with the result drawn in, where there is one.
+    """
+
+    source: Source
+    truth: GroundTruth
+    tracks: Mapping[str, list[Track]]
+    scores: Mapping[str, PeopleEvaluation]
+    frames: int
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
+    overlay: Path | None = None
+
+    @property
+    def people(self) -> int:
+        """How many there are in truth."""
+        return len(set(self.truth.ids.tolist()))
+
+
+def street_report(demo: DemoResult) -> Report:
+    """The page of people on a street."""
+    return _report(
+        demo,
+        "Tsuiseki demo",
+        f"{demo.people} people on a generated street, {demo.frames} frames. Networks trained on generated "
+        "scenes found and described them once; three methods linked what they found, each scored against the truth.",
+    )
+
+
+def drone_report(demo: DemoResult, actions: ActionReport) -> Report:
+    """The page of people who act under a drone, and of what they do."""
+    report = _report(
+        demo,
+        "Tsuiseki demo, from a drone",
+        f"{demo.people} people on generated ground under a drone that jerks, {demo.frames} frames. Networks "
+        "trained on generated clips found and described them and recognised what they do, once; three ways link what "
+        "was found, each scored against the truth.",
+    )
+    return replace(report, overlay_note=BOXES_NOTE, more=[action_timelines(actions)])
+
+
+def _report(demo: DemoResult, title: str, introduction: str) -> Report:
+    return Report(
+        title=title,
+        introduction=introduction,
+        methods=[ReportedMethod(name, demo.scores[name].combined, tracks) for name, tracks in demo.tracks.items()],
+        truth=demo.truth,
+        length=demo.frames,
+        frame_rate=demo.source.frame_rate,
+        overlay=demo.overlay,
+        seconds={STAGES.get(stage, stage): value for stage, value in demo.seconds.items()},
+        facts=dict(demo.facts) | versions(),
+    )
