@@ -11,6 +11,7 @@ import difflib
 import inspect
 import re
 import shutil
+import textwrap
 from argparse import SUPPRESS, Action
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -55,6 +56,11 @@ class HelpFormatter(DefaultHelpFormatter):
             return f"{text} (such as --{option} {value})"
         shown = ",".join(map(str, default)) if isinstance(default, tuple | list) else default
         return f"{text} (default: {shown})"
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        # Paragraphs stay apart.
+        parts = text.split("\n\n")
+        return "\n\n".join(textwrap.fill(" ".join(part.split()), width, initial_indent=indent) for part in parts)
 
     def _get_default_metavar_for_optional(self, action: Action) -> str:
         return shown_value(action.dest, getattr(action, "_typehint", action.type), action.help or "")

@@ -215,3 +215,25 @@ def people_describer(
     if appearance is None and not source.has_images:
         return None
     return as_describer(shipped("appearance_people") if appearance is None else appearance, threads)
+
+
+def classed_detections(
+    path: Path, source: Source, wanted: Sequence[int], score_range: tuple[float, float] | None = None
+) -> tuple[list[Detections], list[IntArray]]:
+    """The detections in a file with classes, an entry a frame, and the class of each row.
+
+    Args:
+        path: MOTChallenge's det.txt with classes in column 8.
+        source: the video.
+        wanted: classes that must be among them.
+        score_range: smallest and largest score that the rows may have.
+
+    Raises:
+        RequestError: the file is missing or broken, or there is none of a class.
+    """
+    found, classes = read_classed_detections(path, source.length, score_range)
+    there = classes_of(classes)
+    if missing := [number for number in wanted if number not in there]:
+        named = ", ".join(map(str, there)) or "none"
+        raise RequestError(f"`classes`: expected classes of {path} ({named}), got {missing[0]}")
+    return found, classes

@@ -39,16 +39,16 @@ class SphereSettings:
     """How a ball is followed; lengths in metres.
 
     Attributes:
-        preset: extended, or the filter as the paper prints it: the plain sum over the contour (2.2.2) or the background
-            difference (2.2.1), multiplied over the cameras, particles weighed at once. It needs a start and never
-            searches, and no camera counts as covered.
-        spread: standard deviation of the start.
+        preset: extended, or paper: the filter as printed, with the plain sum over the contour (section 2.2.2) or the
+            background difference (2.2.1), multiplied over the cameras, and particles weighed at once. It needs a start,
+            never searches, and takes no camera for covered.
+        spread: standard deviation of the start, metres.
         particles: how many; more are more exact and slower.
-        motion: with a velocity, by random steps as in the paper, or in free flight with bounces; by default with a
-            velocity, with the preset paper by random steps.
+        motion: how the ball moves: with a velocity, by random steps as in the paper, or in free flight with bounces; by
+            default constant-velocity, with the preset paper random-walk.
         agitation: how restless the motion is: change of velocity in one second, m/s (random walk: of position, m); by
             default 1.5 (random walk 0.15, ballistic 1).
-        floor: height of the floor off which a ballistic ball bounces.
+        floor: height of the floor off which a ballistic ball bounces, metres.
         bounce: speed after a bounce over the speed before, 0 to 1.
         likelihood: the ball's outline, or the difference from the background.
         tolerance: frames of different videos within so many seconds count as taken together; by default a quarter of

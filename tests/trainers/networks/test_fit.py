@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import itertools
+import json
+import signal
 from pathlib import Path
 
 import cv2
+import lightning
 import numpy as np
 import pytest
 import torch
 import yaml
 
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections, detector_card
-from tsuiseki.trainers.networks.fit import fit_detector
+from tsuiseki.trainers.networks.fit import EpochLines, fit_detector
 from tsuiseki.trainers.networks.schedule import warmup_cosine
 
 
@@ -71,6 +75,31 @@ def test_training_leaves_checkpoints_and_logs_and_goes_on(
     state = torch.load(last, weights_only=True)
     assert (state["epoch"], state["global_step"]) == (1, 4)
     assert (out / "metrics" / "version_1" / "metrics.csv").is_file()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_training_that_is_interrupted_says_how_to_go_on(
+    number: signal.Signals,
+    config: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    original = EpochLines.on_train_epoch_start
+
+    def begin(self: EpochLines, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        original(self, trainer, module)
+        if trainer.current_epoch == 1:
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(EpochLines, "on_train_epoch_start", begin)
+    assert main(["train", "detector", "--config", str(config), "--trainer.max_epochs", "3"]) == 128 + number
+    out = tmp_path / "out"
+    line = f"tsuiseki: interrupted; go on with --ckpt_path {out / 'checkpoints' / 'last.ckpt'}"
+    assert capsys.readouterr().err.splitlines()[-1] == line
+    record = json.loads((out / "run.json").read_text())
+    assert (record["partial"], record["reason"]) == (True, "interrupted")
+    assert "checkpoints/last.ckpt" in record["files"]
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from tsuiseki.tracking.cli.options import BY_PLACE, Files, Shared
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.result_names import result_names
 from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-# What results of different runs are called alike tells nothing apart.
-USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt", "states.csv")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +42,7 @@ class Comparison(Files):
 
     def named(self) -> dict[str, Path]:
         """The results, each by a name as short as tells them apart."""
-        return dict(zip(_result_names(self.results, self.names), self.results, strict=True))
+        return dict(zip(result_names(self.results, self.names), self.results, strict=True))
 
     def report(self, table: Table, values: Mapping[str, Any]) -> None:
         """Print the scores, and write them where that is wanted."""
@@ -113,24 +111,3 @@ class Labels(Stretch):
         if self.size is not None and min(self.size) < 1:
             width, height = self.size
             raise RequestError(f"`size`: expected a width and height from 1 pixel on, got {width},{height}")
-
-
-def _result_names(results: list[Path], names: list[str] | None) -> list[str]:
-    """One name a result, as short as tells them apart."""
-    if names is not None:
-        if len(names) != len(results) or len(set(names)) != len(names):
-            raise RequestError(f"`names`: expected {len(results)} different names, one a result, got {','.join(names)}")
-        return names
-    parts = [_telling_parts(path.resolve()) for path in results]
-    if len(set(parts)) != len(parts):
-        raise RequestError("expected different results to compare, got one twice")
-    depths = range(1, max(map(len, parts)) + 1)
-    candidates = (["/".join(path[-depth:]) for path in parts] for depth in depths)
-    return next(shown for shown in candidates if len(set(shown)) == len(shown))
-
-
-def _telling_parts(path: Path) -> tuple[str, ...]:
-    """The parts of ``path`` without what all results are called."""
-    if path.is_file():
-        path = path.parent if path.name in USUAL_NAMES else path.with_suffix("")
-    return path.parts

@@ -65,26 +65,12 @@ class Finding(Detecting):
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
 
     def classed(self, source: Source, wanted: Sequence[int]) -> tuple[list[Detections], list[IntArray]]:
-        """The given detections, and their classes.
-
-        Args:
-            source: the video.
-            wanted: classes that must be among them.
-
-        Raises:
-            RequestError: no detections are given, or there is none of a class.
-        """
-        from tsuiseki.tracking.formats.mot import read_classed_detections
-        from tsuiseki.tracking.pipelines.finding import classes_of
+        """The given detections, and their classes; see `classed_detections`."""
+        from tsuiseki.tracking.pipelines.finding import classed_detections
 
         if self.detections is None:
             raise RequestError("expected `classes` with `detections`, whose column 8 they stand in, got no detections")
-        found, classes = read_classed_detections(self.detections, source.length, self.score_range)
-        there = classes_of(classes)
-        if missing := [number for number in wanted if number not in there]:
-            named = ", ".join(map(str, there)) or "none"
-            raise RequestError(f"`classes`: expected classes of {self.detections} ({named}), got {missing[0]}")
-        return found, classes
+        return classed_detections(self.detections, source, wanted, self.score_range)
 
     def detect(
         self,

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsuiseki.tracking.cli.options import Overlay, SeededOutput
+from tsuiseki.tracking.cli.options import Overlay, SeededOutput, Shared
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.pipelines.sphere import LikelihoodName, MotionName, PresetName, SphereSettings
+from tsuiseki.tracking.pipelines.sphere import SphereSettings
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.pipelines.sphere import SphereRun
     from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
+
+
+@dataclass(frozen=True)
+class SphereOptions(SphereSettings, Shared):
+    """The settings as options of the command."""
 
 
 def sphere(
@@ -23,20 +29,12 @@ def sphere(
     radius: float,
     output: SeededOutput,
     drawing: Overlay,
-    preset: PresetName = "extended",
+    settings: SphereOptions,
     start: tuple[float, float, float] | None = None,
-    spread: float = 0.05,
     volume: tuple[float, float, float, float, float, float] | None = None,
-    particles: int = 500,
-    motion: MotionName | None = None,
-    agitation: float | None = None,
-    floor: float = 0.0,
-    bounce: float = 0.75,
-    likelihood: LikelihoodName = "contour",
     backgrounds: list[Path] | None = None,
     offsets: list[float] | None = None,
     timestamps: list[Path] | None = None,
-    tolerance: float | None = None,
     truth: Path | None = None,
 ) -> int:
     """Follow a ball of known radius in space.
@@ -49,25 +47,12 @@ def sphere(
             cameras.yaml, else at 25 frames/s.
         cameras: cameras.yaml with one entry per video; tsuiseki calibrate points writes it.
         radius: of the ball, metres.
-        preset: extended, or paper: the filter as printed, with the plain sum over the contour and particles weighed at
-            once. It needs --start, never searches, and takes no camera for covered.
         start: X,Y,Z of the ball in the first frame, metres; by default the volume is searched.
-        spread: standard deviation of the start, metres.
         volume: X1,Y1,Z1,X2,Y2,Z2 of the box in which the ball is searched, metres; by default where two cameras can
             see it.
-        particles: how many; more are more exact and slower.
-        motion: how the ball moves: with a velocity, by random steps as in the paper, or in free flight with bounces;
-            by default constant-velocity, with --preset paper random-walk.
-        agitation: how restless the motion is: change of velocity in one second, m/s (random walk: of position, m);
-            by default 1.5 (random walk 0.15, ballistic 1).
-        floor: height of the floor off which a ballistic ball bounces, metres.
-        bounce: speed after a bounce over the speed before, 0 to 1.
-        likelihood: the ball's outline, or the difference from the background.
         backgrounds: one picture of the empty scene per video, separated by commas; by default the median of the video.
         offsets: time of each video's first frame, seconds, separated by commas; wins over cameras.yaml.
         timestamps: one text file per video with the time of each frame, separated by commas.
-        tolerance: frames of different videos within so many seconds count as taken together; by default a quarter of
-            the shortest time between frames.
         truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
     """
     import numpy as np
@@ -80,7 +65,6 @@ def sphere(
     if volume is not None and not all(low < high for low, high in zip(volume[:3], volume[3:], strict=True)):
         shown = ",".join(f"{value:g}" for value in volume)
         raise RequestError(f"`volume`: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2, Y1 < Y2 and Z1 < Z2, got {shown}")
-    settings = SphereSettings(preset, spread, particles, motion, agitation, floor, bounce, likelihood, tolerance)
     true_path = None if truth is None else read_path3d(truth)
     corners = None if volume is None else np.array(volume).reshape(2, 3)
     chosen = sphere_run(
