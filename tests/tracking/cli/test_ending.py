@@ -1,4 +1,4 @@
-"""What a command without steps leaves, and says, when it is interrupted; and an experiment that ends by its own limit."""
+"""What a command without steps leaves and says when it is interrupted; and an experiment that ends by its own limit."""
 
 from __future__ import annotations
 
