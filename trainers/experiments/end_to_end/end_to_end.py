@@ -14,23 +14,25 @@ from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.experiments.association.runs import Result, clip_sums, right_sums
 from tsuiseki.trainers.experiments.association.sequences import DATA_SETS, Clip, DataSet, find_clips
 from tsuiseki.trainers.experiments.association.tables import values_of
+from tsuiseki.trainers.experiments.end_to_end.gradient import draw_gradient
 from tsuiseki.trainers.experiments.end_to_end.runs import default_table, learnt_tables, lost_links, pairwise_tables
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table, limit_table
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
 
 SETS = ("mot15", "mot17", "kitti-pedestrians", "kitti-cars")
-PARTS = ("given", "alternatives")
+PARTS = ("given", "alternatives", "gradient")
 # How many groups the sequences of a set are cut into; each is tracked by what was learnt on the others.
 FOLDS = {"mot15": 6, "mot17": 4, "kitti-pedestrians": 5, "kitti-cars": 4}
 GAP = 2.0
 DEFAULT, LOGISTIC, TREES, ORACLE = "default", "pairs, logistic", "pairs, boosted trees", "right links"
-LEARNT = {"hinge": Fit(loss="hinge"), "Fenchel-Young": Fit()}
+LEARNT = {"Fenchel-Young": Fit(), "hinge": Fit(loss="hinge")}
 OTHERS = {
     "windows of 6 s": Fit(seconds=6.0),
     "hinge, Δ by length of the identity": Fit(loss="hinge", length=0.5),
     "ε from 3 to 0.5": Fit(epsilon=3.0, epsilon_last=0.5),
     "joins as they are": Fit(joins=0.0),
-    "a hidden layer of 12": Fit(hidden=12),
+    "two hidden layers of 12": Fit(hidden=12),
+    "400 windows": Fit(steps=400),
     "cross-entropy of links beside": Fit(pairwise=0.3),
 }
 
@@ -49,8 +51,8 @@ def reproduce(
         bench: where it works.
         data: folder that holds mot/mot17-val-half, mot/mot15, mot/kitti; a set that is not there is passed over.
         sets: of mot15, mot17, kitti-pedestrians and kitti-cars, separated by commas.
-        parts: given (all rows), alternatives (other ways to learn through the flow, on mot15 alone), separated by
-            commas.
+        parts: given (all rows), alternatives (other ways to learn through the flow, on mot15 alone), gradient (the
+            picture), separated by commas.
 
     Raises:
         RequestError: an unknown set or part, or no data.
@@ -69,7 +71,8 @@ def reproduce(
             tables.append(limit_table(one.title, [c.name for c in clips], _limits(bench, clips)))
         if "alternatives" in parts and one.key == "mot15":
             tables.append(gain_table(f"{one.title}, alternatives", _alternatives(bench, one, clips), (DEFAULT,)))
-    return Outcome(values, tables, notes=_notes())
+    plots = {"gradient": draw_gradient()} if "gradient" in parts else {}
+    return Outcome(values, tables, plots, notes=_notes())
 
 
 def _check(sets: Sequence[str], parts: Sequence[str]) -> None:
@@ -83,9 +86,9 @@ def _given(bench: Bench, one: DataSet, clips: list[Clip]) -> list[Result]:
     """All rows of a data set."""
     rows = [
         _default(bench, clips),
+        *(_learnt(bench, one, clips, name, fit) for name, fit in LEARNT.items()),
         _folded(bench, one, clips, LOGISTIC, lambda a, b: bench.store.recall(pairwise_tables, a, b, "logistic")),
         _folded(bench, one, clips, TREES, lambda a, b: bench.store.recall(pairwise_tables, a, b, "trees")),
-        *(_learnt(bench, one, clips, name, fit) for name, fit in LEARNT.items()),
     ]
     oracle = np.stack([bench.store.recall(right_sums, clip, GAP, True) for clip in clips])
     return [*rows, Result(ORACLE, oracle, "labels")]

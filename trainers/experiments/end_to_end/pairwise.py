@@ -30,7 +30,7 @@ Learner = Literal["logistic", "trees"]
 ENDS = 5.0
 # Trust in links and in detections, worth of a detection of even chances, cost of ends beyond the default.
 FIRST = (1.0, 0.5, -3.0, 0.0)
-LOOKS, WINDOWS, SECONDS, MOST_LINKS = 40, 12, 3.0, 200_000
+LOOKS, WINDOWS, SECONDS, MOST_LINKS = 40, 8, 3.0, 40_000
 
 
 class Classifier(Protocol):
@@ -133,7 +133,7 @@ def _learnt(learner: Learner, rows: FloatArray, right: FloatArray, weight: Float
             max_iter=80, max_leaf_nodes=12, min_samples_leaf=60, l2_regularization=5.0, random_state=seed
         )
         return made.fit(rows, right, weight)  # type: ignore[no-any-return]
-    steps = make_pipeline(StandardScaler(), LogisticRegression(max_iter=300))
+    steps = make_pipeline(StandardScaler(), LogisticRegression(max_iter=200))
     return steps.fit(rows, right, logisticregression__sample_weight=weight)  # type: ignore[no-any-return]
 
 
