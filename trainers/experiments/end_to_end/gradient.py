@@ -66,13 +66,13 @@ def trained_on_crossings(seeds: range, fit: Fit) -> NetworkChanges:
     return NetworkChanges(fit_network([Graphs(affordable(g.detections), g.tracklets, g.lost) for g in found], fit))
 
 
-def draw_gradient(seed: int = 100, epsilon: float = 1.0) -> Figure:
-    """The arcs of a crossing that training has not seen, before and after training on twenty others."""
+def draw_gradient(meetings: int = 20, steps: int = 400, seed: int = 100, epsilon: float = 1.0) -> Figure:
+    """The arcs of a meeting that training has not seen, before and after training on others."""
     from matplotlib.figure import Figure
 
     graph = affordable(sequence_graphs(crossing(seed)).detections)
     meeting = window(graph, MEETING - 9, MEETING + 10)
-    changes = trained_on_crossings(range(20), Fit(steps=400, learning_rate=0.01))
+    changes = trained_on_crossings(range(meetings), Fit(steps=steps, learning_rate=0.01))
     figure = Figure(figsize=(12, 4.6), layout="constrained")
     for axes, title, known in zip(
         figure.subplots(1, 2, sharey=True), ("before", "after"), (None, changes), strict=True
