@@ -29,22 +29,27 @@ from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
+from tsuiseki.tracking.trackers.single.methods import make_tracker
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.video import read_image
 
-SEQUENCES = ("otb/Crossing", "vot/bag")
+SEQUENCES = ("otb/Crossing", "otb/DragonBaby", "vot/bag", "uav/person12")
 PEER_SCRIPT = Path(__file__).with_name("single_peer.py")
 OURS: dict[str, Callable[[], SingleTracker]] = {
     "KCF fixed": lambda: KcfTracker(kcf.THESIS),
     "KCF scale search": lambda: KcfTracker(kcf.KcfSettings()),
-    "combined thesis": lambda: KcfParticle(THESIS),
-    "combined robust fixed": lambda: KcfParticle(replace(ROBUST, kcf=kcf.THESIS)),
-    "combined robust": lambda: KcfParticle(ROBUST),
+    "kcf-particle thesis": lambda: KcfParticle(THESIS),
+    "kcf-particle robust fixed": lambda: KcfParticle(replace(ROBUST, kcf=kcf.THESIS)),
+    "kcf-particle robust": lambda: KcfParticle(ROBUST),
+    "combined fixed": lambda: make_tracker("combined", scale_search=False),
+    "combined": lambda: make_tracker("combined"),
 }
 BASES = {
-    "combined thesis": "KCF fixed",
-    "combined robust fixed": "KCF fixed",
-    "combined robust": "KCF scale search",
+    "kcf-particle thesis": "KCF fixed",
+    "kcf-particle robust fixed": "KCF fixed",
+    "kcf-particle robust": "KCF scale search",
+    "combined fixed": "KCF fixed",
+    "combined": "KCF scale search",
 }
 
 
@@ -95,22 +100,21 @@ def measure(sequence: SingleSequence, python: str, rounds: int, folder: Path) ->
         for name, make in OURS.items():
             times, searched, alone = frame_times(make(), images, sequence)
             means[name].append(float(times.mean()))
-            if name in BASES:
+            if len(alone):
                 plain[name].append(float(times[~searched].mean() / alone[~searched].mean()))
             search[name].append(float(times[searched].mean()) if searched.any() else np.nan)
             share[name] = float(searched.mean())
         means["CSRT"].append(peer_time(python, "CSRT", sequence, folder))
     peer = float(np.median(means["CSRT"]))
     print(f"\n{sequence.name}: {len(images)} frames, CSRT {peer:.2f} ms")
-    print(f"{'':22}{'ms':>7}{'/ CSRT':>8}{'/ KCF':>7}{'plain / KCF':>13}{'search ms':>11}{'searched':>10}")
+    print(f"{'':26}{'ms':>7}{'/ CSRT':>8}{'/ KCF':>7}{'plain / KCF':>13}{'search ms':>11}{'searched':>10}")
     for name in OURS:
         mean = float(np.median(means[name]))
         base = float(np.median(means[BASES[name]])) if name in BASES else np.nan
-        ratio = (
-            [f"{mean / base:7.2f}", f"{np.median(plain[name]):13.2f}"] if name in BASES else [f"{'-':>7}", f"{'-':>13}"]
-        )
+        over_base = f"{mean / base:7.2f}" if name in BASES else f"{'-':>7}"
+        alone_too = f"{np.median(plain[name]):13.2f}" if plain[name] else f"{'-':>13}"
         print(
-            f"{name:22}{mean:7.2f}{mean / peer:8.3f}{ratio[0]}{ratio[1]}"
+            f"{name:26}{mean:7.2f}{mean / peer:8.3f}{over_base}{alone_too}"
             f"{np.median(search[name]):11.2f}{100 * share[name]:9.0f}%"
         )
 
