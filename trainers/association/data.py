@@ -11,9 +11,10 @@ import lightning
 import numpy as np
 from torch.utils.data import DataLoader, Dataset
 
+from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
 from tsuiseki.tracking.formats.mot import find_sequences, list_images, read_detections
@@ -21,6 +22,7 @@ from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, sequence_graphs, window
+from tsuiseki.trainers.association.window_appearance import WindowCrops, crops_of
 from tsuiseki.trainers.experiments.association.oracle import owners_of
 
 # A link that costs more by default is none that training could still make worth taking.
@@ -36,10 +38,12 @@ class TrainingWindow:
     Attributes:
         detections: the network of a window.
         tracklets: the joins of its whole sequence.
+        crops: what its detections look like; None where nothing looks at them.
     """
 
     detections: Graph
     tracklets: Graph
+    crops: WindowCrops | None = None
 
 
 class RandomWindows(Dataset[TrainingWindow]):
@@ -50,12 +54,18 @@ class RandomWindows(Dataset[TrainingWindow]):
         seconds: length of a window.
         count: windows an epoch.
         seed: of the places, and of the epoch, asked anew for every window.
+        crop_size: height and width of crops; None for none.
     """
 
     def __init__(
-        self, graphs: Sequence[Graphs], seconds: float, count: int, seed: Callable[[], tuple[int, int]]
+        self,
+        graphs: Sequence[Graphs],
+        seconds: float,
+        count: int,
+        seed: Callable[[], tuple[int, int]],
+        crop_size: tuple[int, int] | None = None,
     ) -> None:
-        self.graphs, self.seconds, self.count, self.seed = graphs, seconds, count, seed
+        self.graphs, self.seconds, self.count, self.seed, self.crop_size = graphs, seconds, count, seed, crop_size
         sizes = np.array([len(one.detections) for one in graphs], dtype=np.float64)
         self.chances = sizes / sizes.sum()
 
@@ -71,13 +81,14 @@ class RandomWindows(Dataset[TrainingWindow]):
         length, last = max(2, round(self.seconds * graph.frame_rate)), int(graph.frames.max(initial=0)) + 1
         # A window may reach over either end of the sequence, so that its borders are seen as often as the rest.
         first = int(rng.integers(-length // 2, max(last - length // 2, 1)))
-        return TrainingWindow(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets)
+        return _with_crops(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets, self.crop_size)
 
 
 class EveryWindow(Dataset[TrainingWindow]):
     """The sequences cut into windows end to end."""
 
-    def __init__(self, graphs: Sequence[Graphs], seconds: float) -> None:
+    def __init__(self, graphs: Sequence[Graphs], seconds: float, crop_size: tuple[int, int] | None = None) -> None:
+        self.crop_size = crop_size
         self.windows = [
             TrainingWindow(window(one.detections, first, first + length), one.tracklets)
             for one in graphs
@@ -89,7 +100,13 @@ class EveryWindow(Dataset[TrainingWindow]):
         return len(self.windows)
 
     def __getitem__(self, index: int) -> TrainingWindow:
-        return self.windows[index]
+        held = self.windows[index]
+        return _with_crops(held.detections, held.tracklets, self.crop_size)
+
+
+def _with_crops(detections: Graph, tracklets: Graph, size: tuple[int, int] | None) -> TrainingWindow:
+    crops = None if size is None else crops_of(detections, *size)
+    return TrainingWindow(detections, tracklets, crops)
 
 
 class AssociationData(lightning.LightningDataModule):
@@ -103,6 +120,7 @@ class AssociationData(lightning.LightningDataModule):
         frames: first and last frame to learn from, 1-based and both included.
         detections: ``given`` takes det/det.txt of each sequence; ``simulated`` draws faulty ones from the labels.
         detector: exported detector to use in place of both.
+        appearance: exported network that describes the detections for the tracker; with it the windows hold crops.
         seconds: length of a window.
         windows: steps of an epoch.
         seed: of windows and of simulated detections.
@@ -116,6 +134,7 @@ class AssociationData(lightning.LightningDataModule):
         frames: tuple[int, int] | None = None,
         detections: Literal["given", "simulated"] = "given",
         detector: Path | None = None,
+        appearance: Path | None = None,
         seconds: float = 2.0,
         windows: int = 40,
         seed: int = 0,
@@ -124,7 +143,8 @@ class AssociationData(lightning.LightningDataModule):
         if seconds <= 0 or windows < 1 or not 0 < held_back < 1:
             raise RequestError("expected seconds above 0, windows from 1 and held_back in (0, 1)")
         self.train, self.validation, self.held_back, self.frames = train, validation, held_back, frames
-        self.detections, self.detector = detections, detector
+        self.detections, self.detector, self.appearance = detections, detector, appearance
+        self.crop_size: tuple[int, int] | None = None
         self.seconds, self.windows, self.seed = seconds, windows, seed
         self.learnt: list[Graphs] = []
         self.held: list[Graphs] = []
@@ -141,17 +161,20 @@ class AssociationData(lightning.LightningDataModule):
         if self.learnt:
             return
         find = self.detections if self.detector is None else Detector(self.detector)
-        videos = list(detected_videos(self.train, find, self.frames, self.seed))
+        look = None if self.appearance is None else Appearance(self.appearance)
+        if look is not None:
+            self.crop_size = look.model.card.input_height, look.model.card.input_width
+        videos = [described(video, look) for video in detected_videos(self.train, find, self.frames, self.seed)]
         if self.validation is None:
             held = [_stretch(video, 1 - self.held_back, 1.0) for video in videos]
             videos = [_stretch(video, 0.0, 1 - self.held_back) for video in videos]
         else:
-            held = list(detected_videos(self.validation, find, None, self.seed))
+            held = [described(video, look) for video in detected_videos(self.validation, find, None, self.seed)]
         self.learnt, self.held = graphs_of(videos), graphs_of(held, check=False)
 
     def train_dataloader(self) -> DataLoader[TrainingWindow]:
         """Windows at random places, others in every epoch."""
-        data = RandomWindows(self.learnt, self.seconds, self.windows, self._seed)
+        data = RandomWindows(self.learnt, self.seconds, self.windows, self._seed, self.crop_size)
         return DataLoader(data, batch_size=None, collate_fn=None)
 
     def _seed(self) -> tuple[int, int]:
@@ -159,7 +182,7 @@ class AssociationData(lightning.LightningDataModule):
 
     def val_dataloader(self) -> DataLoader[TrainingWindow]:
         """All windows of what was held back."""
-        return DataLoader(EveryWindow(self.held, self.seconds), batch_size=None)
+        return DataLoader(EveryWindow(self.held, self.seconds, self.crop_size), batch_size=None)
 
 
 def graphs_of(
@@ -228,9 +251,29 @@ def detected_videos(
                 found = simulate_detections(rng, truth, length, wide, tall, faults or DetectorFaults())
             else:
                 found = _detected(labelled.name, sequence, find)
-            video = DetectedVideo(labelled.name, found, truth, rate, size)
+            images = () if sequence is None else sequence.images
+            video = DetectedVideo(labelled.name, found, truth, rate, size, images)
             check_video(video)
             yield video if frames is None else _between(video, frames[0] - 1, frames[1])
+
+
+def described(video: DetectedVideo, appearance: Appearance | None) -> DetectedVideo:
+    """The sequence with what its detections look like.
+
+    Raises:
+        RequestError: it has no images.
+    """
+    if appearance is None:
+        return video
+    if len(video.images) < len(video.detections):
+        raise RequestError(
+            f"{video.name}: expected an image a frame in img1/ for the appearance, got {len(video.images)}"
+        )
+    detections = [
+        found.with_features(appearance.describe(read_image(path), found.boxes))
+        for found, path in zip(video.detections, video.images, strict=False)
+    ]
+    return replace(video, detections=detections)
 
 
 def check_video(video: DetectedVideo) -> None:
@@ -275,8 +318,6 @@ def _given(folder: Path, name: str, sequence: VideoSequence | None, length: int)
 
 
 def _detected(name: str, sequence: VideoSequence | None, detector: Detector) -> list[Detections]:
-    from tsuiseki.datamodules.identity_crops import read_image
-
     images = [] if sequence is None else list_images(sequence.folder / "img1")
     if not images:
         raise RequestError(f"{name}: expected images for the detector in img1/, found none; give detections instead")
@@ -293,4 +334,5 @@ def _between(video: DetectedVideo, first: int, end: int) -> DetectedVideo:
     first, end = max(first, 0), min(end, len(video.detections))
     truth: GroundTruth = video.truth.between(first, end - 1)
     moved = replace(truth, frames=truth.frames - first)
-    return replace(video, detections=list(video.detections[first:end]), truth=moved)
+    images = video.images[first:end]
+    return replace(video, detections=list(video.detections[first:end]), truth=moved, images=images)

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -56,6 +57,7 @@ class DetectedVideo:
         truth: labels, frames counted from 0.
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
+        images: files, one a frame; none where nothing looks at them.
     """
 
     name: str
@@ -63,6 +65,7 @@ class DetectedVideo:
     truth: GroundTruth
     frame_rate: float
     size: tuple[int, int] | None
+    images: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,8 @@ class Graph:
         head: ``(P,)``.
         links: ``(P, F)`` features.
         labelled: ``(3 N + P,)`` x*.
-        people: labelled boxes in these frames, those without a detection included.
+        people: frames of the labelled boxes, those without a detection included.
+        images: files of the sequence, one a frame; none where nothing looks at them.
     """
 
     name: str
@@ -100,6 +104,7 @@ class Graph:
     links: FloatArray
     labelled: FloatArray
     people: IntArray
+    images: tuple[Path, ...] = ()
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -199,6 +204,7 @@ def _detection_graph(
         links,
         np.zeros(3 * len(seen) + len(parts.i)),
         video.truth.select(video.truth.evaluated).frames,
+        tuple(video.images),
     )
     graph = labelled(taken_out(graph, owners == IGNORED))
     short = _short_runs(graph, settings.fewest(video.frame_rate))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -18,13 +19,21 @@ from torch.nn import functional
 from torch.optim import AdamW
 
 from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.models.metric_losses import softmax_contrastive_loss
 from tsuiseki.tracking.association.flow.cost_network import FeatureNames
+from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.data import AssociationData, TrainingWindow
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, LossName, Problem, Spread, cheapest
 from tsuiseki.trainers.association.graphs import Counts, Graph
+from tsuiseki.trainers.association.window_appearance import WindowCrops, distances, repriced
+from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
+
+# Of the softmax over the views of a window, as of those that the network was trained on.
+TEMPERATURE = 0.1
 
 
 class AssociationTraining(lightning.LightningModule):
@@ -40,6 +49,10 @@ class AssociationTraining(lightning.LightningModule):
         length: power of the length of an identity that Δ is multiplied with.
         joins: weight of the loss of the second level, the joins of tracklets; 0 leaves it out.
         pairwise: weight of the cross-entropy of single links, the loss that costs are learnt by apart.
+        appearance: checkpoint of a Siamese network (`tsuiseki train appearance`) that is trained on through the flow,
+            on the crops of the windows; the data then needs it exported, too. None compares no appearance.
+        appearance_rate: its learning rate, a share of the others'.
+        contrast: weight of its own loss, by which it is told who is who in a window.
         start: checkpoint whose network is gone on with; by default the tracker's own costs.
         learning_rate: at the end of the warm-up.
         weight_decay: of matrices, towards the tracker's own costs.
@@ -60,6 +73,9 @@ class AssociationTraining(lightning.LightningModule):
         length: float = 0.0,
         joins: float = 0.2,
         pairwise: float = 0.0,
+        appearance: Path | None = None,
+        appearance_rate: float = 0.03,
+        contrast: float = 0.1,
         start: Path | None = None,
         learning_rate: float = 3e-3,
         weight_decay: float = 1e-2,
@@ -69,7 +85,7 @@ class AssociationTraining(lightning.LightningModule):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        self.save_hyperparameters(ignore=["start"])
+        self.save_hyperparameters(ignore=["start", "appearance"])
         names = FeatureNames()
         self.network = AssociationNetwork(len(names.links), len(names.detections), len(names.joins), hidden)
         try:
@@ -81,6 +97,11 @@ class AssociationTraining(lightning.LightningModule):
         self.learning_rate, self.weight_decay = learning_rate, weight_decay
         self.warmup_steps, self.final_share = warmup_steps, final_share
         self.processes, self.seed = processes or os.cpu_count() or 1, seed
+        self.siamese: AppearanceTraining | None = None
+        self._siamese_made_of: dict[str, Any] = {}
+        self.appearance_rate, self.contrast, self.link_cost = appearance_rate, contrast, LinkCost()
+        if appearance is not None:
+            self.siamese, self._siamese_made_of = _siamese_of(appearance)
         self.started_from = start
         if start is not None:
             self.network.load_state_dict(_network_of(start, self.network))
@@ -109,13 +130,36 @@ class AssociationTraining(lightning.LightningModule):
         ):
             part.standardise(torch.as_tensor(np.concatenate(rows), dtype=torch.float32))
 
-    def costs(self, graph: Graph) -> Tensor:
+    def features(self, crops: WindowCrops | None) -> Tensor | None:
+        """``(N, D)`` what the detections of a window look like; None where nothing looks at them.
+
+        The normalisations of the Siamese network keep the statistics that they were trained with: a window of one
+        street is no fair sample of crops.
+
+        Raises:
+            RequestError: crops without a network or a network without crops.
+        """
+        if (self.siamese is None) != (crops is None):
+            raise RequestError(
+                "expected --model.appearance CHECKPOINT and --data.appearance ONNX together, got one of them"
+            )
+        if self.siamese is None or crops is None:
+            return None
+        self.siamese.eval()
+        features: Tensor = self.siamese(torch.as_tensor(crops.images, device=self.device))
+        return features
+
+    def costs(self, graph: Graph, features: Tensor | None = None, crops: WindowCrops | None = None) -> Tensor:
         """``(3 N + P,)`` costs of the arcs of a window of detections: by default, and what the network changes."""
         count = len(graph)
+        base, rows = self._tensor(graph.costs), self._tensor(graph.links)
+        if features is not None and crops is not None:
+            rows, dearer = repriced(rows, distances(features, crops, graph), self.link_cost)
+            base = base + torch.cat([base.new_zeros(3 * count), dearer])
         changes = self.network.detections(self._tensor(graph.detections)).T.reshape(3 * count)
         changes = torch.where(torch.as_tensor(graph.fixed, device=self.device), torch.zeros_like(changes), changes)
-        links = self.network.links(self._tensor(graph.links))[:, 0]
-        return self._tensor(graph.costs) + torch.cat([changes, links])
+        links = self.network.links(rows)[:, 0]
+        return base + torch.cat([changes, links])
 
     def join_costs(self, graph: Graph) -> Tensor:
         """``(3 N + P,)`` costs of the arcs between tracklets, of which only those of joins change."""
@@ -139,9 +183,12 @@ class AssociationTraining(lightning.LightningModule):
     def losses(self, batch: TrainingWindow, loss: FlowLoss, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """The loss of the flow of a window with detections, a detection; and all others, by their weights."""
         graph, tracklets = batch.detections, batch.tracklets
-        costs = self.costs(graph)
+        features = self.features(batch.crops)
+        costs = self.costs(graph, features, batch.crops)
         objective = loss(costs.double(), graph.arcs(self.weights), rng, self._spread) / len(graph)
         others = objective.new_zeros(())
+        if features is not None and self.contrast:
+            others = others + self.contrast * contrast_within(features, graph)
         if self.pairwise:
             others = others + self.pairwise * link_cross_entropy(costs, graph)
         if self.joins and len(tracklets.tail):
@@ -154,7 +201,7 @@ class AssociationTraining(lightning.LightningModule):
         del batch_index
         graph = batch.detections
         with torch.no_grad():
-            costs = self.costs(graph).double().cpu().numpy()
+            costs = self.costs(graph, self.features(batch.crops), batch.crops).double().cpu().numpy()
         self._counts.add(graph, cheapest(Problem(costs, graph.tail, graph.head)))
 
     def on_validation_epoch_end(self) -> None:
@@ -167,8 +214,23 @@ class AssociationTraining(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW under a warm-up and a cosine."""
-        optimiser = AdamW(decay_groups(self, self.weight_decay), lr=self.learning_rate)
+        groups = decay_groups(self.network, self.weight_decay)
+        if self.siamese is not None:
+            slower = {"lr": self.learning_rate * self.appearance_rate}
+            groups += [{**group, **slower} for group in decay_groups(self.siamese, self.weight_decay)]
+        optimiser = AdamW(groups, lr=self.learning_rate)
         return scheduled(optimiser, self.trainer, self.warmup_steps, self.final_share)
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep what the Siamese network is made of, so that it can be made again without its own checkpoint."""
+        if self.siamese is not None:
+            checkpoint["siamese"] = self._siamese_made_of
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Make the Siamese network that the checkpoint has weights for."""
+        if self.siamese is None and "siamese" in checkpoint:
+            self._siamese_made_of = checkpoint["siamese"]
+            self.siamese = AppearanceTraining(**self._siamese_made_of).eval()
 
     def on_fit_end(self) -> None:
         """Let the processes go."""
@@ -211,6 +273,18 @@ def finite(loss: Tensor, name: str) -> Tensor:
     return loss
 
 
+def contrast_within(features: Tensor, graph: Graph) -> Tensor:
+    """The Siamese network's own loss, over the people of a window who have several detections in it."""
+    names, place, counts = np.unique(graph.owners, return_inverse=True, return_counts=True)
+    several = (counts > 1) & (names >= 0)
+    if several.sum() < 2:
+        return features.new_zeros(())
+    chosen = torch.as_tensor(np.flatnonzero(several[place]), device=features.device)
+    return softmax_contrastive_loss(
+        features[chosen], torch.as_tensor(place, device=features.device)[chosen], TEMPERATURE
+    )
+
+
 def link_cross_entropy(costs: Tensor, graph: Graph) -> Tensor:
     """The loss that links are learnt by apart: each right with the probability that half a break is dearer than it."""
     count = len(graph)
@@ -221,6 +295,18 @@ def link_cross_entropy(costs: Tensor, graph: Graph) -> Tensor:
     logit = (end.detach()[tail] + start.detach()[head]) / 2 - link
     right = torch.as_tensor(graph.labelled[3 * count :], dtype=costs.dtype, device=costs.device)
     return functional.binary_cross_entropy_with_logits(logit, right)
+
+
+def _siamese_of(checkpoint: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
+    """The Siamese network in a checkpoint, and the arguments that it was made with.
+
+    Raises:
+        RequestError: the file is missing or no such checkpoint.
+    """
+    siamese = load_module(AppearanceTraining, checkpoint)
+    given = torch.load(checkpoint, map_location="cpu", weights_only=True)["hyper_parameters"]
+    known = set(inspect.signature(AppearanceTraining.__init__).parameters)
+    return siamese, {**{name: value for name, value in given.items() if name in known}, "weights": None}
 
 
 def _network_of(checkpoint: Path, network: AssociationNetwork) -> dict[str, Tensor]:

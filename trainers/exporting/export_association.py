@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
 from tsuiseki.trainers.association.training import AssociationTraining
-from tsuiseki.trainers.exporting.export import load_module, quiet_exporter
+from tsuiseki.trainers.exporting.export import export_onnx, load_module, quiet_exporter
 
 # Costs, absolute: float32 sums in another order differ by about 1e-6 of a cost of up to 8.
 TOLERANCE = 1e-4
@@ -24,27 +24,44 @@ INPUTS = ("links", "detections", "joins")
 OUTPUTS = ("link_changes", "detection_changes", "join_changes")
 
 
-def export_trained(checkpoint: Path, out: Path, training_data: str = "", overwrite: bool = False) -> float:
-    """Write the network of a checkpoint as ONNX.
+def export_trained(
+    checkpoint: Path, out: Path, appearance: Path | None = None, training_data: str = "", overwrite: bool = False
+) -> float:
+    """Write the network of a checkpoint as ONNX, for --affinity, and check that it gives the costs that torch gives.
 
     Args:
         checkpoint: of `tsuiseki train association`.
         out: the file to write.
-        training_data: for the card, in words.
+        appearance: file for the Siamese network that was trained with it, for --appearance.
+        training_data: what it was trained on, in words; kept in the file.
         overwrite: replace an existing file.
 
     Returns:
         The largest difference of a cost to torch that the parity check saw.
 
     Raises:
-        RequestError: a missing or foreign file, or a training that has not taken a step.
+        RequestError: a missing or foreign file, a training that has not taken a step, or one without appearance.
     """
-    network = load_module(AssociationTraining, checkpoint).network
+    module = load_module(AssociationTraining, checkpoint)
+    network = module.network
     if not any(part.linear.weight.any() for part in (network.links, network.detections, network.joins)):
         raise RequestError(f"{checkpoint}: expected a trained network, but it changes no cost; go on with the training")
+    if appearance is not None:
+        _export_siamese(module, checkpoint, appearance, training_data, overwrite)
     worst = export_association(network, out, training_data, overwrite=overwrite)
     print(f"{out}: no cost differs from torch's by more than {worst:.1g}")
     return worst
+
+
+def _export_siamese(module: AssociationTraining, checkpoint: Path, out: Path, data: str, overwrite: bool) -> None:
+    siamese = module.siamese
+    if siamese is None:
+        raise RequestError(f"{checkpoint}: expected a Siamese network, but the training had no --model.appearance")
+    network = siamese.network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, siamese.card.input_height, siamese.card.input_width)
+    card = replace(siamese.card, training_data=data)
+    export_onnx(network, card, out, example, ("features",), overwrite=overwrite)
+    print(f"{out}: the Siamese network")
 
 
 def export_association(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import lightning
+import torch
 from jsonargparse import ArgumentError
 from lightning.pytorch.callbacks import Callback, LearningRateMonitor, ModelCheckpoint
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
@@ -71,14 +72,17 @@ def fit_action(arguments: Sequence[str]) -> Path:
 def fit_association(arguments: Sequence[str]) -> Path:
     """Train an association network as the command line ``arguments`` say, and export it; see `fit`.
 
-    ``DIR`` also gets ``association.onnx``, the best network as the tracker takes it.
+    ``DIR`` also gets ``association.onnx``, the best network as the tracker takes it, and ``appearance.onnx`` where the
+    Siamese network was trained with it.
     """
     from tsuiseki.trainers.association.data import AssociationData
     from tsuiseki.trainers.association.training import AssociationTraining
     from tsuiseki.trainers.exporting.export_association import export_trained
 
     best = fit(Task("association", AssociationTraining, AssociationData, "val/agreement"), arguments)
-    export_trained(best, best.parent.parent / "association.onnx", overwrite=True)
+    out = best.parent.parent
+    looks = torch.load(best, map_location="cpu", weights_only=True).get("siamese") is not None
+    export_trained(best, out / "association.onnx", out / "appearance.onnx" if looks else None, overwrite=True)
     return best
 
 
@@ -101,6 +105,8 @@ def fit(task: Task, arguments: Sequence[str]) -> Path:
         warnings.filterwarnings("ignore", message=".*does not have many workers.*")
         warnings.filterwarnings("ignore", message=".*isinstance.treespec, LeafSpec.*")
         warnings.filterwarnings("ignore", message=".*number of training batches.*smaller than the logging interval.*")
+        # The Siamese network keeps its normalisations as they are.
+        warnings.filterwarnings("ignore", message=".*module.s. in eval mode.*")
         warnings.filterwarnings("ignore", message=".*overridden `transfer_batch_to_device`.*")
         warnings.filterwarnings("ignore", message=".*Checkpoint directory .* exists and is not empty.*")
         # Lightning calls jsonargparse by names that newer versions discourage.
