@@ -155,6 +155,7 @@ COMMANDS: Tree = {
             "drone-action-features": Experiment(
                 "tracks and actions from a drone improve each other", "drone.action_features"
             ),
+            "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "finite_sets.unseen"),
             "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),
             "association": Experiment(
                 "people and cars linked on given detections, with peers", "association.association"

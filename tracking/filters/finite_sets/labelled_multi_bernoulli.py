@@ -8,7 +8,7 @@ so that several may appear at one place at once. Reuter, Vo, Vo and Dietmayer, "
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
 from tsuiseki.tracking.filters.finite_sets.point_models import PointModel, check_measurements
 from tsuiseki.tracking.filters.particles.resampling import systematic_rows
 from tsuiseki.tracking.filters.particles.weights import logarithms
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class LabelledState:
         log_weights: ``(T, P)``; the weights of each track sum to one.
         hidden: the targets never measured.
         next_label: of the next new track.
+        reported: ``(T,)`` whether a track was an estimate before.
     """
 
     labels: IntArray
@@ -41,6 +42,7 @@ class LabelledState:
     log_weights: FloatArray
     hidden: BornParticles
     next_label: int
+    reported: BoolArray
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -71,9 +73,13 @@ class LabelledMultiBernoulliFilter:
         model: motion, sensor, survival, detection and clutter.
         births: draws of the birth intensity.
         particles: of each track.
-        report: a track is an estimate when its existence is above this.
+        report: a track is an estimate when its existence is above this,
+        confirm: and for the first time when it is above this: clutter beside a place of birth seldom gets so far.
         prune: a track ends when its existence is below this.
         resample_below: draw a track's particles anew below this share of effective ones.
+        near: unreported tracks whose means are closer than this, in deviations of the sensor, become one while their
+            existences sum to at most one: they tell of one target that each measurement near its birth began anew. 0
+            leaves them apart.
         kernel: width of the kernel by which they are spread then, over their own deviation, in [0, 1); it keeps their
             mean and covariance (Liu and West, 2001). 0 leaves copies, which is right where the motion is restless.
         discrete: so many last columns of a state are numbers of modes, which no kernel moves.
@@ -83,8 +89,10 @@ class LabelledMultiBernoulliFilter:
     births: Births[FloatArray]
     particles: int = 1000
     report: float = 0.5
+    confirm: float = 0.65
     prune: float = 1e-3
     resample_below: float = 0.5
+    near: float = 2.0
     kernel: float = 0.0
     discrete: int = 0
 
@@ -100,8 +108,9 @@ class LabelledMultiBernoulliFilter:
         shape, columns = (0, self.particles), first.particles.shape[1]
         nothing = np.empty(0)
         return LabelledState(
-            np.empty(0, dtype=np.int64), nothing, np.empty((*shape, columns)), np.empty(shape), hidden, 1
-        )
+            np.empty(0, dtype=np.int64), nothing, np.empty((*shape, columns)), np.empty(shape), hidden, 1,
+            np.empty(0, dtype=np.bool_),
+        )  # fmt: skip
 
     def step(
         self, state: LabelledState, observation: FloatArray, rng: np.random.Generator
@@ -113,9 +122,10 @@ class LabelledMultiBernoulliFilter:
         unclaimed = self.model.clutter_at(measurements) + new_mass
         updated, pairs, free = self._track_update(predicted, measurements, unclaimed)
         begun = free * np.divide(new_mass, unclaimed, out=np.zeros_like(new_mass), where=unclaimed > 0)
-        joined = self._join(updated, begun, new_particles, hidden)
+        joined = self._merge(self._join(updated, begun, new_particles, hidden), rng)
+        joined, estimates = self._estimate(joined)
         count = float(joined.existence.sum() + np.exp(hidden.log_weights).sum())
-        info = LabelledInfo(self._estimate(joined), count, len(joined), pairs)
+        info = LabelledInfo(estimates, count, len(joined), pairs)
         return self._resample(joined, rng), info
 
     def _predict(self, state: LabelledState, measurements: FloatArray, rng: np.random.Generator) -> LabelledState:
@@ -131,7 +141,7 @@ class LabelledMultiBernoulliFilter:
         )
         existence = self.model.survival * state.existence
         moved = moved.reshape(state.particles.shape)
-        return LabelledState(state.labels, existence, moved, state.log_weights, hidden, state.next_label)
+        return replace(state, existence=existence, particles=moved, hidden=hidden)
 
     def _hidden_update(
         self, hidden: BornParticles, measurements: FloatArray, rng: np.random.Generator
@@ -176,9 +186,7 @@ class LabelledMultiBernoulliFilter:
         total[total.sum(axis=1) <= 0] = 1.0
         log_weights = logarithms(total / total.sum(axis=1, keepdims=True))
         free = np.clip(1.0 - claimed.sum(axis=0), 0.0, 1.0)
-        after = LabelledState(
-            state.labels, np.minimum(existence, 1.0), state.particles, log_weights, state.hidden, state.next_label
-        )
+        after = replace(state, existence=np.minimum(existence, 1.0), log_weights=log_weights)
         return after, len(pairs), free
 
     def _join(
@@ -194,12 +202,46 @@ class LabelledMultiBernoulliFilter:
             np.concatenate([state.log_weights[old], equal]),
             hidden,
             state.next_label + len(new),
+            np.concatenate([state.reported[old], np.zeros(len(new), dtype=np.bool_)]),
         )
 
-    def _estimate(self, state: LabelledState) -> TargetEstimates:
-        shown = state.existence > self.report
-        states = np.einsum("tp,tpd->td", np.exp(state.log_weights[shown]), state.particles[shown])
-        return TargetEstimates(state.labels[shown], states, state.existence[shown])
+    def _merge(self, state: LabelledState, rng: np.random.Generator) -> LabelledState:
+        """Unreported tracks near each other as one Bernoulli track of the same expected count and the oldest label."""
+        weak = np.flatnonzero(state.existence <= self.report)
+        if len(weak) < 2 or not self.near:
+            return state
+        sensor = self.model.sensor
+        means = np.einsum("tp,tpd->td", np.exp(state.log_weights[weak]), state.particles[weak])
+        places = sensor.project(means)
+        apart = sensor.difference(places[:, None, :], places[None, :, :]) / sensor.deviation
+        groups = _groups_of_one(state.existence[weak], np.einsum("tuz,tuz->tu", apart, apart) < self.near**2)
+        if not groups:
+            return state
+        existence, labels, reported = state.existence.copy(), state.labels.copy(), state.reported.copy()
+        particles, log_weights = state.particles.copy(), state.log_weights.copy()
+        gone = np.zeros(len(state), dtype=np.bool_)
+        for members in groups:
+            first, group = weak[members[0]], weak[members]
+            shares = state.existence[group, None] * np.exp(state.log_weights[group])
+            drawn = systematic_rows(shares.reshape(1, -1), self.particles, rng)[0]
+            particles[first] = state.particles[group].reshape(-1, particles.shape[2])[drawn]
+            log_weights[first] = -np.log(self.particles)
+            existence[first], labels[first] = float(state.existence[group].sum()), int(state.labels[group].min())
+            reported[first] = state.reported[group].any()
+            gone[group[1:]] = True
+        order = np.flatnonzero(~gone)
+        order = order[np.argsort(labels[order], kind="stable")]
+        return LabelledState(
+            labels[order], existence[order], particles[order], log_weights[order], state.hidden, state.next_label,
+            reported[order],
+        )  # fmt: skip
+
+    def _estimate(self, state: LabelledState) -> tuple[LabelledState, TargetEstimates]:
+        """The tracks that are likely there; one that was not reported before has to be likelier."""
+        shown = state.existence > np.where(state.reported, self.report, max(self.confirm, self.report))
+        means = np.einsum("tp,tpd->td", np.exp(state.log_weights[shown]), state.particles[shown])
+        estimates = TargetEstimates(state.labels[shown], means, state.existence[shown])
+        return replace(state, reported=state.reported | shown), estimates
 
     def _resample(self, state: LabelledState, rng: np.random.Generator) -> LabelledState:
         """Tracks whose weights have become uneven, drawn anew, (16)-(19)."""
@@ -209,7 +251,7 @@ class LabelledMultiBernoulliFilter:
         particles, log_weights = state.particles.copy(), state.log_weights.copy()
         particles[uneven] = self._spread(particles[uneven[:, None], drawn], rng)
         log_weights[uneven] = -np.log(self.particles)
-        return LabelledState(state.labels, state.existence, particles, log_weights, state.hidden, state.next_label)
+        return replace(state, particles=particles, log_weights=log_weights)
 
     def _spread(self, drawn: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Particles ``(T, P, D)`` spread by the kernel."""
@@ -223,6 +265,23 @@ class LabelledMultiBernoulliFilter:
         noise = np.matmul(rng.standard_normal(away.shape), root.transpose(0, 2, 1))
         moved[:, :, :columns] = mean + np.sqrt(1 - self.kernel**2) * away + self.kernel * noise
         return moved
+
+
+def _groups_of_one(existence: FloatArray, near: BoolArray) -> list[IntArray]:
+    """Groups of two or more tracks ``(T,)`` that are near ``(T, T)`` their strongest one and may be one target."""
+    free, groups = np.ones(len(existence), dtype=np.bool_), []
+    for strongest in np.argsort(-existence, kind="stable"):
+        if not free[strongest]:
+            continue
+        others = np.flatnonzero(free & near[strongest])
+        others = others[others != strongest]
+        others = others[np.argsort(-existence[others], kind="stable")]
+        kept = others[existence[strongest] + np.cumsum(existence[others]) <= 1.0]
+        if len(kept):
+            members = np.concatenate([[strongest], kept])
+            free[members] = False
+            groups.append(members)
+    return groups
 
 
 def _draw_by_measurement(

@@ -35,27 +35,29 @@ class Peer:
     @property
     def fingerprint(self) -> str:
         """Where it is installed makes no difference to what it computes."""
-        return f"trackers {self.version}"
+        return f"peer {self.version}"
 
 
-def find_peer(python: str | None) -> Peer | None:
+def find_peer(python: str | None, program: Path = PROGRAM, package: str = "the package trackers") -> Peer | None:
     """The peer in an environment; None where it is not installed.
 
     Args:
         python: an interpreter; by default the one that runs this.
+        program: runs there, and prints the package's version after ``--version``.
+        package: what it needs, for the message.
 
     Raises:
-        RequestError: a named interpreter cannot be run or has no ``trackers``.
+        RequestError: a named interpreter cannot be run or has not the package.
     """
     try:
         asked = subprocess.run(
-            [python or sys.executable, str(PROGRAM), "--version"], capture_output=True, text=True, check=True
+            [python or sys.executable, str(program), "--version"], capture_output=True, text=True, check=True
         )
     except (OSError, subprocess.CalledProcessError) as error:
         if python is None:
             return None
         raise RequestError(
-            f"peer: expected the python of an environment with the package trackers, got {python}, which has none"
+            f"peer: expected the python of an environment with {package}, got {python}, which has none"
         ) from error
     return Peer(python or sys.executable, asked.stdout.strip())
 

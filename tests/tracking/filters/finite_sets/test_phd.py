@@ -236,6 +236,43 @@ def test_as_printed_newborn_particles_take_the_label_of_the_near_cluster():
     assert len(names) <= 4
 
 
+def labelled_state(existence, places, reported=None):
+    """Tracks of 200 particles about places ``(T, 2)``, labels from 1."""
+    count, rng = len(existence), np.random.default_rng(0)
+    particles = np.zeros((count, 200, 4))
+    particles[:, :, [0, 2]] = np.asarray(places)[:, None] + 5 * rng.standard_normal((count, 200, 2))
+    empty = LabelledMultiBernoulliFilter(model(), NoBirths(4), 200).init(np.empty((0, 4)))
+    return replace(
+        empty, labels=np.arange(1, count + 1), existence=np.array(existence), particles=particles,
+        log_weights=np.full((count, 200), -np.log(200)), next_label=count + 1,
+        reported=np.zeros(count, dtype=bool) if reported is None else np.array(reported),
+    )  # fmt: skip
+
+
+def test_unreported_tracks_of_one_place_become_one_of_the_same_expected_count():
+    chosen = LabelledMultiBernoulliFilter(model(), NoBirths(4), 200)
+    before = labelled_state([0.2, 0.4, 0.3, 0.9, 0.45], [[0, 0], [5, 0], [0, 5], [0, 0], [300, 0]])
+    after = chosen._merge(before, np.random.default_rng(1))
+    assert after.labels.tolist() == [1, 4, 5]
+    np.testing.assert_allclose(after.existence, [0.9, 0.9, 0.45])
+    assert after.existence.sum() == pytest.approx(before.existence.sum())
+    # The mean of the mixture; four standard errors of 200 draws whose deviation is about 5.5.
+    mixture = (0.2 * before.particles[0] + 0.4 * before.particles[1] + 0.3 * before.particles[2]).mean(axis=0) / 0.9
+    assert np.abs(after.particles[0].mean(axis=0) - mixture).max() < 4 * 5.5 / np.sqrt(200)
+    # More than one target cannot be one: 0.45 + 0.45 + 0.3 leaves the weakest out.
+    crowded = chosen._merge(labelled_state([0.45, 0.3, 0.45], [[0, 0], [0, 0], [0, 0]]), np.random.default_rng(1))
+    assert sorted(crowded.existence.round(3).tolist()) == [0.3, 0.9]
+    apart = replace(chosen, near=0.0)._merge(before, np.random.default_rng(1))
+    assert len(apart) == 5
+
+
+def test_a_track_is_reported_when_it_is_confirmed_and_held_while_it_is_likely():
+    chosen = LabelledMultiBernoulliFilter(model(), NoBirths(4), 200, confirm=0.65)
+    state, first = chosen._estimate(labelled_state([0.6, 0.7, 0.6, 0.4], np.zeros((4, 2)), [False, False, True, True]))
+    assert first.ids.tolist() == [2, 3]
+    assert state.reported.tolist() == [False, True, True, True]
+
+
 def test_turns_conserve_speed_and_bearings_invert():
     rng = np.random.default_rng(0)
     states = np.array([[0.0, 10.0, 0.0, 0.0, 0.3], [5.0, 3.0, -4.0, 2.0, 0.0]])

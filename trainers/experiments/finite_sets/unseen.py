@@ -1,0 +1,148 @@
+"""Targets from a sensor's measurements on new scenarios, beside peers (`reproduce phd-unseen`)."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
+from tsuiseki.tracking.trackers.measurements import MeasurementMethod, MeasurementTracker
+from tsuiseki.trainers.experiments.association.peers import Peer, find_peer
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import STANDARD_PLACES, UnseenSettings, unseen_scenario
+
+PROGRAM = Path(__file__).with_name("peer_program.py")
+PACKAGES = "stonesoup and multisensor-lmb-filters-rs"
+CUT_OFF = 100.0
+KINDS = {
+    "anywhere": UnseenSettings(),
+    "known places": UnseenSettings(first=0, births=0.12, places=STANDARD_PLACES),
+}
+METHODS: Sequence[MeasurementMethod] = ("labelled", "phd")
+FIRST_SEED = 300
+"""Of the scenarios: nothing else draws from it on."""
+
+
+@dataclass(frozen=True)
+class UnseenRun:
+    """One filter on one scenario.
+
+    Attributes:
+        scores: OSPA and the like.
+        milliseconds: processor time of a step, median.
+        scans: how far it came; a filter that took too long was given up on.
+    """
+
+    scores: PointScores
+    milliseconds: float
+    scans: int
+
+
+def reproduce(
+    bench: Bench,
+    seeds: int = 10,
+    clutter: float = 10.0,
+    particles: int = 1000,
+    peer: str | None = None,
+    seed: int = FIRST_SEED,
+) -> Outcome:
+    """The labelled and the PHD filter on new scenarios, births anywhere or at known places, beside peers.
+
+    DIR gets results.json and tables.md.
+
+    Args:
+        bench: where it works.
+        seeds: scenarios of each kind.
+        clutter: expected false measurements a scan.
+        particles: of each target.
+        peer: python of an environment with stonesoup and multisensor-lmb-filters-rs; by default this one, if it has
+            them.
+        seed: of the first scenario.
+
+    Raises:
+        RequestError: a number is below 1, or the environment named has not the packages.
+    """
+    at_least_one(seeds=seeds, particles=particles)
+    found = find_peer(peer, PROGRAM, PACKAGES)
+    rows: dict[tuple[str, str], list[UnseenRun]] = {}
+    jobs = [(kind, number) for number in range(seed, seed + seeds) for kind in KINDS]
+    for kind, number in bench.watch.over(jobs, "scenarios", len(jobs)):
+        settings = replace(KINDS[kind], clutter=clutter)
+        for method in METHODS:
+            run = bench.store.recall(run_ours, settings, number, method, particles)
+            rows.setdefault((kind, method), []).append(run)
+        if found is not None:
+            for name, run in bench.store.recall(run_peers, found, PROGRAM, settings, number).items():
+                rows.setdefault((kind, name), []).append(run)
+    version = f"; peers: {found.version}" if found else ""
+    note = f"{seeds} scenarios of each kind from seed {seed}, clutter {clutter:g}; ± is the standard error{version}."
+    values = [
+        {"births": kind, "filter": name, "runs": [asdict(run) for run in runs]} for (kind, name), runs in rows.items()
+    ]
+    return Outcome(values, [_table(kind, rows) for kind in KINDS], notes=[note])
+
+
+def run_ours(settings: UnseenSettings, seed: int, method: MeasurementMethod, particles: int) -> UnseenRun:
+    """One of ours, as `track points` runs it."""
+    truth, scans = unseen_scenario(settings, seed)
+    tracker = MeasurementTracker(settings.model, method, particles, seed=0)
+    seconds, rows = [], []
+    for number, scan in enumerate(scans):
+        begin = time.process_time()
+        targets = tracker.update(scan)
+        seconds.append(time.process_time() - begin)
+        rows += [(number, int(name), *place) for name, place in zip(targets.ids, targets.positions, strict=True)]
+    return _scored(truth, rows, [1e3 * each for each in seconds])
+
+
+def run_peers(peer: Peer, program: Path, settings: UnseenSettings, seed: int) -> dict[str, UnseenRun]:
+    """Every filter of the peer's environment.
+
+    Args:
+        peer: which.
+        program: what runs there; its text belongs to the result.
+        settings: of the scenario.
+        seed: likewise.
+    """
+    truth, scans = unseen_scenario(settings, seed)
+    job = {"model": asdict(settings), "scans": [scan.measurements.tolist() for scan in scans]}
+    done = subprocess.run(
+        [peer.python, str(program)], input=json.dumps(job), capture_output=True, text=True, check=True
+    )
+    found = json.loads(done.stdout)["found"]
+    return {name: _scored(truth, one["rows"], one["milliseconds"]) for name, one in found.items()}
+
+
+def _scored(truth: PointTracks, rows: Sequence[Sequence[float]], milliseconds: Sequence[float]) -> UnseenRun:
+    """Scores up to the last scan that the filter did."""
+    table = np.array(rows, dtype=np.float64).reshape(-1, 4)
+    # A mixture may name two components alike: the first counts.
+    _, first = np.unique(table[:, :2], axis=0, return_index=True)
+    table = table[np.sort(first)]
+    found = PointTracks(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
+    count = len(milliseconds)
+    scores = evaluate_points(truth.between(0, count - 1), found, count, CUT_OFF)
+    return UnseenRun(scores, float(np.median(milliseconds)), count)
+
+
+def _table(kind: str, rows: Mapping[tuple[str, str], Sequence[UnseenRun]]) -> Table:
+    columns = (f"births {kind}", "OSPA p=1", "OSPA(2)", "missed a scan", "false a scan", "switches", "ms a step")
+    lines = []
+    for (of, name), runs in rows.items():
+        if of != kind:
+            continue
+        scores = [run.scores for run in runs]
+        first = np.array([score.ospa1 for score in scores])
+        error = first.std(ddof=1) / np.sqrt(len(first)) if len(first) > 1 else float("nan")
+        means = [np.mean([getattr(s, field) for s in scores]) for field in ("ospa_tracks", "missed", "false")]
+        switches, time_ = np.mean([s.switches for s in scores]), np.median([run.milliseconds for run in runs])
+        lines.append(
+            (name, f"{first.mean():.2f} ± {error:.2f}", *(f"{m:.2f}" for m in means), f"{switches:.1f}", f"{time_:.2f}")
+        )
+    return Table("", columns, lines)
