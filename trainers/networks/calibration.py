@@ -16,7 +16,7 @@ from sklearn.linear_model import LogisticRegression
 from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.networks.exported import Detect, Detector
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.video import read_image
@@ -25,13 +25,20 @@ LOWEST_SCORE = 0.05
 MATCH_OVERLAP = 0.5
 
 
-def matched_scores(detector: Detector, folder: Path) -> tuple[FloatArray, BoolArray]:
+def matched_scores(
+    detector: Detect, folder: Path, frames: tuple[int, int] | None = None
+) -> tuple[FloatArray, BoolArray]:
     """Scores ``(N,)`` of the detections in the labelled pictures of ``folder``, and which are labelled people.
 
     Detections that lie on an ignored label are left out.
+
+    Args:
+        detector: with a low threshold.
+        folder: see `labelled_images`.
+        frames: first and last frame, 1-based, both included; by default all.
     """
     scores, right = [], []
-    for sample in labelled_images(folder):
+    for sample in labelled_images(folder, frames):
         found = detector.detect([read_image(sample.path)])[0]
         people, ignored = sample.boxes[~sample.ignored], sample.boxes[sample.ignored]
         matched = np.zeros(len(found), dtype=np.bool_)

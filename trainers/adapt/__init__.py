@@ -1,0 +1,1 @@
+"""Models that learn a camera from its unlabelled video."""

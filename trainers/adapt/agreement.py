@@ -1,0 +1,68 @@
+"""Which round is best, without a label: how well a detector agrees with the tracks made of what it finds.
+
+A detector that is right finds people where their tracks pass and nothing elsewhere: its boxes need no smoothing, its
+tracks no filling, and nothing of what it finds is rejected. That is measured on frames that taught nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.types import Detections, FloatArray, Track
+
+OVERLAPS = (0.5, 0.6, 0.7, 0.8)
+# People of a round, relative to the start: outside, the models have collapsed.
+FEWEST, MOST = 0.6, 1.8
+
+
+@dataclass(frozen=True)
+class RoundScores:
+    """How a round did.
+
+    Attributes:
+        agreement: F1 of detections against taken tracks on held-out frames, mean over IoU 0.5 to 0.8.
+        people: taken tracks.
+        boxes: of them, a frame.
+        detections: a frame, from the threshold on.
+        rejected: of them on no taken track, a frame.
+        offset: by how much boxes are moved onto silhouettes, mean over the sides in widths and heights.
+    """
+
+    agreement: float
+    people: int
+    boxes: float
+    detections: float
+    rejected: float
+    offset: float
+
+    def collapsed(self, start: RoundScores) -> str | None:
+        """In what way the models have collapsed since the ``start``; None where they have not."""
+        if self.boxes < FEWEST * start.boxes:
+            return f"it finds {self.boxes:.1f} people a frame, before {start.boxes:.1f}"
+        if self.boxes > MOST * start.boxes or self.detections > MOST * start.detections:
+            return f"it finds {self.detections:.1f} things a frame, before {start.detections:.1f}"
+        return None
+
+
+def agreement(detections: Sequence[Detections], tracks: Sequence[Track], frames: Sequence[int]) -> float:
+    """Mean F1 over `OVERLAPS` of the detections of ``frames`` against the boxes of ``tracks`` there; 0 for nobody.
+
+    Args:
+        detections: one entry for each of ``frames``.
+        tracks: with filled boxes.
+        frames: their numbers.
+    """
+    rows = np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)])
+    boxes: FloatArray = np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)])
+    hits, found, tracked = np.zeros(len(OVERLAPS)), 0, 0
+    for frame, here in zip(frames, detections, strict=True):
+        there = boxes[rows == frame]
+        overlaps = iou_matrix(here.boxes, there)
+        hits += [len(assign_overlaps(overlaps, least)[0]) for least in OVERLAPS]
+        found, tracked = found + len(here), tracked + len(there)
+    return float(np.mean(2 * hits / (found + tracked))) if found + tracked else 0.0

@@ -1,0 +1,92 @@
+"""Finding and tracking people in a camera's video with the models of a round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tsuiseki.tracking.features.networks.exported import open_appearance, open_detector
+from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
+from tsuiseki.tracking.features.views import parse_view
+from tsuiseki.tracking.pipelines.finding import PeopleInputs
+from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
+from tsuiseki.tracking.trackers.people.run import shifted
+from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.trainers.adapt.watch import Watched
+
+# Detections down to this score are known, so that what the tracker rejects is, too.
+LOWEST_SCORE = 0.1
+
+
+@dataclass(frozen=True)
+class Models:
+    """The files of a round.
+
+    Attributes:
+        detector: of people.
+        appearance: None takes the shipped one.
+        affinity: None takes the shipped one.
+    """
+
+    detector: Path
+    appearance: Path | None = None
+    affinity: Path | None = None
+
+
+@dataclass(frozen=True)
+class Found:
+    """What models see in a video.
+
+    Attributes:
+        detections: of every frame, from the first one looked at.
+        first: its 0-based number.
+        tracks: in frames of the video.
+        columns: tiles across in which the detector looked at a frame.
+    """
+
+    detections: list[Detections]
+    first: int
+    tracks: list[Track]
+    columns: int
+
+
+def find(watched: Watched, models: Models, score_threshold: float, view: str, threads: int) -> Found:
+    """Detect and track people as `tsuiseki track people` does.
+
+    Args:
+        watched: the video.
+        models: to use.
+        score_threshold: of the detections that are tracked.
+        view: see `parse_view`.
+        threads: CPU cores; 0 takes all.
+
+    Raises:
+        RequestError: a file is no such model.
+        RunError: the video breaks off.
+    """
+    from tsuiseki.tracking.weights import shipped
+
+    source = watched.open()
+    detector = ViewedDetector(open_detector(models.detector, LOWEST_SCORE, threads=1), parse_view(view))
+    describe = open_appearance(models.appearance or shipped("appearance_people"), 1)
+    inputs = PeopleInputs(source, detector, describe, threads=threads)
+    affinity = people_affinity("flow", models.affinity, 1, known_scores=knows_scores(detector))
+    tracker = people_tracker("flow", None, affinity, 0, source)
+    detections = []
+    for _, found in inputs.found():
+        detections.append(Detections(found.boxes, found.scores))
+        tracker.update(found.select(found.scores >= score_threshold))
+    first = watched.stretch[0]
+    tracks = [shifted(track, first) for track in tracker.tracks()]
+    return Found(detections, first, tracks, columns_of(detector))
+
+
+def columns_of(detector: ViewedDetector) -> int:
+    """Tiles across that were chosen."""
+    return max((choice.view.columns for choice in detector.choices.values()), default=1)
+
+
+def above(detections: Sequence[Detections], score: float) -> list[Detections]:
+    """Those that score at least ``score``."""
+    return [found.select(found.scores >= score) for found in detections]

@@ -1,0 +1,251 @@
+"""Labels out of tracks: whom the tracker is sure of, what it rejects, and what never moves.
+
+A confident track is labelled in every frame, also where it was filled in: those are the misses that teach most. What no
+label covers is background to learn from, except where somebody unknown may stand: there nothing is learnt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.datamodules.identity_crops import uncovered
+from tsuiseki.tracking.formats.mot import write_ground_truth
+from tsuiseki.tracking.geometry import areas, clip_boxes, intersections
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray, Track
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.adapt.settings import LabelSettings
+from tsuiseki.trainers.adapt.silhouettes import covered_share, difference, edge_offsets, moving_blobs, usual_offset
+from tsuiseki.trainers.adapt.watch import Watched
+
+TAKEN, STILL, UNSURE, SHORT = "taken", "never moves", "unsure", "short"
+# A rejected detection of which this share differs from the empty view may be somebody.
+_SOMEBODY = 0.35
+_COVERED = 0.5
+_LOWEST_PERSON = 0.6
+_NAMES_OF_OTHERS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a track.
+
+    Attributes:
+        id: of the track.
+        verdict: taken, never moves, unsure (a low score, or filled in for the most part) or short.
+        boxes: of it.
+        filled: of them that no detection supports.
+        score: mean of its detections.
+        moving: median share of its boxes that differs from the empty view; 1 where there is none.
+    """
+
+    id: int
+    verdict: str
+    boxes: int
+    filled: int
+    score: float
+    moving: float
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What a video teaches.
+
+    Attributes:
+        people: labels of the kept pictures, by their number: evaluated ones teach, ignored ones do not.
+        verdicts: on the tracks.
+        tracks: those taken, their boxes as they are labelled; in frames of the video.
+        offset: ``(4,)`` by how much boxes were moved, left, top, right and bottom, in widths and heights.
+        static: boxes of tracks that never move, one a track.
+    """
+
+    people: GroundTruth
+    verdicts: tuple[Verdict, ...]
+    tracks: tuple[Track, ...]
+    offset: FloatArray
+    static: FloatArray
+
+    def write(self, watched: Watched) -> None:
+        """Put the labels beside the pictures, as ``gt/gt.txt``."""
+        write_ground_truth(Path(watched.folder) / "gt" / "gt.txt", self.people)
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """A kept picture, as it differs from the empty view."""
+
+    different: BoolArray
+    bright: BoolArray
+
+
+def label(
+    watched: Watched,
+    empty: ImageArray | None,
+    tracks: Sequence[Track],
+    rejected: Sequence[Detections],
+    settings: LabelSettings,
+) -> Labels:
+    """Choose what to learn from.
+
+    Args:
+        watched: the video.
+        empty: its view without people; None where the camera moves.
+        tracks: of the video, frames counted as in the video.
+        rejected: detections of each kept picture that belong to no track.
+        settings: which tracks become labels.
+    """
+    pictures = None if empty is None else [_compared(watched.picture(n), empty) for n in range(len(watched.frames))]
+    number_of = {frame: number for number, frame in enumerate(watched.frames)}
+    verdicts = [_judge(track, pictures, number_of, watched.frame_rate, settings) for track in tracks]
+    offset = _offset(tracks, verdicts, pictures, number_of)
+    moved = [_moved(track, offset, watched.size) for track in tracks]
+    rows = [
+        _rows(number, frame, moved, verdicts, rejected[number], None if pictures is None else pictures[number], settings)
+        for frame, number in number_of.items()
+    ]
+    static = [t.boxes[len(t) // 2] for t, v in zip(tracks, verdicts, strict=True) if v.verdict == STILL]
+    taken = tuple(t for t, v in zip(moved, verdicts, strict=True) if v.verdict == TAKEN)
+    return Labels(_joined(rows), tuple(verdicts), taken, offset, np.array(static).reshape(-1, 4))
+
+
+def _compared(image: ImageArray, empty: ImageArray) -> _Picture:
+    return _Picture(*difference(image, empty))
+
+
+def _judge(
+    track: Track,
+    pictures: Sequence[_Picture] | None,
+    number_of: dict[int, int],
+    frame_rate: float,
+    settings: LabelSettings,
+) -> Verdict:
+    observed = track.observed
+    score = float(track.scores[observed].mean()) if observed.any() else 0.0
+    moving = 1.0
+    if pictures is not None:
+        shares = [
+            covered_share(pictures[number_of[frame]].different, box[None])[0]
+            for frame, box in zip(track.frames.tolist(), track.boxes, strict=True)
+            if frame in number_of
+        ]
+        moving = float(np.median(shares)) if shares else 1.0
+    if moving < settings.moving:
+        verdict = STILL
+    elif score < settings.sure or 2 * observed.sum() < len(track):
+        verdict = UNSURE
+    elif observed.sum() < max(3, settings.least * frame_rate):
+        verdict = SHORT
+    else:
+        verdict = TAKEN
+    return Verdict(track.id, verdict, len(track), int((~observed).sum()), score, moving)
+
+
+def _offset(
+    tracks: Sequence[Track],
+    verdicts: Sequence[Verdict],
+    pictures: Sequence[_Picture] | None,
+    number_of: dict[int, int],
+) -> FloatArray:
+    """By how much the boxes of taken tracks usually lie off their silhouettes."""
+    if pictures is None:
+        return np.zeros(4)
+    boxes: dict[int, list[FloatArray]] = {}
+    for track, verdict in zip(tracks, verdicts, strict=True):
+        if verdict.verdict == TAKEN:
+            for frame, box in zip(track.frames[track.observed].tolist(), track.boxes[track.observed], strict=True):
+                boxes.setdefault(frame, []).append(box)
+    found = [
+        edge_offsets(pictures[number].bright, np.stack(boxes[frame]))
+        for frame, number in number_of.items()
+        if frame in boxes
+    ]
+    return usual_offset(np.concatenate([np.empty((0, 4)), *found]))
+
+
+def _moved(track: Track, offset: FloatArray, size: tuple[int, int]) -> Track:
+    boxes = track.boxes + offset * np.tile(track.boxes[:, 2:] - track.boxes[:, :2], 2)
+    inside = clip_boxes(boxes, *size)
+    seen = ((inside[:, 2:] - inside[:, :2]) >= 2).all(axis=1)
+    return Track(track.id, track.frames[seen], boxes[seen], track.scores[seen], track.observed[seen])
+
+
+def _rows(
+    number: int,
+    frame: int,
+    tracks: Sequence[Track],
+    verdicts: Sequence[Verdict],
+    rejected: Detections,
+    picture: _Picture | None,
+    settings: LabelSettings,
+) -> GroundTruth:
+    """Labels of one picture."""
+    boxes, ids, taken = [np.empty((0, 4))], [], []
+    for track, verdict in zip(tracks, verdicts, strict=True):
+        row = int(np.searchsorted(track.frames, frame))
+        if row == len(track) or track.frames[row] != frame:
+            continue
+        if verdict.verdict == STILL and settings.still == "background":
+            continue
+        boxes.append(track.boxes[row][None])
+        ids.append(track.id)
+        taken.append(verdict.verdict == TAKEN)
+    people = np.concatenate(boxes)
+    sure = np.array(taken, dtype=np.bool_)
+    others = _perhaps_people(people, sure, rejected, picture)
+    every = np.concatenate([people, others])
+    counted = np.concatenate([sure, np.zeros(len(others), dtype=np.bool_)])
+    visibility = np.ones(len(every))
+    visibility[: len(people)] = uncovered(people)
+    names = np.concatenate([np.array(ids, dtype=np.int64), _NAMES_OF_OTHERS + np.arange(len(others))])
+    return GroundTruth(np.full(len(every), number), names.astype(np.int64), every, counted, ~counted, visibility)
+
+
+def _perhaps_people(
+    people: FloatArray, sure: BoolArray, rejected: Detections, picture: _Picture | None
+) -> FloatArray:
+    """``(M, 4)`` where somebody may be whom no track tells: neither an example nor a counter-example."""
+    known = people[sure]
+    free = ~_on(rejected.boxes, known)
+    if picture is None:
+        return rejected.boxes[free]
+    somebody = free & (covered_share(picture.different, rejected.boxes) > _SOMEBODY)
+    boxes = rejected.boxes[somebody]
+    if not len(known):
+        return boxes
+    least = _LOWEST_PERSON * float((known[:, 3] - known[:, 1]).min())
+    blobs = moving_blobs(picture.bright, np.concatenate([people, boxes]), least)
+    return np.concatenate([boxes, blobs])
+
+
+def _on(boxes: FloatArray, known: FloatArray) -> BoolArray:
+    """``(N,)`` which boxes lie mostly on one of ``known``."""
+    shared = intersections(boxes[:, None], known[None])
+    return np.asarray((shared > _COVERED * areas(boxes)[:, None]).any(axis=1))
+
+
+def _joined(parts: Sequence[GroundTruth]) -> GroundTruth:
+    columns = ("frames", "ids", "boxes", "evaluated", "ignored", "visibility")
+    return GroundTruth(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
+
+
+def rejected_detections(
+    watched: Watched, found: Sequence[Detections], tracks: Sequence[Track], first: int
+) -> list[Detections]:
+    """The detections of each kept picture that lie on no track.
+
+    Args:
+        watched: the video.
+        found: detections of every frame from ``first`` on.
+        tracks: of the video.
+        first: frame of the first entry.
+    """
+    frames: IntArray = np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)])
+    boxes = np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)])
+    result = []
+    for frame in watched.frames:
+        here = found[frame - first]
+        result.append(here.select(~_on(here.boxes, boxes[frames == frame])))
+    return result

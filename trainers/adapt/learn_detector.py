@@ -1,0 +1,247 @@
+"""Fine-tuning a detector on the labels of a round, and giving its scores their meaning."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import lightning
+import numpy as np
+import onnx
+import torch
+from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheckpoint
+
+from tsuiseki.datamodules.augmentation import Augmentation
+from tsuiseki.datamodules.detection import Composition, DetectionData
+from tsuiseki.datamodules.footage import Source
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.exported import open_detector
+from tsuiseki.tracking.features.view_choice import ViewedDetector
+from tsuiseki.tracking.features.views import view_of
+from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.watch import Watched
+from tsuiseki.trainers.networks.calibration import LOWEST_SCORE, fit_calibration, matched_scores
+from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.exporting.export import RawHeads, export_onnx, load_module
+
+# A training is saved this many times, so that one that was stopped goes on.
+_SITTINGS = 5
+_EMA = 0.98
+_OUTPUTS = ("logits", "offsets", "anchors")
+_TRAINED_ON = "unlabelled video of one camera (tsuiseki adapt)"
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """What a network must be to take over the weights of an exported detector.
+
+    Attributes:
+        trunk: its name.
+        size: height and width of the input.
+        anchors: ``[width, height]`` of each map.
+        channels: of the top-down path.
+        fine: it has a map of stride 4.
+    """
+
+    trunk: str
+    size: tuple[int, int]
+    anchors: list[list[tuple[float, float]]]
+    channels: int
+    fine: bool
+
+
+def layout_of(path: Path) -> Layout:
+    """The layout of the exported detector at ``path``.
+
+    Raises:
+        RequestError: it is no detector of this toolkit's default architecture.
+    """
+    try:
+        model = onnx.load(path)
+        card = ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
+        tensors = {x.name: x for x in model.graph.initializer}
+        anchors = onnx.numpy_helper.to_array(tensors["anchors"])
+    except Exception as error:
+        raise RequestError(f"{path}: expected a detector of `tsuiseki export detector` to learn from") from error
+    kind, _, trunk = card.name.partition("-")
+    if kind != "people":
+        raise RequestError(f"{path}: expected a detector of the architecture people to learn from, got {card.name}")
+    lateral = next(x for name, x in tensors.items() if name.startswith("detector.features.lateral.0.0.weight"))
+    return Layout(
+        trunk,
+        (card.input_height, card.input_width),
+        _anchor_sizes(anchors),
+        int(lateral.dims[0]),
+        any(name.startswith("detector.features.fine.") for name in tensors),
+    )
+
+
+def _anchor_sizes(anchors: np.ndarray) -> list[list[tuple[float, float]]]:
+    """The sizes at each map, told apart by where the first cell of a map lies."""
+    sizes: dict[float, list[tuple[float, float]]] = {}
+    seen = set()
+    for x, _, width, height in anchors.tolist():
+        if (width, height) not in seen:
+            seen.add((width, height))
+            sizes.setdefault(x, []).append((width, height))
+    return [sizes[x] for x in sorted(sizes)]
+
+
+def fine_tune(
+    start: Path, layout: Layout, videos: Sequence[Watched], columns: int, round_: int, folder: Path, settings: AdaptSettings
+) -> Path:
+    """Train a detector on the labels beside the pictures; goes on where an earlier call was stopped.
+
+    Args:
+        start: exported detector or checkpoint whose weights are taken over.
+        layout: of it.
+        videos: with their labels.
+        columns: tiles across that the detector looks at; it learns from windows as large.
+        round_: from 1.
+        folder: for the checkpoints.
+        settings: how.
+
+    Returns:
+        The checkpoint.
+    """
+    done, last = folder / "detector.ckpt", folder / "last.ckpt"
+    if done.is_file():
+        return done
+    learning = settings.learning
+    height, width = layout.size
+    lightning.seed_everything(settings.seed + round_, verbose=False)
+    module = DetectorTraining(
+        trunk=layout.trunk,  # type: ignore[arg-type]
+        start=str(start),
+        height=height,
+        width=width,
+        anchors=layout.anchors,
+        channels=layout.channels,
+        fine=layout.fine,
+        loss=learning.loss,
+        box_weight=2.0,
+        learning_rate=learning.learning_rate / 2 ** (round_ - 1),
+        warmup_steps=min(20, learning.steps // 4),
+        final_share=0.05,
+    )
+    data = _data(videos, layout, columns, round_, settings)
+    trainer = _trainer(folder, learning.steps, settings)
+    with _quiet():
+        trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
+    trainer.save_checkpoint(done)
+    last.unlink(missing_ok=True)
+    return done
+
+
+def _data(
+    videos: Sequence[Watched], layout: Layout, columns: int, round_: int, settings: AdaptSettings
+) -> DetectionData:
+    learning = settings.learning
+    sources = [
+        Source(v.folder, frames=(1, v.learnt(settings.held_out)), fixed_camera=v.fixed, share=v.length) for v in videos
+    ]
+    closer = _enlargement(videos[0].size, layout.size, columns)
+    return DetectionData(
+        sources,
+        sources,
+        *layout.size,
+        batch_size=learning.batch_size,
+        examples_per_epoch=learning.batch_size * max(learning.steps // _SITTINGS, 1),
+        workers=0,
+        augmentation=Augmentation(
+            scale=(0.8 * closer, 1.35 * closer), aspect=0.06, rotation=2.0, shear=0.03, flip=0.3, colour=0.6, holes=3
+        ),
+        composition=Composition(
+            generated_people=learning.generated_people, add=0.6, reclothe=0.3, empty=0.25, foreign=0.05, most_people=8
+        ),
+        seed=settings.seed + 1000 * round_,
+    )
+
+
+def _enlargement(size: tuple[int, int], wanted: tuple[int, int], columns: int) -> float:
+    """How much larger a tile shows things than the whole frame does."""
+    view = view_of((size[1], size[0]), columns, wanted[1] / wanted[0])
+    x1, _, x2, _ = view.tiles[-1]
+    return float(size[0] / (x2 - x1)) if columns > 1 else 1.0
+
+
+def _trainer(folder: Path, steps: int, settings: AdaptSettings) -> lightning.Trainer:
+    torch.set_num_threads(settings.threads or torch.get_num_threads())
+    callbacks: list[Callback] = [
+        EMAWeightAveraging(decay=_EMA, update_starting_at_step=min(20, steps // 2)),
+        ModelCheckpoint(folder, filename="last", enable_version_counter=False, save_on_train_epoch_end=True),
+    ]
+    return lightning.Trainer(
+        max_epochs=max(1, round(steps / max(steps // _SITTINGS, 1))),
+        accelerator="cpu",
+        gradient_clip_val=5.0,
+        num_sanity_val_steps=0,
+        limit_val_batches=0,
+        logger=False,
+        callbacks=callbacks,
+        default_root_dir=folder,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+    )
+
+
+class _quiet:
+    """Without Lightning's notices about itself."""
+
+    def __enter__(self) -> None:
+        self._logger = logging.getLogger("lightning.pytorch")
+        self._level = self._logger.level
+        self._logger.setLevel(logging.ERROR)
+        self._warnings = warnings.catch_warnings()
+        self._warnings.__enter__()
+        warnings.simplefilter("ignore")
+
+    def __exit__(self, *error: object) -> None:
+        self._warnings.__exit__(None, None, None)
+        self._logger.setLevel(self._level)
+
+
+def export_calibrated(
+    checkpoint: Path, videos: Sequence[Watched], view: tuple[int, int | None], out: Path, settings: AdaptSettings
+) -> tuple[float, float]:
+    """Write the detector as ONNX, its scores probabilities on the held-out labels.
+
+    Args:
+        checkpoint: of `fine_tune`.
+        videos: with their labels.
+        view: tiles across and down.
+        out: the file.
+        settings: say what is held out.
+
+    Returns:
+        Scale and shift of the logit; 1 and 0 where all held-out detections are right, or none is.
+    """
+    module = load_module(DetectorTraining, checkpoint)
+    card = dataclasses.replace(module.card, training_data=_TRAINED_ON)
+    network = module.network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    raw = out.with_name("raw.onnx")
+    export_onnx(RawHeads(network), card, raw, example, _OUTPUTS, overwrite=True)
+    calibration = _calibration(raw, videos, view, settings)
+    card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
+    export_onnx(RawHeads(network, calibration), card, out, example, _OUTPUTS, float16=True, overwrite=True)
+    raw.unlink()
+    return calibration
+
+
+def _calibration(
+    path: Path, videos: Sequence[Watched], view: tuple[int, int | None], settings: AdaptSettings
+) -> tuple[float, float]:
+    detector = ViewedDetector(open_detector(path, LOWEST_SCORE, threads=1), view)
+    parts = [
+        matched_scores(detector, Path(v.folder), (v.learnt(settings.held_out) + 1, len(v.frames))) for v in videos
+    ]
+    scores, right = (np.concatenate(part) for part in zip(*parts, strict=True))
+    try:
+        return fit_calibration(scores, right)
+    except RequestError:
+        return (1.0, 0.0)

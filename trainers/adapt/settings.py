@@ -1,0 +1,97 @@
+"""What `tsuiseki adapt` may be told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from tsuiseki.tracking.errors import RequestError
+
+
+@dataclass(frozen=True)
+class LabelSettings:
+    """Which tracks become labels.
+
+    Attributes:
+        sure: least mean score of a track's detections.
+        least: seconds of detections that a track needs.
+        moving: least share of a box that differs from the empty view, the median over the track. What differs less is
+            part of the view: it never moves.
+        still: what never moves is background to learn from, or left out of the learning (``ignored``), where people
+            may sit through most of the video.
+    """
+
+    sure: float = 0.5
+    least: float = 0.6
+    moving: float = 0.2
+    still: Literal["background", "ignored"] = "background"
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.sure <= 1 and 0 <= self.moving <= 1 and self.least >= 0):
+            raise RequestError(
+                "`labels`: expected sure and moving from 0 to 1 and least from 0, "
+                f"got {self.sure:g}, {self.moving:g} and {self.least:g}"
+            )
+
+
+@dataclass(frozen=True)
+class LearningSettings:
+    """How the detector is fine-tuned in each round.
+
+    Attributes:
+        steps: of each round.
+        batch_size: pictures of a step.
+        learning_rate: at the end of the warm-up of the first round; halved in each later one.
+        generated_people: rendered to be composed onto the empty view beside the camera's own.
+        loss: of `DetectorTraining`.
+    """
+
+    steps: int = 250
+    batch_size: int = 8
+    learning_rate: float = 1e-3
+    generated_people: int = 200
+    loss: Literal["multibox", "quality"] = "quality"
+
+    def __post_init__(self) -> None:
+        if min(self.steps, self.batch_size) < 1 or self.generated_people < 1 or not self.learning_rate > 0:
+            raise RequestError(
+                "`learning`: expected steps, batch_size and generated_people from 1 and a learning_rate above 0, got "
+                f"{self.steps}, {self.batch_size}, {self.generated_people} and {self.learning_rate:g}"
+            )
+
+
+@dataclass(frozen=True)
+class AdaptSettings:
+    """How a camera is learnt.
+
+    Attributes:
+        rounds: at most.
+        pictures: kept of the videos together, evenly spread; labels are taken from them.
+        held_out: share of each video, its end, that nothing is learnt from and that says which round is best.
+        score_threshold: of the detections that are tracked.
+        labels: which tracks become labels.
+        learning: how the detector is fine-tuned.
+        seed: of all chance.
+        threads: CPU cores; 0 takes all.
+    """
+
+    rounds: int = 3
+    pictures: int = 400
+    held_out: float = 0.15
+    score_threshold: float = 0.3
+    labels: LabelSettings = field(default_factory=LabelSettings)
+    learning: LearningSettings = field(default_factory=LearningSettings)
+    seed: int = 0
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        if self.rounds < 1 or self.pictures < 20 or self.threads < 0:
+            raise RequestError(
+                "expected `rounds` from 1, `pictures` from 20 and `threads` from 0, "
+                f"got {self.rounds}, {self.pictures} and {self.threads}"
+            )
+        if not (0.05 <= self.held_out <= 0.5 and 0 < self.score_threshold < 1):
+            raise RequestError(
+                "expected `held_out` from 0.05 to 0.5 and `score_threshold` between 0 and 1, "
+                f"got {self.held_out:g} and {self.score_threshold:g}"
+            )

@@ -1,0 +1,104 @@
+"""Where a fixed camera's picture differs from its empty view, and how far people's boxes are off their silhouettes."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.geometry import clip_boxes, grown, intersections
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+
+# Grey levels by which a pixel must differ from the empty view.
+_DIFFERENT = 18.0
+# A shadow darkens all channels alike, and not to black.
+_DARKEST, _BRIGHTEST, _TINT = 0.45, 1.02, 0.10
+# Columns and rows of a silhouette count from this share of the box's height and width on.
+_COLUMN, _ROW = 0.06, 0.12
+_LEAST_FILLED = 0.15
+# Labellers leave a little room about people.
+_ROOM = np.array([0.04, 0.02])
+_FEWEST = 20
+
+
+def difference(image: ImageArray, empty: ImageArray) -> tuple[BoolArray, BoolArray]:
+    """``(H, W)`` pixels that differ from the empty view, and those of them that are no shadow."""
+    now, then = (cv2.GaussianBlur(x, (0, 0), 0.8).astype(np.float32) for x in (image, empty))
+    change = now - then
+    # The light of the whole picture may have changed.
+    change -= np.median(change[::4, ::4], axis=(0, 1))
+    different = np.abs(change).max(axis=2) > _DIFFERENT
+    ratio = (now + 4) / (then + 4)
+    level, tint = ratio.mean(axis=2), ratio.max(axis=2) - ratio.min(axis=2)
+    shadow = (level > _DARKEST) & (level < _BRIGHTEST) & (tint < _TINT)
+    return np.asarray(different), np.asarray(different & ~shadow)
+
+
+def covered_share(mask: BoolArray, boxes: FloatArray) -> FloatArray:
+    """``(N,)`` share of the pixels of boxes ``(N, 4)`` that are set in ``mask`` ``(H, W)``."""
+    sums = cv2.integral(mask.astype(np.uint8))
+    height, width = mask.shape
+    x1, y1, x2, y2 = clip_boxes(boxes, width, height).round().astype(int).T
+    inside = sums[y2, x2] - sums[y1, x2] - sums[y2, x1] + sums[y1, x1]
+    return np.asarray(inside / np.maximum((x2 - x1) * (y2 - y1), 1), dtype=np.float64)
+
+
+def edge_offsets(mask: BoolArray, boxes: FloatArray) -> FloatArray:
+    """``(N, 4)`` by how much the sides of boxes lie off the silhouettes in them, in widths and heights of the box.
+
+    NaN where another box is near, or no silhouette can be told.
+    """
+    offsets = np.full((len(boxes), 4), np.nan)
+    near = (intersections(grown(boxes, 0.15)[:, None], boxes[None]) > 0).sum(axis=1) > 1
+    for row in np.flatnonzero(~near):
+        silhouette = _silhouette(mask, boxes[row])
+        if silhouette is not None:
+            offsets[row] = (silhouette - boxes[row]) / np.tile(boxes[row, 2:] - boxes[row, :2], 2)
+    return offsets
+
+
+def _silhouette(mask: BoolArray, box: FloatArray) -> FloatArray | None:
+    """``(4,)`` box about the largest blob near ``box``, with the room that labellers leave."""
+    width, height = box[2:] - box[:2]
+    region = box + np.array([-0.25 * width, -0.12 * height, 0.25 * width, 0.12 * height])
+    x1, y1, x2, y2 = clip_boxes(region[None], mask.shape[1], mask.shape[0])[0].astype(int)
+    part = cv2.morphologyEx(mask[y1:y2, x1:x2].astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
+    count, labels, statistics, _ = cv2.connectedComponentsWithStats(part)
+    if count < 2:
+        return None
+    largest = 1 + int(np.argmax(statistics[1:, cv2.CC_STAT_AREA]))
+    if statistics[largest, cv2.CC_STAT_AREA] < _LEAST_FILLED * width * height:
+        return None
+    blob = labels == largest
+    columns, rows = np.flatnonzero(blob.sum(axis=0) > _COLUMN * height), np.flatnonzero(blob.sum(axis=1) > _ROW * width)
+    if not len(columns) or not len(rows):
+        return None
+    found = np.array([x1 + columns[0], y1 + rows[0], x1 + columns[-1] + 1, y1 + rows[-1] + 1], dtype=np.float64)
+    room = _ROOM * (found[2:] - found[:2])
+    return np.asarray(found + np.concatenate([-room, room]), dtype=np.float64)
+
+
+def usual_offset(offsets: FloatArray) -> FloatArray:
+    """``(4,)`` the median of `edge_offsets`; zero where too few silhouettes tell.
+
+    A shadow lies on the same side of everybody, so what one silhouette tells badly, all tell together.
+    """
+    told = offsets[~np.isnan(offsets[:, 0])]
+    return np.asarray(np.median(told, axis=0) if len(told) >= _FEWEST else np.zeros(4), dtype=np.float64)
+
+
+def moving_blobs(mask: BoolArray, boxes: FloatArray, least_height: float) -> FloatArray:
+    """``(M, 4)`` boxes of what differs from the empty view and that no box of ``boxes`` ``(N, 4)`` covers.
+
+    Args:
+        mask: ``(H, W)``.
+        boxes: of what is known.
+        least_height: pixels; what is lower is no person.
+    """
+    rest = mask.astype(np.uint8)
+    for x1, y1, x2, y2 in clip_boxes(grown(boxes, 0.1), mask.shape[1], mask.shape[0]).round().astype(int):
+        rest[y1:y2, x1:x2] = 0
+    rest = cv2.morphologyEx(rest, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    _, _, statistics, _ = cv2.connectedComponentsWithStats(rest)
+    x, y, width, height, area = statistics[1:].astype(np.float64).T
+    large = (height >= least_height) & (area >= 0.2 * width * height)
+    return np.stack([x, y, x + width, y + height], axis=1)[large]

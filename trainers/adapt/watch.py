@@ -1,0 +1,208 @@
+"""The videos of a camera on disk: some of their pictures, evenly spread, and the view without people."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.augmentation import Example
+from tsuiseki.datamodules.composition import empty_view
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.motion.camera_motion import camera_motion
+from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.video import Source, open_source, read_image
+
+FEWEST_FRAMES = 100
+_QUALITY = 95
+_INFO = "watched.json"
+# Movement of the corners between pictures, as a share of the width, from which a camera does not stand still.
+_MOVED = 0.01
+_COMPARED = 9
+# Correlation of the edges of two empty views: about 0.9 for one camera, under 0.1 for two.
+_SAME_VIEW = 0.3
+_EDGE_WIDTH = 240
+
+
+@dataclass(frozen=True)
+class Watched:
+    """One video and the pictures kept of it.
+
+    Attributes:
+        source: where the video is.
+        stretch: first and last frame to look at, 0-based; last None for the end.
+        folder: with the pictures as ``img1/000001.jpg …`` and ``seqinfo.ini``.
+        frames: 0-based frame of each kept picture.
+        length: frames looked at.
+        frame_rate: frames a second.
+        size: width and height, pixels.
+        fixed: the camera stands still.
+    """
+
+    source: str
+    stretch: tuple[int, int | None]
+    folder: str
+    frames: tuple[int, ...]
+    length: int
+    frame_rate: float
+    size: tuple[int, int]
+    fixed: bool
+
+    def open(self) -> Source:
+        """The video, to be read again."""
+        return open_source(self.source, FrameRange(*self.stretch))
+
+    def picture(self, number: int) -> ImageArray:
+        """The kept picture ``number``, 0-based, ``(H, W, 3)`` uint8 RGB."""
+        return read_image(Path(self.folder) / "img1" / f"{number + 1:06d}.jpg")
+
+    def learnt(self, held_out: float) -> int:
+        """How many of the kept pictures, from the first on, may be learnt from."""
+        last = self.stretch[0] + (1 - held_out) * self.length
+        return max(1, int(np.searchsorted(self.frames, last)))
+
+
+def watch(source: str, stretch: FrameRange, folder: Path, most: int) -> Watched:
+    """Keep up to ``most`` pictures of a video, evenly spread; what an earlier call finished is taken as it is.
+
+    Args:
+        source: see `open_source`.
+        stretch: frames to look at.
+        folder: for the pictures.
+        most: pictures.
+
+    Raises:
+        RequestError: the source is live or text only, or has fewer than `FEWEST_FRAMES` frames.
+        RunError: the video breaks off.
+    """
+    if (folder / _INFO).is_file():
+        return _read(folder)
+    opened = open_source(source, stretch)
+    if opened.live:
+        raise RequestError(f"expected a video that can be played again, got {opened.name}; record it first")
+    if not opened.has_images:
+        raise RequestError(f"{opened.name} has no images to learn from; expected them in its folder img1/")
+    kept, length, size = _keep(opened, folder / "img1", most)
+    if length < FEWEST_FRAMES:
+        raise RequestError(
+            f"{opened.name}: expected at least {FEWEST_FRAMES} frames to learn a camera from, got {length}; "
+            "give a longer video"
+        )
+    write_sequence_info(folder, folder.name, opened.frame_rate, len(kept), *size)
+    pictures = [read_image(folder / "img1" / f"{n + 1:06d}.jpg") for n in _spread(len(kept), _COMPARED)]
+    last = None if stretch.last is None else int(stretch.last)
+    watched = Watched(
+        source,
+        (stretch.first, last),
+        str(folder),
+        tuple(kept),
+        length,
+        opened.frame_rate,
+        size,
+        stands_still(pictures),
+    )
+    (folder / _INFO).write_text(json.dumps(asdict(watched)), encoding="utf-8")
+    return watched
+
+
+def _read(folder: Path) -> Watched:
+    found = json.loads((folder / _INFO).read_text(encoding="utf-8"))
+    lists = {name: tuple(found[name]) for name in ("stretch", "frames", "size")}
+    return Watched(**{**found, **lists})
+
+
+def _keep(opened: Source, folder: Path, most: int) -> tuple[list[int], int, tuple[int, int]]:
+    """Frames kept, frames seen, and their width and height; every second is dropped whenever there are too many."""
+    folder.mkdir(parents=True, exist_ok=True)
+    encoded: dict[int, bytes] = {}
+    step, count, size = 1, 0, (0, 0)
+    for frame in opened.frames():
+        if count % step == 0:
+            done, data = cv2.imencode(".jpg", frame.image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+            assert done
+            encoded[frame.index] = data.tobytes()
+            size = (frame.image.shape[1], frame.image.shape[0])
+        count += 1
+        if len(encoded) >= 2 * most:
+            step *= 2
+            encoded = dict(list(encoded.items())[::2])
+    kept = [list(encoded)[n] for n in _spread(len(encoded), most)]
+    for number, frame_number in enumerate(kept):
+        (folder / f"{number + 1:06d}.jpg").write_bytes(encoded[frame_number])
+    return kept, count, size
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """Up to ``most`` of ``count`` numbers, evenly spread, both ends included."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist() if count else []
+
+
+def stands_still(pictures: Sequence[ImageArray]) -> bool:
+    """Whether the camera of ``pictures``, each ``(H, W, 3)`` uint8 RGB, stands still.
+
+    Each is compared with the middle one; the camera moves where most that can be compared have moved.
+    """
+    middle = pictures[len(pictures) // 2]
+    height, width = middle.shape[:2]
+    corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]], dtype=np.float64)
+    moved = []
+    for picture in pictures:
+        motion = None if picture is middle else camera_motion(middle, picture)
+        if motion is not None:
+            shift: FloatArray = corners @ motion.T - corners[:, :2]
+            moved.append(float(np.abs(shift).max()) / width)
+    # Where nothing can be followed from one picture to the other, the view has changed altogether.
+    return len(moved) >= len(pictures) // 3 and float(np.median(moved)) < _MOVED
+
+
+def plain_view(watched: Watched, most: int = 45) -> ImageArray:
+    """The median of each pixel over the kept pictures: what is there most of the time."""
+    nobody = np.empty((0, 4)), np.empty(0, dtype=np.bool_)
+    return empty_view([Example(watched.picture(n), *nobody) for n in _spread(len(watched.frames), most)], most).image
+
+
+def refuse_two_cameras(videos: Sequence[Watched], views: Sequence[ImageArray]) -> None:
+    """Refuse videos of different cameras.
+
+    Args:
+        videos: with still cameras.
+        views: their empty views.
+
+    Raises:
+        RequestError: two differ in size, or their views do not show the same place.
+    """
+    for video, view in zip(videos[1:], views[1:], strict=True):
+        if video.size != videos[0].size:
+            (w, h), (a, b) = video.size, videos[0].size
+            raise RequestError(
+                f"expected videos of one camera, got {a}x{b} pixels in {videos[0].source} and {w}x{h} in "
+                f"{video.source}; adapt to one camera at a time"
+            )
+        if edge_correlation(views[0], view) < _SAME_VIEW:
+            raise RequestError(
+                f"expected videos of one camera, but {videos[0].source} and {video.source} show different places; "
+                "adapt to one camera at a time"
+            )
+
+
+def edge_correlation(first: ImageArray, second: ImageArray) -> float:
+    """Correlation of the edges of two pictures of one size, which light changes little; 1 for equal ones."""
+    a, b = _edges(first), _edges(second)
+    return float(np.sum(a * b) / max(np.sqrt(np.sum(a * a) * np.sum(b * b)), 1e-9))
+
+
+def _edges(image: ImageArray) -> FloatArray:
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    scale = _EDGE_WIDTH / grey.shape[1]
+    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float64)
+    x, y = cv2.Sobel(small, cv2.CV_64F, 1, 0), cv2.Sobel(small, cv2.CV_64F, 0, 1)
+    length = cv2.GaussianBlur(np.hypot(x, y), (0, 0), 1.5)
+    # Strong edges must not outweigh all others.
+    length = np.sqrt(length)
+    return np.asarray(length - length.mean(), dtype=np.float64)
