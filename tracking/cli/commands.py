@@ -101,6 +101,7 @@ COMMANDS: Tree = {
             "motion": Command("how a body that bends moves, from its tracks"),
         },
     ),
+    "adapt": Command("learn a camera from its unlabelled video (needs the train extra)"),
     "export": Group(
         "turn a trained model into ONNX (needs the train extra)",
         {

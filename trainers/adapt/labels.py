@@ -103,7 +103,9 @@ def label(
     offset = _offset(tracks, verdicts, pictures, number_of)
     moved = [_moved(track, offset, watched.size) for track in tracks]
     rows = [
-        _rows(number, frame, moved, verdicts, rejected[number], None if pictures is None else pictures[number], settings)
+        _rows(
+            number, frame, moved, verdicts, rejected[number], None if pictures is None else pictures[number], settings
+        )
         for frame, number in number_of.items()
     ]
     static = [t.boxes[len(t) // 2] for t, v in zip(tracks, verdicts, strict=True) if v.verdict == STILL]
@@ -203,9 +205,7 @@ def _rows(
     return GroundTruth(np.full(len(every), number), names.astype(np.int64), every, counted, ~counted, visibility)
 
 
-def _perhaps_people(
-    people: FloatArray, sure: BoolArray, rejected: Detections, picture: _Picture | None
-) -> FloatArray:
+def _perhaps_people(people: FloatArray, sure: BoolArray, rejected: Detections, picture: _Picture | None) -> FloatArray:
     """``(M, 4)`` where somebody may be whom no track tells: neither an example nor a counter-example."""
     known = people[sure]
     free = ~_on(rejected.boxes, known)

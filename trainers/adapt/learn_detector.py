@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import lightning
@@ -18,18 +19,21 @@ from tsuiseki.datamodules.augmentation import Augmentation
 from tsuiseki.datamodules.detection import Composition, DetectionData
 from tsuiseki.datamodules.footage import Source
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import view_of
+from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+from tsuiseki.tracking.preprocessing import fit_image
+from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
-from tsuiseki.trainers.networks.calibration import LOWEST_SCORE, fit_calibration, matched_scores
-from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.exporting.export import RawHeads, export_onnx, load_module
+from tsuiseki.trainers.networks.calibration import LOWEST_SCORE, fit_calibration, matched_scores
+from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 
 # A training is saved this many times, so that one that was stopped goes on.
 _SITTINGS = 5
+CHECKPOINT = "detector.ckpt"
 _EMA = 0.98
 _OUTPUTS = ("logits", "offsets", "anchors")
 _TRAINED_ON = "unlabelled video of one camera (tsuiseki adapt)"
@@ -52,6 +56,12 @@ class Layout:
     anchors: list[list[tuple[float, float]]]
     channels: int
     fine: bool
+
+    def window(self, share: float) -> tuple[int, int]:
+        """Height and width of windows of ``share`` of the input, multiples of the coarsest stride."""
+        stride = 4 * 2 ** len(self.anchors)
+        high, wide = (max(1, round(share * side / stride)) * stride for side in self.size)
+        return high, wide
 
 
 def layout_of(path: Path) -> Layout:
@@ -92,7 +102,13 @@ def _anchor_sizes(anchors: np.ndarray) -> list[list[tuple[float, float]]]:
 
 
 def fine_tune(
-    start: Path, layout: Layout, videos: Sequence[Watched], columns: int, round_: int, folder: Path, settings: AdaptSettings
+    start: Path,
+    layout: Layout,
+    videos: Sequence[Watched],
+    columns: int,
+    round_: int,
+    folder: Path,
+    settings: AdaptSettings,
 ) -> Path:
     """Train a detector on the labels beside the pictures; goes on where an earlier call was stopped.
 
@@ -108,11 +124,11 @@ def fine_tune(
     Returns:
         The checkpoint.
     """
-    done, last = folder / "detector.ckpt", folder / "last.ckpt"
+    done, last = folder / CHECKPOINT, folder / "last.ckpt"
     if done.is_file():
         return done
     learning = settings.learning
-    height, width = layout.size
+    height, width = layout.window(learning.window)
     lightning.seed_everything(settings.seed + round_, verbose=False)
     module = DetectorTraining(
         trunk=layout.trunk,  # type: ignore[arg-type]
@@ -129,8 +145,8 @@ def fine_tune(
         final_share=0.05,
     )
     data = _data(videos, layout, columns, round_, settings)
-    trainer = _trainer(folder, learning.steps, settings)
     with _quiet():
+        trainer = _trainer(folder, learning.steps, settings)
         trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
     trainer.save_checkpoint(done)
     last.unlink(missing_ok=True)
@@ -144,11 +160,12 @@ def _data(
     sources = [
         Source(v.folder, frames=(1, v.learnt(settings.held_out)), fixed_camera=v.fixed, share=v.length) for v in videos
     ]
-    closer = _enlargement(videos[0].size, layout.size, columns)
+    window = layout.window(learning.window)
+    closer = _enlargement(videos[0].size, layout.size, columns) * _fitted(videos[0].size, layout.size, window)
     return DetectionData(
         sources,
         sources,
-        *layout.size,
+        *window,
         batch_size=learning.batch_size,
         examples_per_epoch=learning.batch_size * max(learning.steps // _SITTINGS, 1),
         workers=0,
@@ -167,6 +184,12 @@ def _enlargement(size: tuple[int, int], wanted: tuple[int, int], columns: int) -
     view = view_of((size[1], size[0]), columns, wanted[1] / wanted[0])
     x1, _, x2, _ = view.tiles[-1]
     return float(size[0] / (x2 - x1)) if columns > 1 else 1.0
+
+
+def _fitted(size: tuple[int, int], wanted: tuple[int, int], window: tuple[int, int]) -> float:
+    """How much larger the input shows a frame than a window that the whole frame is fitted into."""
+    fits = [min(high / size[1], wide / size[0]) for high, wide in (wanted, window)]
+    return fits[0] / fits[1]
 
 
 def _trainer(folder: Path, steps: int, settings: AdaptSettings) -> lightning.Trainer:
@@ -189,29 +212,35 @@ def _trainer(folder: Path, steps: int, settings: AdaptSettings) -> lightning.Tra
     )
 
 
-class _quiet:
+@contextmanager
+def _quiet() -> Iterator[None]:
     """Without Lightning's notices about itself."""
-
-    def __enter__(self) -> None:
-        self._logger = logging.getLogger("lightning.pytorch")
-        self._level = self._logger.level
-        self._logger.setLevel(logging.ERROR)
-        self._warnings = warnings.catch_warnings()
-        self._warnings.__enter__()
-        warnings.simplefilter("ignore")
-
-    def __exit__(self, *error: object) -> None:
-        self._warnings.__exit__(None, None, None)
-        self._logger.setLevel(self._level)
+    loggers = [logging.getLogger(name) for name in ("lightning.pytorch", "lightning.fabric")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def export_calibrated(
-    checkpoint: Path, videos: Sequence[Watched], view: tuple[int, int | None], out: Path, settings: AdaptSettings
+    checkpoint: Path,
+    size: tuple[int, int],
+    videos: Sequence[Watched],
+    view: tuple[int, int | None],
+    out: Path,
+    settings: AdaptSettings,
 ) -> tuple[float, float]:
     """Write the detector as ONNX, its scores probabilities on the held-out labels.
 
     Args:
         checkpoint: of `fine_tune`.
+        size: height and width of the input.
         videos: with their labels.
         view: tiles across and down.
         out: the file.
@@ -220,26 +249,54 @@ def export_calibrated(
     Returns:
         Scale and shift of the logit; 1 and 0 where all held-out detections are right, or none is.
     """
-    module = load_module(DetectorTraining, checkpoint)
-    card = dataclasses.replace(module.card, training_data=_TRAINED_ON)
+    module = load_module(DetectorTraining, checkpoint, size)
     network = module.network.to(memory_format=torch.contiguous_format)
+    calibration = _calibration(TorchDetector(module), videos, view, settings)
+    card = dataclasses.replace(
+        module.card,
+        training_data=_TRAINED_ON,
+        settings={**module.card.settings, "score_calibration": list(calibration)},
+    )
     example = torch.zeros(2, 3, card.input_height, card.input_width)
-    raw = out.with_name("raw.onnx")
-    export_onnx(RawHeads(network), card, raw, example, _OUTPUTS, overwrite=True)
-    calibration = _calibration(raw, videos, view, settings)
-    card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
     export_onnx(RawHeads(network, calibration), card, out, example, _OUTPUTS, float16=True, overwrite=True)
-    raw.unlink()
     return calibration
 
 
+class TorchDetector:
+    """A trained detector that finds people before it is exported.
+
+    Args:
+        module: evaluated, not trained, here.
+    """
+
+    def __init__(self, module: DetectorTraining) -> None:
+        self.module = module.eval()
+
+    @property
+    def input_size(self) -> tuple[int, int]:
+        """Height and width, pixels."""
+        return self.module.card.input_height, self.module.card.input_width
+
+    @torch.no_grad()
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """See `Detect.detect`; from `LOWEST_SCORE` on."""
+        card = self.module.card
+        fitted, scales = zip(*(fit_image(image, card) for image in images), strict=True)
+        logits, offsets = self.module(torch.from_numpy(np.stack(fitted)))
+        every = detections(logits, offsets, self.module.network.anchors, card)
+        result = []
+        for found, scale, image in zip(every, scales, images, strict=True):
+            boxes = clip_boxes(found.boxes / np.tile(scale, 2), image.shape[1], image.shape[0])
+            kept = (found.scores >= LOWEST_SCORE) & ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
+            result.append(Detections(boxes[kept], found.scores[kept]))
+        return result
+
+
 def _calibration(
-    path: Path, videos: Sequence[Watched], view: tuple[int, int | None], settings: AdaptSettings
+    detector: TorchDetector, videos: Sequence[Watched], view: tuple[int, int | None], settings: AdaptSettings
 ) -> tuple[float, float]:
-    detector = ViewedDetector(open_detector(path, LOWEST_SCORE, threads=1), view)
-    parts = [
-        matched_scores(detector, Path(v.folder), (v.learnt(settings.held_out) + 1, len(v.frames))) for v in videos
-    ]
+    viewed = ViewedDetector(detector, view)
+    parts = [matched_scores(viewed, Path(v.folder), (v.learnt(settings.held_out) + 1, len(v.frames))) for v in videos]
     scores, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     try:
         return fit_calibration(scores, right)

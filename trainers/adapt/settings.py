@@ -40,14 +40,16 @@ class LearningSettings:
 
     Attributes:
         steps: of each round.
-        batch_size: pictures of a step.
+        batch_size: windows of a step.
+        window: their sides, as a share of the detector's input.
         learning_rate: at the end of the warm-up of the first round; halved in each later one.
         generated_people: rendered to be composed onto the empty view beside the camera's own.
         loss: of `DetectorTraining`.
     """
 
-    steps: int = 250
-    batch_size: int = 8
+    steps: int = 200
+    batch_size: int = 12
+    window: float = 0.5
     learning_rate: float = 1e-3
     generated_people: int = 200
     loss: Literal["multibox", "quality"] = "quality"
@@ -58,6 +60,8 @@ class LearningSettings:
                 "`learning`: expected steps, batch_size and generated_people from 1 and a learning_rate above 0, got "
                 f"{self.steps}, {self.batch_size}, {self.generated_people} and {self.learning_rate:g}"
             )
+        if not 0.2 <= self.window <= 1:
+            raise RequestError(f"`learning`: expected a window from 0.2 to 1, got {self.window:g}")
 
 
 @dataclass(frozen=True)

@@ -10,27 +10,31 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Grey levels by which a pixel must differ from the empty view.
 _DIFFERENT = 18.0
+_HALO = 0.4
 # A shadow darkens all channels alike, and not to black.
 _DARKEST, _BRIGHTEST, _TINT = 0.45, 1.02, 0.10
 # Columns and rows of a silhouette count from this share of the box's height and width on.
 _COLUMN, _ROW = 0.06, 0.12
 _LEAST_FILLED = 0.15
 # Labellers leave a little room about people.
-_ROOM = np.array([0.04, 0.02])
+_ROOM = np.array([0.08, 0.03])
 _FEWEST = 20
 
 
 def difference(image: ImageArray, empty: ImageArray) -> tuple[BoolArray, BoolArray]:
-    """``(H, W)`` pixels that differ from the empty view, and those of them that are no shadow."""
+    """``(H, W)`` pixels that differ from the empty view; and those of them that are no shadow, up to their edges."""
     now, then = (cv2.GaussianBlur(x, (0, 0), 0.8).astype(np.float32) for x in (image, empty))
     change = now - then
     # The light of the whole picture may have changed.
     change -= np.median(change[::4, ::4], axis=(0, 1))
-    different = np.abs(change).max(axis=2) > _DIFFERENT
+    size = np.abs(change).max(axis=2)
+    different = size > _DIFFERENT
+    # Beyond an edge, smoothing leaves less than this share of what is on it.
+    sharp = size > _HALO * cv2.dilate(size, np.ones((5, 5), np.uint8))
     ratio = (now + 4) / (then + 4)
     level, tint = ratio.mean(axis=2), ratio.max(axis=2) - ratio.min(axis=2)
     shadow = (level > _DARKEST) & (level < _BRIGHTEST) & (tint < _TINT)
-    return np.asarray(different), np.asarray(different & ~shadow)
+    return np.asarray(different), np.asarray(different & sharp & ~shadow)
 
 
 def covered_share(mask: BoolArray, boxes: FloatArray) -> FloatArray:
@@ -97,8 +101,9 @@ def moving_blobs(mask: BoolArray, boxes: FloatArray, least_height: float) -> Flo
     rest = mask.astype(np.uint8)
     for x1, y1, x2, y2 in clip_boxes(grown(boxes, 0.1), mask.shape[1], mask.shape[0]).round().astype(int):
         rest[y1:y2, x1:x2] = 0
-    rest = cv2.morphologyEx(rest, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    _, _, statistics, _ = cv2.connectedComponentsWithStats(rest)
+    opened = cv2.morphologyEx(rest, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    _, _, statistics, _ = cv2.connectedComponentsWithStats(opened)
     x, y, width, height, area = statistics[1:].astype(np.float64).T
     large = (height >= least_height) & (area >= 0.2 * width * height)
-    return np.stack([x, y, x + width, y + height], axis=1)[large]
+    found: FloatArray = np.stack([x, y, x + width, y + height], axis=1)[large]
+    return found

@@ -1,0 +1,103 @@
+"""Labels: confident tracks with their filled boxes; what never moves is background; who is unknown teaches nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.trainers.adapt import street
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.frame_range import EVERY_FRAME
+from tsuiseki.tracking.types import Detections
+from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, UNSURE, label, rejected_detections
+from tsuiseki.trainers.adapt.settings import LabelSettings
+from tsuiseki.trainers.adapt.watch import Watched, plain_view, watch
+
+NONE = Detections.empty()
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
+    folder = tmp_path_factory.mktemp("camera")
+    return watch(str(street.write_video(folder / "street")), EVERY_FRAME, folder / "kept", 40)
+
+
+def test_each_track_gets_its_verdict(watched: Watched) -> None:
+    sure, doubtful = street.track_of(0), street.track_of(1, score=0.3)
+    brief = street.track_of(1, frames=4)
+    tracks = [sure, replace(doubtful, id=2), street.decoy_track(), replace(brief, id=3)]
+    labels = label(watched, plain_view(watched), tracks, [NONE] * 40, LabelSettings())
+    assert {v.id: v.verdict for v in labels.verdicts} == {1: TAKEN, 2: UNSURE, 9: STILL, 3: SHORT}
+    assert [t.id for t in labels.tracks] == [1]
+    people = labels.people
+    assert set(people.ids[people.evaluated]) == {1}
+    assert 9 not in people.ids
+    assert {2, 3} <= set(people.ids[people.ignored])
+    np.testing.assert_allclose(labels.static, street.DECOY[None])
+
+
+def test_what_never_moves_may_be_left_out(watched: Watched) -> None:
+    labels = label(
+        watched,
+        plain_view(watched),
+        [street.track_of(0), street.decoy_track()],
+        [NONE] * 40,
+        LabelSettings(still="ignored"),
+    )
+    assert 9 in labels.people.ids[labels.people.ignored]
+
+
+def test_filled_boxes_are_labels_and_mostly_filled_tracks_are_not(watched: Watched) -> None:
+    observed = np.ones(street.FRAMES, dtype=np.bool_)
+    observed[20:60] = False
+    some = replace(street.track_of(0), observed=observed)
+    labels = label(watched, plain_view(watched), [some], [NONE] * 40, LabelSettings())
+    assert labels.verdicts[0].filled == 40
+    assert len(labels.people.frames[labels.people.evaluated]) == 40
+    most = replace(some, observed=np.arange(street.FRAMES) < 40)
+    assert label(watched, plain_view(watched), [most], [NONE] * 40, LabelSettings()).verdicts[0].verdict == UNSURE
+
+
+def test_boxes_come_to_lie_on_silhouettes(watched: Watched) -> None:
+    labels = label(
+        watched, plain_view(watched), [street.track_of(n, shift=0.4) for n in range(2)], [NONE] * 40, LabelSettings()
+    )
+    right = np.concatenate([t.boxes[:, 2] for t in labels.tracks])
+    truth = np.concatenate([[street.box_of(n, f)[2] for f in t.frames] for n, t in enumerate(labels.tracks)])
+    # The room that labellers leave is 0.08 widths, and an edge is found to a pixel.
+    assert abs(np.median(right - truth) - 0.08 * 14) < 1.0
+
+
+def test_where_somebody_may_be_nothing_is_learnt(watched: Watched) -> None:
+    """Person 1 is rejected, the decoy is rejected, too: only the first moves."""
+    frames = [*watched.frames]
+    rejected = [Detections(np.stack([street.box_of(1, f), street.DECOY]), np.array([0.2, 0.25])) for f in frames]
+    labels = label(watched, plain_view(watched), [street.track_of(0)], rejected, LabelSettings())
+    ignored = labels.people.boxes[labels.people.ignored]
+    assert not (np.abs(ignored - street.DECOY).max(axis=1) < 1).any()
+    found = [np.abs(ignored - street.box_of(1, f)).max(axis=1).min() < 1e-6 for f in frames[:20]]
+    assert np.mean(found) > 0.9
+
+
+def test_a_moving_camera_has_tracks_alone(watched: Watched) -> None:
+    labels = label(watched, None, [street.track_of(0, shift=0.2), street.decoy_track()], [NONE] * 40, LabelSettings())
+    assert {v.verdict for v in labels.verdicts} == {TAKEN}
+    assert (labels.offset == 0).all()
+
+
+def test_rejected_detections_lie_on_no_track(watched: Watched) -> None:
+    found = [Detections(street.people(f), np.array([0.9, 0.2])) for f in range(street.FRAMES)]
+    rejected = rejected_detections(watched, found, [street.track_of(0)], 0)
+    apart = [n for n, f in enumerate(watched.frames) if abs(street.box_of(0, f)[0] - street.box_of(1, f)[0]) > 14]
+    assert len(apart) > 20
+    for n in apart:
+        np.testing.assert_allclose(rejected[n].boxes, street.people(watched.frames[n])[1:])
+
+
+def test_labels_are_written_for_training(watched: Watched) -> None:
+    label(watched, plain_view(watched), [street.track_of(0)], [NONE] * 40, LabelSettings()).write(watched)
+    truth = read_ground_truth(Path(watched.folder) / "gt" / "gt.txt")
+    assert truth.evaluated.sum() == 40

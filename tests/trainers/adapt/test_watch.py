@@ -1,0 +1,62 @@
+"""Videos are watched once, evenly; what cannot be learnt from is refused with one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.trainers.adapt import street
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
+from tsuiseki.trainers.adapt.watch import plain_view, refuse_two_cameras, stands_still, watch
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return street.write_video(tmp_path_factory.mktemp("camera") / "street")
+
+
+def test_pictures_are_spread_over_the_stretch(video: Path, tmp_path: Path) -> None:
+    watched = watch(str(video), FrameRange(5, 108), tmp_path / "kept", 20)
+    assert (watched.length, watched.size, watched.fixed) == (104, street.SIZE, True)
+    assert watched.frames[0] == 5
+    assert len(watched.frames) == 20
+    steps = np.diff(watched.frames)
+    assert steps.max() - steps.min() <= 4
+    assert np.abs(watched.picture(3).astype(int) - street.picture(watched.frames[3])).mean() < 4
+    # A tenth of the stretch is held out: its last ten frames.
+    assert watched.frames[watched.learnt(0.1) - 1] < 5 + 0.9 * 104 <= watched.frames[watched.learnt(0.1)]
+
+
+def test_what_is_finished_is_not_read_again(video: Path, tmp_path: Path) -> None:
+    first = watch(str(video), EVERY_FRAME, tmp_path / "kept", 10)
+    assert watch("gone", EVERY_FRAME, tmp_path / "kept", 10) == first
+
+
+def test_the_plain_view_is_without_people(video: Path, tmp_path: Path) -> None:
+    empty = plain_view(watch(str(video), EVERY_FRAME, tmp_path / "kept", 60))
+    expected = street.view()
+    x1, y1, x2, y2 = street.DECOY.astype(int)
+    expected[y1:y2, x1:x2] = (240, 240, 40)
+    assert np.abs(empty.astype(int) - expected).mean() < 4
+
+
+def test_a_short_video_is_refused(tmp_path: Path) -> None:
+    short = street.write_video(tmp_path / "short", frames=99)
+    with pytest.raises(RequestError, match="expected at least 100 frames to learn a camera from, got 99"):
+        watch(str(short), EVERY_FRAME, tmp_path / "kept", 20)
+
+
+def test_a_moving_camera_is_told() -> None:
+    assert stands_still([street.picture(f) for f in range(0, 100, 12)])
+    assert not stands_still([street.picture(f, moved=f // 3) for f in range(0, 100, 12)])
+
+
+def test_two_cameras_are_refused(video: Path, tmp_path: Path) -> None:
+    one = watch(str(video), EVERY_FRAME, tmp_path / "one", 20)
+    other = watch(str(street.write_video(tmp_path / "other", seed=1)), EVERY_FRAME, tmp_path / "two", 20)
+    refuse_two_cameras([one, one], [street.view(), (0.6 * street.view()).astype(np.uint8)])
+    with pytest.raises(RequestError, match="show different places"):
+        refuse_two_cameras([one, other], [street.view(), street.view(1)])

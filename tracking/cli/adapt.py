@@ -1,0 +1,132 @@
+"""`tsuiseki adapt`: models that learn a camera from its unlabelled video."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tsuiseki.tracking.cli.commands import needs_train_extra
+from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.frame_range import parse_frames
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.cli.run import Run
+    from tsuiseki.trainers.adapt.rounds import Adaptation, Round
+
+# Pictures, labels and models of the rounds, until the result is whole.
+WORK = ".adapt"
+MOVING = (
+    "the camera moves: the tracks alone teach; boxes stay as they are tracked, nothing is composed, and what never "
+    "moves cannot be told from people"
+)
+
+
+def adapt(
+    sources: list[str],
+    output: SeededOutput,
+    frames: str | None = None,
+    detector: Path | None = None,
+    teacher: Path | None = None,
+    view: str = "auto",
+    rounds: int = 3,
+    steps: int = 200,
+    pictures: int = 400,
+    score_threshold: float = 0.3,
+    sitting: bool = False,
+    threads: int = 0,
+) -> int:
+    """Learn a camera from its unlabelled video: who is tracked with confidence teaches the detector.
+
+    Works best where the camera stands still and people walk: then boxes are fitted to silhouettes, people are composed
+    onto the empty view, and what never moves is learnt as background. DIR gets detector.onnx for track people
+    --detector, and run.json with the scores of each round. A run that was stopped goes on where it is given again.
+
+    Args:
+        sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
+            are better.
+        frames: learn from this stretch of each only, counted from 1 with both ends, such as 1-300.
+        detector: exported detector to start from; by default the shipped one.
+        teacher: detector of any project that looks first, where the one to start from sees too little.
+        view: tiles of a frame, as in track people.
+        rounds: at most; each looks, learns and looks again, as long as that gets better.
+        steps: of learning in each round.
+        pictures: of the videos that labels are taken from.
+        score_threshold: of the detections that are tracked.
+        sitting: people may sit or stand through most of the video; what never moves is then left out of the learning.
+        seed: of all chance.
+        threads: CPU cores; 0 takes all.
+    """
+    stretch = parse_frames(frames)
+    with needs_train_extra():
+        from tsuiseki.trainers.adapt.rounds import Adaptation, open_camera, resumed
+        from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
+    settings = AdaptSettings(
+        rounds=rounds,
+        pictures=pictures,
+        score_threshold=score_threshold,
+        labels=LabelSettings(still="ignored" if sitting else "background"),
+        learning=LearningSettings(steps=steps),
+        seed=output.seed,
+        threads=threads,
+    )
+    start = _detector(detector)
+    with output.run() as run:
+        key = {"sources": sources, "frames": frames, "view": view, "settings": asdict(settings)}
+        work = output.out / WORK
+        if resumed(work, key | {"detector": str(start), "teacher": str(teacher)}):
+            print("going on with what an earlier run has finished")
+        try:
+            camera = open_camera(sources, stretch, work, settings, view)
+            if not camera.fixed:
+                print(MOVING)
+            _run(run, Adaptation(camera, start, work, settings, teacher))
+        except RequestError:
+            shutil.rmtree(work, ignore_errors=True)
+            raise
+    if not run.status:
+        shutil.rmtree(work, ignore_errors=True)
+    return run.status
+
+
+def _detector(given: Path | None) -> Path:
+    from tsuiseki.tracking.weights import shipped
+
+    return shipped("detector_street") if given is None else given
+
+
+def _run(run: Run, adaptation: Adaptation) -> None:
+    """All rounds, and the files of the best."""
+    from tsuiseki.trainers.adapt.rounds import best_of, rounds
+
+    finished: list[Round] = []
+    for here in run.steps(rounds(adaptation), "rounds", adaptation.settings.rounds + 1):
+        finished.append(here)
+        print(_line(here, finished[0]), flush=True)
+    best = best_of(finished)
+    run.facts["rounds"] = [asdict(here.scores) for here in finished]
+    run.facts["best"] = best.number
+    learnt = best.models.detector if best.number else adaptation.start
+    run.write("detector.onnx", lambda path: shutil.copyfile(learnt, path))
+    run.done(_summary(best, finished[0], run.output.out))
+
+
+def _line(here: Round, start: Round) -> str:
+    scores = here.scores
+    collapsed = scores.collapsed(start.scores)
+    fate = f"; stopped, for {collapsed}" if collapsed else ""
+    return (
+        f"round {here.number}: {scores.people} people, {scores.boxes:.1f} boxes and {scores.rejected:.1f} rejected "
+        f"detections a frame, agreement with the tracks {scores.agreement:.3f}{fate}"
+    )
+
+
+def _summary(best: Round, start: Round, out: Path) -> str:
+    if not best.number:
+        return f"no round was better than the start; {out / 'detector.onnx'} is the detector that it began with"
+    return (
+        f"round {best.number} is the best, agreement {start.scores.agreement:.3f} -> {best.scores.agreement:.3f}: "
+        f"{out / 'detector.onnx'}"
+    )

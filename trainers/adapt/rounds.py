@@ -1,0 +1,280 @@
+"""The rounds of `tsuiseki adapt`: look at the camera's video, take labels from the tracks, learn from them, look again.
+
+A round looks with the models of the round before, or those it starts from, and says how well they did (`agreement`).
+Rounds go on while that improves and nothing collapses. All that a round makes lies in its folder, and what is there
+already is not made again, so a run that was stopped goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import read_detections, read_tracks, write_detections, write_tracks
+from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.types import Detections, ImageArray, Track
+from tsuiseki.trainers.adapt.agreement import RoundScores, agreement
+from tsuiseki.trainers.adapt.find import Found, Models, above, find
+from tsuiseki.trainers.adapt.labels import TAKEN, Labels, Verdict, label, rejected_detections
+from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune, layout_of
+from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.watch import Watched, plain_view, refuse_two_cameras, watch
+
+_DONE = "round.json"
+# Agreement must rise by this much for a round to be better.
+_BETTER = 0.002
+
+
+@dataclass(frozen=True)
+class Round:
+    """What a round saw.
+
+    Attributes:
+        number: 0 for the models that it starts from.
+        models: that looked.
+        scores: how they did.
+        verdicts: on the tracks of each video.
+        columns: tiles across in which the detector looked.
+        folder: with the labels and tracks of each video.
+    """
+
+    number: int
+    models: Models
+    scores: RoundScores
+    verdicts: tuple[tuple[Verdict, ...], ...]
+    columns: int
+    folder: Path
+
+    def tracks(self, video: int) -> list[Track]:
+        """Everyone who was followed in a video, taken or not."""
+        return read_tracks(self.folder / f"tracks-{video}.txt")
+
+    def detections(self, video: int, length: int) -> list[Detections]:
+        """What was found in each frame of a video, up to its ``length``."""
+        return read_detections(self.folder / f"det-{video}.txt", length)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The videos of a camera and how to look at them.
+
+    Attributes:
+        videos: at least one.
+        views: the empty view of each; None where the camera moves.
+        view: tiles of a frame, see `parse_view`.
+    """
+
+    videos: tuple[Watched, ...]
+    views: tuple[ImageArray | None, ...]
+    view: str = "auto"
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the camera stands still in every video."""
+        return all(view is not None for view in self.views)
+
+
+def open_camera(
+    sources: Sequence[str], stretch: FrameRange, work: Path, settings: AdaptSettings, view: str = "auto"
+) -> Camera:
+    """Read the videos of a camera once, and keep pictures of them.
+
+    Args:
+        sources: see `open_source`.
+        stretch: frames of each to look at.
+        work: folder for the pictures.
+        settings: how many.
+        view: tiles of a frame.
+
+    Raises:
+        RequestError: see `watch`; or the videos are of two cameras.
+        RunError: a video breaks off.
+    """
+    share = max(20, settings.pictures // len(sources))
+    videos = [watch(source, stretch, work / f"video-{n}", share) for n, source in enumerate(sources)]
+    views = [plain_view(video) if video.fixed else None for video in videos]
+    known = [(video, view) for video, view in zip(videos, views, strict=True) if view is not None]
+    if len(known) > 1:
+        refuse_two_cameras([video for video, _ in known], [view for _, view in known])
+    return Camera(tuple(videos), tuple(views), view)
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """What the rounds of a camera share.
+
+    Attributes:
+        camera: what to learn.
+        start: exported detector to begin with.
+        work: folder for what the rounds make.
+        settings: how.
+        teacher: detector that looks first, in place of ``start``; may be of another project.
+        tell: gets a line about what is being done.
+    """
+
+    camera: Camera
+    start: Path
+    work: Path
+    settings: AdaptSettings
+    teacher: Path | None = None
+    tell: Callable[[str], None] = print
+
+    def folder(self, number: int) -> Path:
+        """Of a round."""
+        path = self.work / f"round-{number}"
+        path.mkdir(parents=True, exist_ok=True)
+        return path
+
+
+def rounds(adaptation: Adaptation) -> Iterator[Round]:
+    """Round 0, which only looks, and those that learn; each as soon as it is finished.
+
+    Raises:
+        RequestError: nobody is followed with confidence, or a file is no such model.
+    """
+    first = best = _look(adaptation, 0, Models(adaptation.teacher or adaptation.start))
+    _refuse_nobody(first, adaptation.camera)
+    yield first
+    for number in range(1, adaptation.settings.rounds + 1):
+        here = _look(adaptation, number, _learn(adaptation, number, best))
+        yield here
+        if here.scores.collapsed(first.scores) is not None or not better(here, best):
+            return
+        best = here
+
+
+def resumed(work: Path, key: dict[str, Any]) -> bool:
+    """Prepare the folder of the rounds; whether it holds what a run with the same ``key`` has finished.
+
+    Args:
+        work: the folder; what another request has left there is removed.
+        key: plain values that say what is asked for.
+    """
+    file, text = work / "request.json", json.dumps(key, indent=1)
+    if file.is_file() and file.read_text(encoding="utf-8") == text:
+        return True
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    file.write_text(text, encoding="utf-8")
+    return False
+
+
+def better(later: Round, earlier: Round) -> bool:
+    """Whether a round agrees with its tracks clearly more."""
+    return later.scores.agreement > earlier.scores.agreement + _BETTER
+
+
+def best_of(finished: Sequence[Round]) -> Round:
+    """The round to keep: the last one that was better than the best before it and did not collapse."""
+    best = finished[0]
+    for later in finished[1:]:
+        if later.scores.collapsed(finished[0].scores) is None and better(later, best):
+            best = later
+    return best
+
+
+def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Models:
+    """The models of round ``number``, from the labels of the one before."""
+    folder, camera = adaptation.folder(number), adaptation.camera
+    detector = folder / "detector.onnx"
+    if detector.is_file():
+        return Models(detector)
+    for n, video in enumerate(camera.videos):
+        shutil.copyfile(taught_by.folder / f"gt-{n}.txt", _labels_of(video))
+    layout = layout_of(adaptation.start)
+    before = adaptation.work / f"round-{number - 1}" / CHECKPOINT
+    start = before if before.is_file() else adaptation.start
+    adaptation.tell(f"round {number}: learning from {sum(map(_taken, taught_by.verdicts))} people")
+    checkpoint = fine_tune(start, layout, camera.videos, taught_by.columns, number, folder, adaptation.settings)
+    view = (taught_by.columns, None)
+    export_calibrated(checkpoint, layout.size, camera.videos, view, detector, adaptation.settings)
+    return Models(detector)
+
+
+def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
+    """Look with ``models``, or read what an earlier call saw."""
+    folder, camera, settings = adaptation.folder(number), adaptation.camera, adaptation.settings
+    if (folder / _DONE).is_file():
+        return _read(folder, number, models)
+    seen = []
+    for n, (video, view) in enumerate(zip(camera.videos, camera.views, strict=True)):
+        adaptation.tell(f"round {number}: looking at {video.source}")
+        found = find(video, models, settings.score_threshold, camera.view, settings.threads)
+        rejected = rejected_detections(video, found.detections, found.tracks, found.first)
+        labels = label(video, view, found.tracks, rejected, settings.labels)
+        before = [Detections.empty()] * found.first
+        write_detections(folder / f"det-{n}.txt", [*before, *found.detections])
+        write_tracks(folder / f"tracks-{n}.txt", labels.tracks)
+        if len(labels.people):
+            labels.write(video)
+            shutil.copyfile(_labels_of(video), folder / f"gt-{n}.txt")
+        seen.append((video, found, labels))
+    scores = _scores(seen, settings)
+    verdicts = tuple(labels.verdicts for _, _, labels in seen)
+    columns = max(found.columns for _, found, _ in seen)
+    values = {
+        "scores": asdict(scores),
+        "verdicts": [[asdict(v) for v in video] for video in verdicts],
+        "columns": columns,
+    }
+    # Written last, and whole: its presence says that the round is finished.
+    (folder / "unfinished.json").write_text(json.dumps(values), encoding="utf-8")
+    (folder / "unfinished.json").replace(folder / _DONE)
+    return Round(number, models, scores, verdicts, columns, folder)
+
+
+def _read(folder: Path, number: int, models: Models) -> Round:
+    values = json.loads((folder / _DONE).read_text(encoding="utf-8"))
+    verdicts = tuple(tuple(Verdict(**v) for v in video) for video in values["verdicts"])
+    return Round(number, models, RoundScores(**values["scores"]), verdicts, values["columns"], folder)
+
+
+def _labels_of(video: Watched) -> Path:
+    return Path(video.folder) / "gt" / "gt.txt"
+
+
+def _scores(seen: Sequence[tuple[Watched, Found, Labels]], settings: AdaptSettings) -> RoundScores:
+    agreements, weights, people, boxes, detections, rejected, frames, offsets = [], [], 0, 0, 0, 0, 0, []
+    for video, found, labels in seen:
+        first = found.first + round((1 - settings.held_out) * video.length)
+        held_out = range(first, found.first + video.length)
+        certain = above(found.detections, settings.score_threshold)
+        agreements.append(agreement(certain[first - found.first :], labels.tracks, held_out))
+        weights.append(len(held_out))
+        people += len(labels.tracks)
+        boxes += sum(map(len, labels.tracks))
+        detections += sum(map(len, certain))
+        rejected += sum(map(len, certain)) - sum(int(t.observed.sum()) for t in labels.tracks)
+        frames += video.length
+        offsets.append(float(np.abs(labels.offset).mean()))
+    return RoundScores(
+        float(np.average(agreements, weights=weights)),
+        people,
+        boxes / frames,
+        detections / frames,
+        max(rejected, 0) / frames,
+        float(np.mean(offsets)),
+    )
+
+
+def _taken(verdicts: Sequence[Verdict]) -> int:
+    return sum(v.verdict == TAKEN for v in verdicts)
+
+
+def _refuse_nobody(first: Round, camera: Camera) -> None:
+    """Without anybody there is nothing to learn from."""
+    if first.scores.people:
+        return
+    names = ", ".join(video.source for video in camera.videos)
+    others = sum(map(len, first.verdicts))
+    seen = f"{others} uncertain tracks" if others else "nobody"
+    raise RequestError(
+        f"expected people to learn from in {names}, found {seen}; give another video, or a `teacher` that sees them"
+    )
