@@ -26,6 +26,7 @@ MOVING = (
 
 def adapt(
     sources: list[str],
+    /,
     output: SeededOutput,
     frames: str | None = None,
     detector: Path | None = None,
@@ -42,7 +43,8 @@ def adapt(
 
     Works best where the camera stands still and people walk: then boxes are fitted to silhouettes, people are composed
     onto the empty view, and what never moves is learnt as background. DIR gets detector.onnx for track people
-    --detector, and run.json with the scores of each round. A run that was stopped goes on where it is given again.
+    --detector, report.html with what changed and what was learnt from, and run.json. A run that was stopped goes on
+    where the same command is given again.
 
     Args:
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
@@ -61,6 +63,7 @@ def adapt(
     """
     stretch = parse_frames(frames)
     with needs_train_extra():
+        from tsuiseki.trainers.adapt.learn_detector import layout_of
         from tsuiseki.trainers.adapt.rounds import Adaptation, open_camera, resumed
         from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
     settings = AdaptSettings(
@@ -73,6 +76,7 @@ def adapt(
         threads=threads,
     )
     start = _detector(detector)
+    layout_of(start)  # what cannot be learnt from is refused before anything is looked at
     with output.run() as run:
         key = {"sources": sources, "frames": frames, "view": view, "settings": asdict(settings)}
         work = output.out / WORK
@@ -99,17 +103,23 @@ def _detector(given: Path | None) -> Path:
 
 def _run(run: Run, adaptation: Adaptation) -> None:
     """All rounds, and the files of the best."""
+    from tsuiseki.tracking.report.adapted import adapted_page
     from tsuiseki.trainers.adapt.rounds import best_of, rounds
+    from tsuiseki.trainers.adapt.summary import summary
 
     finished: list[Round] = []
     for here in run.steps(rounds(adaptation), "rounds", adaptation.settings.rounds + 1):
         finished.append(here)
         print(_line(here, finished[0]), flush=True)
+    notes = [] if adaptation.camera.fixed else [MOVING]
+    notes += [_line(here, finished[0]) for here in finished if here.scores.collapsed(finished[0].scores)]
     best = best_of(finished)
     run.facts["rounds"] = [asdict(here.scores) for here in finished]
     run.facts["best"] = best.number
     learnt = best.models.detector if best.number else adaptation.start
     run.write("detector.onnx", lambda path: shutil.copyfile(learnt, path))
+    page = adapted_page(summary(adaptation, finished, notes))
+    run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
     run.done(_summary(best, finished[0], run.output.out))
 
 

@@ -57,16 +57,19 @@ class Labels:
     Attributes:
         people: labels of the kept pictures, by their number: evaluated ones teach, ignored ones do not.
         verdicts: on the tracks.
-        tracks: those taken, their boxes as they are labelled; in frames of the video.
+        everyone: all tracks, their boxes moved onto silhouettes; in frames of the video.
         offset: ``(4,)`` by how much boxes were moved, left, top, right and bottom, in widths and heights.
-        static: boxes of tracks that never move, one a track.
     """
 
     people: GroundTruth
     verdicts: tuple[Verdict, ...]
-    tracks: tuple[Track, ...]
+    everyone: tuple[Track, ...]
     offset: FloatArray
-    static: FloatArray
+
+    @property
+    def tracks(self) -> list[Track]:
+        """Those taken."""
+        return [t for t, v in zip(self.everyone, self.verdicts, strict=True) if v.verdict == TAKEN]
 
     def write(self, watched: Watched) -> None:
         """Put the labels beside the pictures, as ``gt/gt.txt``."""
@@ -108,9 +111,7 @@ def label(
         )
         for frame, number in number_of.items()
     ]
-    static = [t.boxes[len(t) // 2] for t, v in zip(tracks, verdicts, strict=True) if v.verdict == STILL]
-    taken = tuple(t for t, v in zip(moved, verdicts, strict=True) if v.verdict == TAKEN)
-    return Labels(_joined(rows), tuple(verdicts), taken, offset, np.array(static).reshape(-1, 4))
+    return Labels(_joined(rows), tuple(verdicts), tuple(moved), offset)
 
 
 def _compared(image: ImageArray, empty: ImageArray) -> _Picture:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import read_detections, read_tracks, write_detections, write_tracks
+from tsuiseki.tracking.formats.mot import read_detections, write_detections
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.agreement import RoundScores, agreement
@@ -30,6 +30,12 @@ from tsuiseki.trainers.adapt.watch import Watched, plain_view, refuse_two_camera
 _DONE = "round.json"
 # Agreement must rise by this much for a round to be better.
 _BETTER = 0.002
+_COLUMNS = (
+    ("frames", np.int64, ()),
+    ("boxes", np.float64, (4,)),
+    ("scores", np.float64, ()),
+    ("observed", np.bool_, ()),
+)
 
 
 @dataclass(frozen=True)
@@ -53,8 +59,8 @@ class Round:
     folder: Path
 
     def tracks(self, video: int) -> list[Track]:
-        """Everyone who was followed in a video, taken or not."""
-        return read_tracks(self.folder / f"tracks-{video}.txt")
+        """Everyone who was followed in a video, taken or not, in the order of the verdicts."""
+        return read_everyone(self.folder / f"tracks-{video}.npz")
 
     def detections(self, video: int, length: int) -> list[Detections]:
         """What was found in each frame of a video, up to its ``length``."""
@@ -166,6 +172,24 @@ def resumed(work: Path, key: dict[str, Any]) -> bool:
     return False
 
 
+def write_everyone(path: Path, tracks: Sequence[Track]) -> None:
+    """Keep ``tracks`` with what of them was filled in."""
+    columns = {
+        name: np.concatenate([np.empty((0, *tail), dtype), *(getattr(t, name) for t in tracks)])
+        for name, dtype, tail in _COLUMNS
+    }
+    np.savez(path, ids=[t.id for t in tracks], lengths=[len(t) for t in tracks], **columns)
+
+
+def read_everyone(path: Path) -> list[Track]:
+    """What `write_everyone` wrote."""
+    with np.load(path, allow_pickle=False) as file:
+        ends = np.cumsum(file["lengths"].astype(np.int64))
+        columns = [np.split(file[name], ends[:-1]) for name, _, _ in _COLUMNS]
+        ids = file["ids"].tolist()
+    return [Track(int(i), *parts) for i, *parts in zip(ids, *columns, strict=True)] if ids else []
+
+
 def better(later: Round, earlier: Round) -> bool:
     """Whether a round agrees with its tracks clearly more."""
     return later.scores.agreement > earlier.scores.agreement + _BETTER
@@ -211,7 +235,7 @@ def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
         labels = label(video, view, found.tracks, rejected, settings.labels)
         before = [Detections.empty()] * found.first
         write_detections(folder / f"det-{n}.txt", [*before, *found.detections])
-        write_tracks(folder / f"tracks-{n}.txt", labels.tracks)
+        write_everyone(folder / f"tracks-{n}.npz", labels.everyone)
         if len(labels.people):
             labels.write(video)
             shutil.copyfile(_labels_of(video), folder / f"gt-{n}.txt")

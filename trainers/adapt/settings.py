@@ -47,9 +47,9 @@ class LearningSettings:
         loss: of `DetectorTraining`.
     """
 
-    steps: int = 200
-    batch_size: int = 12
-    window: float = 0.5
+    steps: int = 150
+    batch_size: int = 6
+    window: float = 1.0
     learning_rate: float = 1e-3
     generated_people: int = 200
     loss: Literal["multibox", "quality"] = "quality"

@@ -25,7 +25,9 @@ _INFO = "watched.json"
 # Movement of the corners between pictures, as a share of the width, from which a camera does not stand still.
 _MOVED = 0.01
 _COMPARED = 9
-# Correlation of the edges of two empty views: about 0.9 for one camera, under 0.1 for two.
+# Correlation of the edges of two pictures with people of one camera, where nothing can be followed.
+_SAME_EDGES = 0.5
+# Correlation of the edges of two empty views: over 0.7 for one camera, under 0.1 for two.
 _SAME_VIEW = 0.3
 _EDGE_WIDTH = 240
 
@@ -146,19 +148,21 @@ def _spread(count: int, most: int) -> list[int]:
 def stands_still(pictures: Sequence[ImageArray]) -> bool:
     """Whether the camera of ``pictures``, each ``(H, W, 3)`` uint8 RGB, stands still.
 
-    Each is compared with the middle one; the camera moves where most that can be compared have moved.
+    Each is compared with the middle one, by what can be followed from one to the other, or else by their edges; the
+    camera moves where most have moved.
     """
     middle = pictures[len(pictures) // 2]
-    height, width = middle.shape[:2]
+    return sum(_same_place(middle, picture) for picture in pictures if picture is not middle) > (len(pictures) - 1) / 2
+
+
+def _same_place(first: ImageArray, second: ImageArray) -> bool:
+    motion = camera_motion(first, second)
+    if motion is None:
+        return edge_correlation(first, second) > _SAME_EDGES
+    height, width = first.shape[:2]
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]], dtype=np.float64)
-    moved = []
-    for picture in pictures:
-        motion = None if picture is middle else camera_motion(middle, picture)
-        if motion is not None:
-            shift: FloatArray = corners @ motion.T - corners[:, :2]
-            moved.append(float(np.abs(shift).max()) / width)
-    # Where nothing can be followed from one picture to the other, the view has changed altogether.
-    return len(moved) >= len(pictures) // 3 and float(np.median(moved)) < _MOVED
+    shift: FloatArray = corners @ motion.T - corners[:, :2]
+    return bool(np.abs(shift).max() < _MOVED * width)
 
 
 def plain_view(watched: Watched, most: int = 45) -> ImageArray:

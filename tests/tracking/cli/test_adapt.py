@@ -1,0 +1,109 @@
+"""`tsuiseki adapt`: a mistake is one line; what is finished is written; a stopped run goes on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.trainers.adapt import street
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.formats.mot import write_detections
+from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.weights import shipped
+
+pytest.importorskip("torch")
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return street.write_video(tmp_path_factory.mktemp("camera") / "street")
+
+
+def refused(capsys: pytest.CaptureFixture[str], out: Path, *words: str) -> str:
+    """The one line that refuses the request; nothing is left behind."""
+    assert main(["adapt", *words, "--out", str(out)]) == 2
+    errors = capsys.readouterr().err.strip().splitlines()
+    assert len(errors) == 1
+    assert not out.exists() or not any(out.iterdir())
+    return errors[0]
+
+
+def test_short_videos(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    short = street.write_video(tmp_path / "short", frames=40)
+    assert "expected at least 100 frames to learn a camera from, got 40" in refused(capsys, tmp_path / "o", str(short))
+
+
+def test_two_cameras(video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = street.write_video(tmp_path / "other", seed=1)
+    line = refused(capsys, tmp_path / "o", str(video), str(other))
+    assert "expected videos of one camera" in line
+    assert "show different places" in line
+
+
+def test_files_that_are_no_detector(video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = refused(capsys, tmp_path / "o", str(video), "--detector", str(shipped("appearance_people")))
+    assert "expected a detector" in line
+    assert "expected" in refused(capsys, tmp_path / "o", str(video), "--detector", str(tmp_path / "gone.onnx"))
+
+
+@pytest.mark.slow
+def test_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import cv2
+
+    empty = street.write_video(tmp_path / "empty", frames=100)
+    for path in (empty / "img1").iterdir():
+        cv2.imwrite(str(path), street.view()[..., ::-1])
+    assert main(["adapt", str(empty), "--out", str(tmp_path / "o")]) == 2
+    assert "expected people to learn from in" in capsys.readouterr().err
+    assert not (tmp_path / "o" / ".adapt").exists()
+
+
+def test_the_best_round_is_written(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tsuiseki.trainers.adapt import rounds as module
+    from tsuiseki.trainers.adapt.agreement import RoundScores
+    from tsuiseki.trainers.adapt.find import Models
+    from tsuiseki.trainers.adapt.labels import Verdict
+    from tsuiseki.trainers.adapt.rounds import Adaptation, Round, write_everyone
+
+    def fake(adaptation: Adaptation) -> Iterator[Round]:
+        for number, score in enumerate((0.7, 0.8, 0.75)):
+            folder = adaptation.folder(number)
+            (folder / "detector.onnx").write_bytes(str(number).encode())
+            scores = RoundScores(score, 5, 4.0, 5.0, 1.0, 0.1)
+            tracks = [street.track_of(0), street.decoy_track()]
+            write_everyone(folder / "tracks-0.npz", tracks)
+            write_detections(folder / "det-0.txt", [Detections(street.people(0), np.array([0.9, 0.4]))] * 110)
+            verdicts = (Verdict(1, "taken", 110, 0, 0.9, 1.0), Verdict(9, "never moves", 110, 0, 0.9, 0.0))
+            yield Round(number, Models(folder / "detector.onnx"), scores, (verdicts,), 1, folder)
+
+    monkeypatch.setattr(module, "rounds", fake)
+    out = tmp_path / "models"
+    assert main(["adapt", str(video), "--out", str(out)]) == 0
+    assert (out / "detector.onnx").read_bytes() == b"1"
+    facts = json.loads((out / "run.json").read_text())["facts"]
+    assert facts["best"] == 1
+    assert [r["agreement"] for r in facts["rounds"]] == [0.7, 0.8, 0.75]
+    assert not (out / ".adapt").exists()
+    page = (out / "report.html").read_text()
+    assert "round 1 is kept" in page
+    assert "never moves" in page
+    assert page.count("<img") > 8
+    said = capsys.readouterr().out
+    assert "round 1 is the best, agreement 0.700 -> 0.800" in said
+
+
+def test_a_moving_camera_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tsuiseki.trainers.adapt import rounds as module
+
+    monkeypatch.setattr(module, "rounds", lambda _: iter(()))
+    moving = street.write_video(tmp_path / "moving", pan=1)
+    assert main(["adapt", str(moving), "--out", str(tmp_path / "o")]) == 1
+    assert "the camera moves: the tracks alone teach" in capsys.readouterr().out

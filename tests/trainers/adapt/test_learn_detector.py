@@ -1,0 +1,85 @@
+"""Fine-tuning: from the shipped detector, on labels beside pictures; a stopped one goes on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from tests.trainers.adapt import street
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.frame_range import EVERY_FRAME
+from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.adapt.labels import label
+from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune, layout_of
+from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
+from tsuiseki.trainers.adapt.watch import Watched, plain_view, watch
+from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.networks.detector import DetectorTraining
+
+TINY = AdaptSettings(learning=LearningSettings(steps=5, batch_size=2, window=0.3, generated_people=3), threads=1)
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
+    folder = tmp_path_factory.mktemp("camera")
+    video = watch(str(street.write_video(folder / "street")), EVERY_FRAME, folder / "kept", 20)
+    tracks = [street.track_of(0), street.track_of(1)]
+    label(video, plain_view(video), tracks, [Detections.empty()] * 20, LabelSettings()).write(video)
+    return video
+
+
+def test_the_layout_is_read_from_the_file() -> None:
+    layout = layout_of(shipped("detector_street"))
+    assert (layout.trunk, layout.size, layout.fine) == ("mobilenet_v3_small", (480, 640), False)
+    assert [len(level) for level in layout.anchors] == [3, 2, 3]
+    assert layout.anchors[0][0] == (9.0, 22.0)
+    assert layout.window(0.5) == (256, 320)
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match="expected a detector"):
+        layout_of(shipped("appearance_people"))
+    (tmp_path / "no.onnx").write_bytes(b"no")
+    with pytest.raises(RequestError, match="expected a detector of `tsuiseki export detector`"):
+        layout_of(tmp_path / "no.onnx")
+
+
+@pytest.mark.slow
+def test_a_stopped_training_goes_on(watched: Watched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    start = shipped("detector_street")
+    layout = layout_of(start)
+    steps: list[int] = []
+    step = DetectorTraining.training_step
+
+    def counted(self: DetectorTraining, batch: Any, index: int) -> Tensor:
+        steps.append(index)
+        if len(steps) == 3:
+            raise StoppedError
+        return step(self, batch, index)
+
+    monkeypatch.setattr(DetectorTraining, "training_step", counted)
+    with pytest.raises(StoppedError):
+        fine_tune(start, layout, [watched], 1, 1, tmp_path, TINY)
+    assert not (tmp_path / CHECKPOINT).exists()
+    checkpoint = fine_tune(start, layout, [watched], 1, 1, tmp_path, TINY)
+    # Two steps were done and saved; the third was not.
+    assert len(steps) == 3 + 3
+    module = load_module(DetectorTraining, checkpoint, layout.size)
+    assert all(torch.isfinite(p).all() for p in module.parameters())
+    found = TorchDetector(module).detect([watched.picture(0), watched.picture(3)])
+    assert len(found) == 2
+    assert all((d.boxes[:, 2] <= street.SIZE[0]).all() and (d.scores <= 1).all() for d in found)
+    assert fine_tune(start, layout, [watched], 1, 1, tmp_path, replace(TINY, seed=1)) == checkpoint
+    assert len(steps) == 6
+    assert np.isfinite(sum(d.scores.sum() for d in found))
+
+
+class StoppedError(Exception):
+    """What stops the training of the test."""

@@ -1,0 +1,127 @@
+"""Rounds go on while they agree better, stop at a collapse, keep the best, and go on after a stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.trainers.adapt import street
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.frame_range import EVERY_FRAME
+from tsuiseki.tracking.types import Detections
+from tsuiseki.trainers.adapt import rounds as module
+from tsuiseki.trainers.adapt.find import Found, Models
+from tsuiseki.trainers.adapt.rounds import Adaptation, Camera, best_of, open_camera, resumed, rounds
+from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.watch import Watched
+
+START = Path("start.onnx")
+
+
+def seeing(people: int, jitter: float) -> Found:
+    """What a detector finds that sees some of the people, with boxes off by so many pixels; tracks are smooth."""
+    rng = np.random.default_rng(0)
+    detections = []
+    for frame in range(street.FRAMES):
+        boxes = street.people(frame)[:people]
+        detections.append(Detections(boxes + rng.normal(0, jitter, boxes.shape), np.full(len(boxes), 0.9)))
+    return Found(detections, 0, [street.track_of(n) for n in range(people)], 1)
+
+
+@pytest.fixture
+def adaptation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[list[Found]], Adaptation]:
+    """Rounds whose detectors see what is given, one entry a round; nothing is trained."""
+
+    def make(seen: list[Found]) -> Adaptation:
+        def find(_: Watched, models: Models, *__: object) -> Found:
+            number = 0 if models.detector == START else int(models.detector.parent.name.removeprefix("round-"))
+            return seen[number]
+
+        def export(*given: Any) -> None:
+            given[4].write_bytes(b"model")
+
+        monkeypatch.setattr(module, "find", find)
+        monkeypatch.setattr(module, "layout_of", lambda _: module)
+        monkeypatch.setattr(module, "size", (1, 1), raising=False)
+        monkeypatch.setattr(module, "fine_tune", lambda *_: Path("checkpoint"))
+        monkeypatch.setattr(module, "export_calibrated", export)
+        settings = AdaptSettings(rounds=len(seen) - 1 or 1, pictures=30)
+        source = tmp_path / "street"
+        if not source.exists():
+            street.write_video(source)
+        camera = open_camera([str(source)], EVERY_FRAME, tmp_path / "work", settings)
+        return Adaptation(camera, START, tmp_path / "work", settings, tell=lambda _: None)
+
+    return make
+
+
+def test_the_best_round_is_kept(adaptation: Callable[[list[Found]], Adaptation]) -> None:
+    finished = list(rounds(adaptation([seeing(2, 3.0), seeing(2, 1.0), seeing(2, 2.0), seeing(2, 0.0)])))
+    assert [here.number for here in finished] == [0, 1, 2]
+    assert best_of(finished).number == 1
+    assert finished[1].scores.agreement > finished[2].scores.agreement > finished[0].scores.agreement
+
+
+def test_a_collapse_stops_and_is_not_kept(adaptation: Callable[[list[Found]], Adaptation]) -> None:
+    """One of two people agrees perfectly with its track, and yet it is one of two."""
+    finished = list(rounds(adaptation([seeing(2, 3.0), seeing(1, 0.0), seeing(2, 0.0)])))
+    assert len(finished) == 2
+    assert "people a frame" in str(finished[1].scores.collapsed(finished[0].scores))
+    assert best_of(finished).number == 0
+
+
+def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[Found]], Adaptation]) -> None:
+    given = adaptation([seeing(1, 1.0), seeing(2, 0.5)])
+    list(rounds(given))
+    labels = [(given.work / f"round-{n}" / "gt-0.txt").read_text().splitlines() for n in range(2)]
+    counted = [sum(row.split(",")[6] == "1" for row in rows) for rows in labels]
+    assert counted == [30, 60]
+
+
+def test_finished_rounds_are_not_made_again(
+    adaptation: Callable[[list[Found]], Adaptation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = adaptation([seeing(2, 3.0), seeing(2, 1.0), seeing(2, 0.0)])
+    stopped = rounds(given)
+    first = [next(stopped), next(stopped)]
+    stopped.close()
+    calls = []
+    look = module.find
+    monkeypatch.setattr(module, "find", lambda *a: calls.append(a[1]) or look(*a))
+    again = list(rounds(given))
+    assert again[:2] == first
+    assert [models.detector.parent.name for models in calls] == ["round-2"]
+
+
+def test_nobody_is_refused(adaptation: Callable[[list[Found]], Adaptation]) -> None:
+    nobody = Found([Detections.empty()] * street.FRAMES, 0, [], 1)
+    with pytest.raises(RequestError, match=r"expected people to learn from .* found nobody"):
+        next(rounds(adaptation([nobody])))
+
+
+def test_another_request_starts_anew(tmp_path: Path) -> None:
+    work = tmp_path / "work"
+    assert not resumed(work, {"steps": 1})
+    (work / "round-0").mkdir()
+    assert resumed(work, {"steps": 1})
+    assert (work / "round-0").exists()
+    assert not resumed(work, {"steps": 2})
+    assert not (work / "round-0").exists()
+
+
+def test_two_cameras_are_refused(tmp_path: Path) -> None:
+    sources = [str(street.write_video(tmp_path / f"street{seed}", seed=seed)) for seed in (0, 1)]
+    with pytest.raises(RequestError, match="adapt to one camera at a time"):
+        open_camera(sources, EVERY_FRAME, tmp_path / "work", AdaptSettings())
+
+
+def test_a_moving_camera_has_no_empty_view(tmp_path: Path) -> None:
+    camera = open_camera(
+        [str(street.write_video(tmp_path / "street", pan=1))], EVERY_FRAME, tmp_path / "work", AdaptSettings()
+    )
+    assert isinstance(camera, Camera)
+    assert not camera.fixed

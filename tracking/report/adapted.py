@@ -1,0 +1,142 @@
+"""`report.html` of models that learnt a camera: what changed from round to round, and what they learnt from."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.geometry import clip_boxes, grown
+from tsuiseki.tracking.report.page import PAGE, STYLE
+from tsuiseki.tracking.types import Detections, ImageArray
+
+HEADINGS = {
+    "agreement": "Agreement",
+    "people": "People",
+    "boxes": "Boxes a frame",
+    "detections": "Detections a frame",
+    "rejected": "Rejected a frame",
+}
+_NOTE = (
+    "Agreement is how well detections fit the tracks made of them, on frames that taught nothing: the mean F1 over "
+    "overlaps of 0.5 to 0.8. People are tracks followed with confidence, boxes those of their tracks. Rejected "
+    "detections lie on none of them."
+)
+_COLOUR = (255, 196, 0)
+_LONGEST, _CROP = 480, 96
+_GRID = (
+    "<style>.pair{display:grid;grid-template-columns:1fr 1fr;gap:.5rem}.pair img{width:100%}"
+    ".crops img{height:96px;margin:2px}</style>"
+)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One picture, as the first and the best detector see it.
+
+    Attributes:
+        caption: what it is.
+        image: ``(H, W, 3)`` uint8 RGB.
+        before: detections of the start.
+        after: of the best round.
+    """
+
+    caption: str
+    image: ImageArray
+    before: Detections
+    after: Detections
+
+
+@dataclass(frozen=True)
+class AdaptedReport:
+    """What the page shows.
+
+    Attributes:
+        sources: the videos.
+        rounds: the numbers of each, by the names in `HEADINGS`.
+        best: the round that is kept.
+        compared: pictures before and after.
+        examples: crops by what they are examples of.
+        notes: lines about the camera and the end of the rounds.
+    """
+
+    sources: Sequence[str]
+    rounds: Sequence[Mapping[str, float]]
+    best: int
+    compared: Sequence[Compared]
+    examples: Mapping[str, Sequence[ImageArray]]
+    notes: Sequence[str] = ()
+
+
+def adapted_page(report: AdaptedReport) -> str:
+    """The page as HTML, self-contained."""
+    sections = {
+        "Rounds": _table(report) + f"<p class=note>{_NOTE}</p>" + "".join(f"<p>{escape(n)}</p>" for n in report.notes),
+        "Before and after": _GRID + "".join(map(_pair, report.compared)),
+        "What it learnt from": "".join(_crops(name, crops) for name, crops in report.examples.items() if crops),
+    }
+    kept = f"round {report.best} is kept" if report.best else "no round was better than the start, which is kept"
+    return PAGE.format(
+        title=escape(f"A camera learnt from {', '.join(report.sources)}"),
+        introduction=escape(f"{len(report.rounds) - 1} rounds; {kept}."),
+        style=STYLE,
+        sections="\n".join(f"<section><h2>{h}</h2>{text}</section>" for h, text in sections.items() if text),
+    )
+
+
+def _table(report: AdaptedReport) -> str:
+    head = "".join(f"<th scope=col>{heading}</th>" for heading in HEADINGS.values())
+    rows = []
+    for number, values in enumerate(report.rounds):
+        name = "start" if number == 0 else f"round {number}"
+        mark = ' class="best"' if number == report.best else ""
+        cells = "".join(f"<td{mark}>{_number(values[key])}</td>" for key in HEADINGS)
+        rows.append(f"<tr><th scope=row>{name}</th>{cells}</tr>")
+    return (
+        f'<div class="wide"><table><thead><tr><th scope=col></th>{head}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:.3f}" if value <= 1 else f"{value:.1f}"
+
+
+def _pair(compared: Compared) -> str:
+    parts = [_picture(compared.image, found) for found in (compared.before, compared.after)]
+    caption = f"{compared.caption}: {len(compared.before)} found before, {len(compared.after)} after"
+    return f'<h3>{escape(caption)}</h3><div class="pair">{"".join(parts)}</div>'
+
+
+def _picture(image: ImageArray, found: Detections) -> str:
+    scale = min(1.0, 2 * _LONGEST / max(image.shape[:2]))
+    drawn = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    for x1, y1, x2, y2 in (found.boxes * scale).round().astype(int).tolist():
+        cv2.rectangle(drawn, (x1, y1), (x2, y2), _COLOUR, 2)
+    return _image(np.asarray(drawn, dtype=np.uint8))
+
+
+def _crops(name: str, crops: Sequence[ImageArray]) -> str:
+    return f'<h3>{escape(name)}</h3><div class="crops">{"".join(map(_image, crops))}</div>'
+
+
+def _image(image: ImageArray) -> str:
+    done, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+    assert done
+    return f'<img alt="" src="data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode("ascii")}">'
+
+
+def example_crop(image: ImageArray, box: np.ndarray) -> ImageArray:
+    """The part of ``image`` around ``box`` ``(4,)`` with the box drawn in, `_CROP` pixels high."""
+    region = clip_boxes(grown(box[None], 0.6), image.shape[1], image.shape[0])[0].round().astype(int)
+    x1, y1, x2, y2 = region.tolist()
+    part = image[y1 : max(y2, y1 + 2), x1 : max(x2, x1 + 2)].copy()
+    scale = _CROP / part.shape[0]
+    drawn = cv2.resize(part, None, fx=scale, fy=scale)
+    inner = ((box - np.tile(region[:2], 2)) * scale).round().astype(int).tolist()
+    cv2.rectangle(drawn, (inner[0], inner[1]), (inner[2], inner[3]), _COLOUR, 1)
+    return np.asarray(drawn, dtype=np.uint8)

@@ -1,0 +1,88 @@
+"""What the report of an adaptation shows: pictures before and after, and examples of labels taken and refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, example_crop
+from tsuiseki.tracking.types import ImageArray, Track
+from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, UNSURE
+from tsuiseki.trainers.adapt.rounds import Adaptation, Round, best_of
+from tsuiseki.trainers.adapt.watch import Watched
+
+_PICTURES, _EXAMPLES = 4, 12
+_MEANINGS = {
+    TAKEN: "Taken as labels",
+    STILL: "Refused, and background to learn from: never moves",
+    UNSURE: "Refused, and left out: unsure",
+    SHORT: "Refused, and left out: too short",
+}
+_FILLED = "Taken as labels where nothing was detected"
+
+
+def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[str]) -> AdaptedReport:
+    """What to show of the rounds that are ``finished``."""
+    best = best_of(finished)
+    return AdaptedReport(
+        [video.source for video in adaptation.camera.videos],
+        [asdict(here.scores) for here in finished],
+        best.number,
+        [pair for n in range(len(adaptation.camera.videos)) for pair in _compared(adaptation, finished[0], best, n)],
+        _examples(adaptation, finished[0 if best.number == 0 else best.number - 1]),
+        notes,
+    )
+
+
+def _compared(adaptation: Adaptation, start: Round, best: Round, number: int) -> list[Compared]:
+    """Some of the held-out pictures, evenly spread."""
+    video, threshold = adaptation.camera.videos[number], adaptation.settings.score_threshold
+    end = video.stretch[0] + video.length
+    seen = [here.detections(number, end) for here in (start, best)]
+    unseen = range(video.learnt(adaptation.settings.held_out), len(video.frames))
+    pictures = [int(n) for n in np.unique(np.linspace(unseen.start, unseen.stop - 1, _PICTURES).round())]
+    result = []
+    for picture in pictures:
+        frame = video.frames[picture]
+        before, after = (found[frame].select(found[frame].scores >= threshold) for found in seen)
+        result.append(Compared(f"frame {frame + 1} of {video.source}", video.picture(picture), before, after))
+    return result
+
+
+def _examples(adaptation: Adaptation, taught_by: Round) -> dict[str, list[ImageArray]]:
+    rng = np.random.default_rng(0)
+    places: dict[str, list[tuple[Watched, int, np.ndarray]]] = {}
+    for n, video in enumerate(adaptation.camera.videos):
+        number_of = {frame: picture for picture, frame in enumerate(video.frames)}
+        for track, verdict in zip(taught_by.tracks(n), taught_by.verdicts[n], strict=True):
+            for row in _rows(rng, track):
+                frame = int(track.frames[row])
+                name = _MEANINGS[verdict.verdict]
+                if verdict.verdict == TAKEN and not track.observed[row]:
+                    name = _FILLED
+                if frame in number_of:
+                    places.setdefault(name, []).append((video, number_of[frame], track.boxes[row]))
+    names = [_MEANINGS[TAKEN], _FILLED, *(_MEANINGS[v] for v in (STILL, UNSURE, SHORT))]
+    return {
+        name: [example_crop(video.picture(picture), box) for video, picture, box in _some(rng, places[name])]
+        for name in names
+        if name in places
+    }
+
+
+def _rows(rng: np.random.Generator, track: Track) -> list[int]:
+    """A few rows of a track, those filled in apart from the others."""
+    chosen = []
+    for kind in (track.observed, ~track.observed):
+        rows = np.flatnonzero(kind)
+        chosen += rng.choice(rows, min(4, len(rows)), replace=False).tolist()
+    return chosen
+
+
+def _some(
+    rng: np.random.Generator, places: list[tuple[Watched, int, np.ndarray]]
+) -> list[tuple[Watched, int, np.ndarray]]:
+    order = rng.permutation(len(places))[:_EXAMPLES]
+    return [places[i] for i in order]
