@@ -30,12 +30,7 @@ from tsuiseki.trainers.adapt.watch import Watched, plain_view, refuse_two_camera
 _DONE = "round.json"
 # Agreement must rise by this much for a round to be better.
 _BETTER = 0.002
-_COLUMNS = (
-    ("frames", np.int64, ()),
-    ("boxes", np.float64, (4,)),
-    ("scores", np.float64, ()),
-    ("observed", np.bool_, ()),
-)
+_COLUMNS = ("frames", "boxes", "scores", "observed")
 
 
 @dataclass(frozen=True)
@@ -174,18 +169,22 @@ def resumed(work: Path, key: dict[str, Any]) -> bool:
 
 def write_everyone(path: Path, tracks: Sequence[Track]) -> None:
     """Keep ``tracks`` with what of them was filled in."""
-    columns = {
-        name: np.concatenate([np.empty((0, *tail), dtype), *(getattr(t, name) for t in tracks)])
-        for name, dtype, tail in _COLUMNS
-    }
-    np.savez(path, ids=[t.id for t in tracks], lengths=[len(t) for t in tracks], **columns)
+    np.savez(
+        path,
+        ids=np.array([t.id for t in tracks], dtype=np.int64),
+        lengths=np.array([len(t) for t in tracks], dtype=np.int64),
+        frames=np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)]),
+        boxes=np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]),
+        scores=np.concatenate([np.empty(0), *(t.scores for t in tracks)]),
+        observed=np.concatenate([np.empty(0, np.bool_), *(t.observed for t in tracks)]),
+    )
 
 
 def read_everyone(path: Path) -> list[Track]:
     """What `write_everyone` wrote."""
     with np.load(path, allow_pickle=False) as file:
-        ends = np.cumsum(file["lengths"].astype(np.int64))
-        columns = [np.split(file[name], ends[:-1]) for name, _, _ in _COLUMNS]
+        ends = np.cumsum(file["lengths"])
+        columns = [np.split(file[name], ends[:-1]) for name in _COLUMNS]
         ids = file["ids"].tolist()
     return [Track(int(i), *parts) for i, *parts in zip(ids, *columns, strict=True)] if ids else []
 
