@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.cli.commands import needs_train_extra
 from tsuiseki.tracking.cli.options import SeededOutput
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.frame_range import parse_frames
 
 if TYPE_CHECKING:
@@ -90,6 +90,9 @@ def adapt(
         except RequestError:
             shutil.rmtree(work, ignore_errors=True)
             raise
+        except Interrupted as error:
+            kept = "what is finished is kept, and the same command goes on from there"
+            raise Interrupted(error.number, kept) from error
     if not run.status:
         shutil.rmtree(work, ignore_errors=True)
     return run.status
@@ -108,7 +111,7 @@ def _run(run: Run, adaptation: Adaptation) -> None:
     from tsuiseki.trainers.adapt.summary import summary
 
     finished: list[Round] = []
-    for here in run.steps(rounds(adaptation), "rounds", adaptation.settings.rounds + 1):
+    for here in rounds(adaptation):
         finished.append(here)
         print(_line(here, finished[0]), flush=True)
     notes = [] if adaptation.camera.fixed else [MOVING]

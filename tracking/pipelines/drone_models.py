@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -144,6 +144,11 @@ class DroneModels:
         spare = [] if streams else _streams("flow-maf", actions, needed=True)
         superset_key = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
         return cls(observers, recognise.names if recognise else (), key, given, superset_key)
+
+    def told_apart_by(self, more: Mapping[str, Any]) -> DroneModels:
+        """The same models whose observations also depend on ``more``, plain values."""
+        superset = None if self.superset_key is None else {**self.superset_key, **more}
+        return replace(self, key={**self.key, **more}, superset_key=superset)
 
 
 def prices_of(

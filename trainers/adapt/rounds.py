@@ -57,6 +57,11 @@ class Round:
         """Everyone who was followed in a video, taken or not, in the order of the verdicts."""
         return read_everyone(self.folder / f"tracks-{video}.npz")
 
+    def taken(self, video: int) -> list[Track]:
+        """Those whose tracks are labels."""
+        pairs = zip(self.tracks(video), self.verdicts[video], strict=True)
+        return [track for track, verdict in pairs if verdict.verdict == TAKEN]
+
     def detections(self, video: int, length: int) -> list[Detections]:
         """What was found in each frame of a video, up to its ``length``."""
         return read_detections(self.folder / f"det-{video}.txt", length)
@@ -209,16 +214,34 @@ def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Models:
     detector = folder / "detector.onnx"
     if detector.is_file():
         return Models(detector)
-    for n, video in enumerate(camera.videos):
-        shutil.copyfile(taught_by.folder / f"gt-{n}.txt", _labels_of(video))
+    videos = _teaching(camera.videos, taught_by, adaptation.settings.held_out)
     layout = layout_of(adaptation.start)
     before = adaptation.work / f"round-{number - 1}" / CHECKPOINT
     start = before if before.is_file() else adaptation.start
     adaptation.tell(f"round {number}: learning from {sum(map(_taken, taught_by.verdicts))} people")
-    checkpoint = fine_tune(start, layout, camera.videos, taught_by.columns, number, folder, adaptation.settings)
+    checkpoint = fine_tune(start, layout, videos, taught_by.columns, number, folder, adaptation.settings)
     view = (taught_by.columns, None)
-    export_calibrated(checkpoint, layout.size, camera.videos, view, detector, adaptation.settings)
+    export_calibrated(checkpoint, layout.size, videos, view, detector, adaptation.settings)
     return Models(detector)
+
+
+def _teaching(videos: Sequence[Watched], taught_by: Round, held_out: float) -> list[Watched]:
+    """The videos with people in what may be learnt from, the labels of the round beside their pictures.
+
+    Raises:
+        RequestError: there is none.
+    """
+    teaching = []
+    for n, video in enumerate(videos):
+        frames = np.concatenate([np.empty(0, np.int64), *(t.frames for t in taught_by.taken(n))])
+        if np.isin(video.frames[: video.learnt(held_out)], frames).any():
+            shutil.copyfile(taught_by.folder / f"gt-{n}.txt", _labels_of(video))
+            teaching.append(video)
+    if not teaching:
+        raise RequestError(
+            f"expected people before the last {held_out:.0%} of a video, held out, got none; give a longer one"
+        )
+    return teaching
 
 
 def _look(adaptation: Adaptation, number: int, models: Models) -> Round:

@@ -11,6 +11,7 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.errors import Interrupted
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
@@ -98,12 +99,21 @@ def test_the_best_round_is_written(
     assert "round 1 is the best, agreement 0.700 -> 0.800" in said
 
 
-def test_a_moving_camera_is_said(
+def test_a_moving_camera_is_said_and_an_interrupt_keeps_what_is_finished(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from tsuiseki.trainers.adapt import rounds as module
 
-    monkeypatch.setattr(module, "rounds", lambda _: iter(()))
+    def interrupted(_: object) -> Iterator[object]:
+        raise Interrupted
+        yield
+
+    monkeypatch.setattr(module, "rounds", interrupted)
     moving = street.write_video(tmp_path / "moving", pan=1)
-    assert main(["adapt", str(moving), "--out", str(tmp_path / "o")]) == 1
-    assert "the camera moves: the tracks alone teach" in capsys.readouterr().out
+    words = ["adapt", str(moving), "--out", str(tmp_path / "o")]
+    assert main(words) == 130
+    said = capsys.readouterr()
+    assert "the camera moves: the tracks alone teach" in said.out
+    assert "the same command goes on from there" in said.err
+    assert main(words) == 130
+    assert "going on with what an earlier run has finished" in capsys.readouterr().out

@@ -157,6 +157,26 @@ def test_the_cache_saves_looking_and_survives_damage(
     assert "made anew" not in capsys.readouterr().err
 
 
+def test_tiles_are_looked_at_and_kept_apart(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tsuiseki.tracking.features.networks.exported import Detector
+
+    looked: list[int] = []
+    detect = Detector.detect
+    monkeypatch.setattr(Detector, "detect", lambda self, images: looked.append(len(images)) or detect(self, images))
+    common = ["track", "drone", str(clip), "--method", "flow", "--appearance", "none", "--frames", "1-4"]
+    common += ["--threads", "1", "--cache", str(tmp_path / "cache"), "--bridging", "null"]
+    for view, pictures in {"1": 4, "2x1": 12}.items():
+        assert main([*common, "--view", view, "--out", str(tmp_path / view)]) == 0
+        assert sum(looked) == pictures
+        looked.clear()
+    assert len(list((tmp_path / "cache").iterdir())) == 2
+    capsys.readouterr()
+    assert main([*common, "--view", "many", "--out", str(tmp_path / "many")]) == 2
+    assert "many" in capsys.readouterr().err
+
+
 def test_bridged_boxes_are_kept_beside_the_others(clip: Path, action_streams: list[Path], tmp_path: Path) -> None:
     cache = ["--cache", str(tmp_path / "cache")]
     for name, more in (("with", []), ("without", ["--bridging", "null"]), ("again", [])):

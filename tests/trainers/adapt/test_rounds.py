@@ -12,7 +12,7 @@ import pytest
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.frame_range import EVERY_FRAME
-from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt import rounds as module
 from tsuiseki.trainers.adapt.find import Found, Models
 from tsuiseki.trainers.adapt.rounds import Adaptation, Camera, best_of, open_camera, resumed, rounds
@@ -101,6 +101,14 @@ def test_nobody_is_refused(adaptation: Callable[[list[Found]], Adaptation]) -> N
     nobody = Found([Detections.empty()] * street.FRAMES, 0, [], 1)
     with pytest.raises(RequestError, match=r"expected people to learn from .* found nobody"):
         next(rounds(adaptation([nobody])))
+
+
+def test_people_in_the_held_out_end_alone_teach_nothing(adaptation: Callable[[list[Found]], Adaptation]) -> None:
+    late = street.track_of(0)
+    late = Track(1, late.frames[95:], late.boxes[95:], late.scores[95:])
+    found = Found([Detections.empty()] * street.FRAMES, 0, [late], 1)
+    with pytest.raises(RequestError, match="expected people before the last 15% of a video"):
+        list(rounds(adaptation([found, found])))
 
 
 def test_another_request_starts_anew(tmp_path: Path) -> None:

@@ -103,6 +103,30 @@ class Finding(Detecting):
         return found if wanted == (1, None) else ViewedDetector(found, wanted)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Viewed(Finding):
+    """`Finding` by a detector of any project, which looks at frames in tiles.
+
+    Attributes:
+        options: what the detector's file does not tell.
+        view: tiles of a frame; see `parse_view`.
+    """
+
+    options: DetectorOptions
+    view: str
+
+    def detect(
+        self,
+        source: Source,
+        default: str,
+        options: DetectorOptions | None = None,
+        view: str | None = None,
+        threads: int | None = None,
+    ) -> Detect | list[Detections]:
+        """See `Finding.detect`; its own options and view hold where none are given."""
+        return super().detect(source, default, options or self.options, view or self.view, threads)
+
+
 def check_score_range(score_range: tuple[float, float] | None) -> None:
     """Refuse a range that no score lies in."""
     if score_range is not None and score_range[0] >= score_range[1]:
