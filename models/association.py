@@ -18,13 +18,17 @@ class CostChange(nn.Module):
         features: F.
         changes: K, costs that are changed.
         hidden: width of the two hidden layers; 0 leaves only the linear part.
+        trust: shares of the changes that are taken outside of training; all by default. What fits the training
+            sequences best goes too far on others.
     """
 
     mean: Tensor
     deviation: Tensor
+    trust: Tensor
 
-    def __init__(self, features: int, changes: int, hidden: int) -> None:
+    def __init__(self, features: int, changes: int, hidden: int, trust: tuple[float, ...] | None = None) -> None:
         super().__init__()
+        self.register_buffer("trust", torch.tensor(trust or (1.0,) * changes))
         self.register_buffer("mean", torch.zeros(features))
         self.register_buffer("deviation", torch.ones(features))
         self.linear = nn.Linear(features, changes)
@@ -50,7 +54,8 @@ class CostChange(nn.Module):
         change: Tensor = self.linear(standard)
         if self.deep is not None:
             change = change + self.deep(standard)
-        return LARGEST * torch.tanh(change / LARGEST)
+        bounded = LARGEST * torch.tanh(change / LARGEST)
+        return bounded if self.training else bounded * self.trust
 
 
 class AssociationNetwork(nn.Module):
@@ -61,13 +66,14 @@ class AssociationNetwork(nn.Module):
         detections: of a detection.
         joins: of a join of two tracklets.
         hidden: width of the hidden layers.
+        trust: share of the change of what using a detection costs that is taken outside of training.
     """
 
-    def __init__(self, links: int, detections: int, joins: int, hidden: int = 24) -> None:
+    def __init__(self, links: int, detections: int, joins: int, hidden: int = 24, trust: float = 1.0) -> None:
         super().__init__()
         self.links = CostChange(links, 1, hidden)
         # Of using a detection, of a track's start at it, and of its end.
-        self.detections = CostChange(detections, 3, hidden)
+        self.detections = CostChange(detections, 3, hidden, (trust, 1.0, 1.0))
         self.joins = CostChange(joins, 1, hidden)
 
     def forward(self, links: Tensor, detections: Tensor, joins: Tensor) -> tuple[Tensor, Tensor, Tensor]:

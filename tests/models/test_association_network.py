@@ -51,3 +51,11 @@ def test_gradients_reach_the_last_layers_at_first_and_all_later() -> None:
         torch.cat([part.flatten() for part in changes]).add(1).square().sum().backward()
         optimiser.step()
     assert all(weight.grad is not None and weight.grad.abs().sum() > 0 for weight in network.parameters())
+
+
+def test_less_than_all_is_taken_outside_of_training() -> None:
+    torch.manual_seed(0)
+    change = CostChange(4, 3, 0, (0.5, 1.0, 1.0))
+    torch.nn.init.normal_(change.linear.weight)
+    rows = torch.randn(6, 4)
+    torch.testing.assert_close(change.eval()(rows), change.train()(rows) * torch.tensor([0.5, 1.0, 1.0]))

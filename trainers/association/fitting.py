@@ -29,6 +29,7 @@ class Fit:
         epsilon_last: in the end; None keeps it.
         pairs: of perturbations.
         hidden: width of the hidden layers.
+        trust: share of the change of what detections cost that is taken outside of training.
         steps: windows that are looked at.
         seconds: length of a window.
         joins: weight of the second level.
@@ -44,6 +45,7 @@ class Fit:
     epsilon_last: float | None = None
     pairs: int = 1
     hidden: int = 0
+    trust: float = 0.5
     steps: int = 120
     seconds: float = 2.0
     joins: float = 0.2
@@ -62,7 +64,15 @@ def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
     """
     torch.manual_seed(fit.seed)
     module = AssociationTraining(
-        fit.hidden, fit.loss, fit.epsilon, None, fit.pairs, length=fit.length, joins=fit.joins, pairwise=fit.pairwise
+        fit.hidden,
+        fit.trust,
+        fit.loss,
+        fit.epsilon,
+        None,
+        fit.pairs,
+        length=fit.length,
+        joins=fit.joins,
+        pairwise=fit.pairwise,
     )
     module.standardise(graphs)
     windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0))

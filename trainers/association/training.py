@@ -41,6 +41,8 @@ class AssociationTraining(lightning.LightningModule):
 
     Args:
         hidden: width of the network's hidden layers; 0 for a linear one, which few sequences call for.
+        trust: share of the learnt change of what using a detection costs that is taken outside of training: scores and
+            sizes mean other things in other videos, so half of it carries over better than all.
         loss: ``fenchel_young`` or ``hinge``, see `flow_loss`.
         epsilon: ε of ``fenchel_young``, in costs.
         epsilon_last: ε in the end, approached geometrically; None keeps it.
@@ -65,6 +67,7 @@ class AssociationTraining(lightning.LightningModule):
     def __init__(
         self,
         hidden: int = 0,
+        trust: float = 0.5,
         loss: LossName = "fenchel_young",
         epsilon: float = 1.0,
         epsilon_last: float | None = None,
@@ -87,7 +90,7 @@ class AssociationTraining(lightning.LightningModule):
         super().__init__()
         self.save_hyperparameters(ignore=["start", "appearance"])
         names = FeatureNames()
-        self.network = AssociationNetwork(len(names.links), len(names.detections), len(names.joins), hidden)
+        self.network = AssociationNetwork(len(names.links), len(names.detections), len(names.joins), hidden, trust)
         try:
             self.loss = FlowLoss(loss, epsilon, pairs)
             self.weights = DifferenceWeights(wrong=switch, length=length)

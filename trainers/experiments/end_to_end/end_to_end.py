@@ -27,6 +27,7 @@ GAP = 2.0
 DEFAULT, LOGISTIC, TREES, ORACLE = "default", "pairs, logistic", "pairs, boosted trees", "right links"
 LEARNT = {"Fenchel-Young": Fit(), "hinge": Fit(loss="hinge")}
 OTHERS = {
+    "all of the change of detections": Fit(trust=1.0),
     "windows of 6 s": Fit(seconds=6.0),
     "hinge, Δ by length of the identity": Fit(loss="hinge", length=0.5),
     "ε from 3 to 0.5": Fit(epsilon=3.0, epsilon_last=0.5),
