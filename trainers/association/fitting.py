@@ -64,12 +64,11 @@ def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
     """
     torch.manual_seed(fit.seed)
     module = AssociationTraining(
-        fit.hidden,
-        fit.trust,
-        fit.loss,
-        fit.epsilon,
-        None,
-        fit.pairs,
+        hidden=fit.hidden,
+        trust=fit.trust,
+        loss=fit.loss,
+        epsilon=fit.epsilon,
+        pairs=fit.pairs,
         length=fit.length,
         joins=fit.joins,
         pairwise=fit.pairwise,
