@@ -189,7 +189,9 @@ def build_parser(prog: str, function: Callable[..., Any], every_option: bool = F
     for name in positional:
         many = getattr(kinds[name], "__origin__", None) is list
         kind = kinds[name].__args__[0] if many else kinds[name]
-        parser.add_argument(name, type=kind, nargs="+" if many else None, metavar=name.upper(), help=places.get(name))
+        some = {"nargs": "+"} if name in _required(function) or name in options else {"nargs": "*", "default": []}
+        number: dict[str, Any] = some if many else {}
+        parser.add_argument(name, type=kind, metavar=name.upper(), help=places.get(name), **number)
     parser.add_function_arguments(function, as_group=False, skip={*positional, *shared}, sub_configs=False)
     for name, option in options.items():
         if name not in positional:

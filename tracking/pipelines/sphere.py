@@ -20,7 +20,7 @@ from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVeloci
 from tsuiseki.tracking.likelihoods.background import median_background
 from tsuiseki.tracking.likelihoods.printed_contour import PrintedContourLikelihood
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
-from tsuiseki.tracking.synchronise import align, default_tolerance, read_timestamps
+from tsuiseki.tracking.synchronise import align, default_tolerance, moments_with_images, read_timestamps
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.sphere.sphere import SphereTracker
 from tsuiseki.tracking.trackers.sphere.sphere_run import Seen, SphereLog, Start, check_lengths, check_start, run_sphere
@@ -50,6 +50,8 @@ class SphereSettings:
             default 1.5 (random walk 0.15, ballistic 1).
         floor: height of the floor off which a ballistic ball bounces, metres.
         bounce: speed after a bounce over the speed before, 0 to 1.
+        drag: of a ballistic ball by the air: deceleration over the speed squared, 1/m; a tennis ball's is about 0.02.
+        spin: X,Y,Z of a ballistic ball: its acceleration is the cross product of this with the velocity, 1/s.
         likelihood: the ball's outline, or the difference from the background.
         tolerance: frames of different videos within so many seconds count as taken together; by default a quarter of
             the shortest time between frames.
@@ -62,6 +64,8 @@ class SphereSettings:
     agitation: float | None = None
     floor: float = 0.0
     bounce: float = 0.75
+    drag: float = 0.0
+    spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     likelihood: LikelihoodName = "contour"
     tolerance: float | None = None
 
@@ -74,6 +78,8 @@ class SphereSettings:
             raise RequestError(f"`agitation`: expected a number above 0, got {self.agitation:g}")
         if not 0 <= self.bounce <= 1:
             raise RequestError(f"`bounce`: expected 0 to 1, got {self.bounce:g}")
+        if not 0 <= self.drag < np.inf:
+            raise RequestError(f"`drag`: expected a number from 0, got {self.drag:g}")
 
 
 def track_sphere(
@@ -132,7 +138,7 @@ class SphereRun:
         """See `run_sphere`."""
         videos = [checked_frames(source, placed) for source, placed in zip(self.sources, self.placed, strict=True)]
         moments = align(list(self.stamps), self.tolerance)
-        return run_sphere(self.tracker, self.start, moments, videos, rng, times, watch)
+        return run_sphere(self.tracker, self.start, moments_with_images(moments, videos), rng, times, watch)
 
 
 def sphere_run(
@@ -268,7 +274,10 @@ def chosen_motion(settings: SphereSettings, radius: float) -> Motion:
         return RandomWalk(0.15 if agitation is None else agitation)
     if motion == "ballistic":
         restless = 1.0 if agitation is None else agitation
-        return Ballistic(radius, settings.floor, restitution=settings.bounce, agitation=restless)
+        return Ballistic(
+            radius, settings.floor, restitution=settings.bounce, agitation=restless, drag=settings.drag,
+            spin=settings.spin,
+        )  # fmt: skip
     return ConstantVelocity(1.5 if agitation is None else agitation)
 
 

@@ -17,19 +17,25 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
 
 
+NO_SOURCES: list[str] = []
+
+
 @dataclass(frozen=True)
 class SphereOptions(SphereSettings, Shared):
     """The settings as options of the command."""
 
 
 def sphere(
-    source: list[str],
+    source: list[str] = NO_SOURCES,
     /,
+    *,
     cameras: Path,
-    radius: float,
     output: SeededOutput,
     drawing: Overlay,
     settings: SphereOptions,
+    radius: float | None = None,
+    points: list[Path] | None = None,
+    deviation: float = 2.0,
     start: tuple[float, float, float] | None = None,
     volume: tuple[float, float, float, float, float, float] | None = None,
     backgrounds: list[Path] | None = None,
@@ -37,7 +43,7 @@ def sphere(
     timestamps: list[Path] | None = None,
     truth: Path | None = None,
 ) -> int:
-    """Follow a ball of known radius in space.
+    """Follow a ball of known radius in space, or a point by its measured pixels.
 
     DIR gets track3d.csv, path.png, report.html, run.json and, with --overlay, overlay1.webm and so on with the ball's
     outline.
@@ -46,7 +52,10 @@ def sphere(
         source: two or more videos or folders of images, in the order of the cameras; folders run at the frame_rate in
             cameras.yaml, else at 25 frames/s.
         cameras: cameras.yaml with one entry per video; tsuiseki calibrate points writes it.
-        radius: of the ball, metres.
+        radius: of the ball, metres; with --points only for its bounces.
+        points: instead of videos, a CSV of measured pixels for each camera, separated by commas: frame,x,y, or as
+            TrackNet writes it, Frame,Visibility,X,Y.
+        deviation: with --points, standard deviation of a measured pixel.
         start: X,Y,Z of the ball in the first frame, metres; by default the volume is searched.
         volume: X1,Y1,Z1,X2,Y2,Z2 of the box in which the ball is searched, metres; by default where two cameras can
             see it.
@@ -58,7 +67,8 @@ def sphere(
     import numpy as np
 
     from tsuiseki.tracking.formats.track3d import read_path3d, write_track3d
-    from tsuiseki.tracking.pipelines.sphere import sphere_run
+    from tsuiseki.tracking.pipelines.sphere import SphereRun, sphere_run
+    from tsuiseki.tracking.pipelines.sphere_points import SpherePointsRun, sphere_points_run
     from tsuiseki.tracking.report.space_plots import path_figure
     from tsuiseki.tracking.report.sphere_page import sphere_page
 
@@ -67,17 +77,21 @@ def sphere(
         raise RequestError(f"`volume`: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2, Y1 < Y2 and Z1 < Z2, got {shown}")
     true_path = None if truth is None else read_path3d(truth)
     corners = None if volume is None else np.array(volume).reshape(2, 3)
-    chosen = sphere_run(
-        source,
-        cameras,
-        radius,
-        start=start,
-        volume=corners,
-        settings=settings,
-        backgrounds=backgrounds,
-        offsets=offsets,
-        timestamps=timestamps,
-    )
+    chosen: SphereRun | SpherePointsRun
+    if points is not None:
+        if source or drawing.overlay or backgrounds or volume:
+            raise RequestError("`points`: expected no videos, `overlay`, `backgrounds` or `volume` beside it")
+        chosen = sphere_points_run(
+            points, cameras, start=start, settings=settings, deviation=deviation, radius=radius or 0.0,
+            offsets=offsets, timestamps=timestamps,
+        )  # fmt: skip
+    else:
+        if radius is None:
+            raise RequestError("`radius`: expected the ball's radius in metres, got none")
+        chosen = sphere_run(
+            source, cameras, radius, start=start, volume=corners, settings=settings, backgrounds=backgrounds,
+            offsets=offsets, timestamps=timestamps,
+        )  # fmt: skip
     rng = np.random.default_rng(output.seed)
     with output.run() as run:
         log = chosen.run(rng, run.times, lambda items: run.steps(items, total=max(map(len, chosen.stamps))))
@@ -85,8 +99,12 @@ def sphere(
         run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
         plot = path_figure(log.positions, chosen.placed, true_path)
         run.write("path.png", lambda path: plot.savefig(path, dpi=120, facecolor="white"))
-        videos = _overlays(run, drawing, chosen, log, radius) if drawing.overlay else []
-        page = sphere_page(log, chosen.placed, radius, true_path, videos, run.times.seconds, output.given.settings)
+        videos: list[Path | None] = []
+        if drawing.overlay and isinstance(chosen, SphereRun):
+            videos = _overlays(run, drawing, chosen, log, radius or 0.0)
+        page = sphere_page(
+            log, chosen.placed, radius or 0.0, true_path, videos, run.times.seconds, output.given.settings
+        )
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         found = sum(p.status == "tracking" for p in log.positions)
         run.done(f"ball known in {found} of {len(log.positions)} moments: {output.out / 'track3d.csv'}")

@@ -95,6 +95,10 @@ class Ballistic:
         gravity: along -z, m/s^2.
         restitution: speed after a bounce over the speed before, [0, 1].
         agitation: as in `ConstantVelocity`, m/s.
+        drag: deceleration by the air over the speed squared, 1/m: density x drag coefficient x cross-section /
+            (2 x mass), about 0.02 for a tennis ball and 0.1 for table tennis.
+        spin: ``(3,)`` Magnus coefficient along the axis of spin, 1/s: the acceleration is its cross product with the
+            velocity.
     """
 
     radius: float
@@ -102,9 +106,20 @@ class Ballistic:
     gravity: float = 9.81
     restitution: float = 0.75
     agitation: float = 1.0
+    drag: float = 0.0
+    spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
         moved = ConstantVelocity(self.agitation)(states, seconds, rng)
+        if self.drag or any(self.spin):
+            # At the velocity before the step: second order in the time between frames.
+            before = states[:, 3:]
+            speed = np.sqrt(np.square(before).sum(axis=1, keepdims=True))
+            # The air stops a ball at most.
+            slowing = np.minimum(self.drag * speed, 1 / seconds) if seconds > 0 else 0.0
+            gained = np.cross(self.spin, before) - slowing * before
+            moved[:, :3] += 0.5 * gained * seconds**2
+            moved[:, 3:] += gained * seconds
         moved[:, 2] -= 0.5 * self.gravity * seconds**2
         moved[:, 5] -= self.gravity * seconds
         lowest = self.floor + self.radius

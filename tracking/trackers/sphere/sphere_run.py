@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
@@ -13,7 +13,7 @@ from tsuiseki.tracking.cameras.files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import in_sight
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.likelihoods.views import Views
-from tsuiseki.tracking.synchronise import Moment, moments_with_images
+from tsuiseki.tracking.synchronise import Moment
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.sphere.sphere import (
     START_SPEED,
@@ -22,9 +22,9 @@ from tsuiseki.tracking.trackers.sphere.sphere import (
     TimedViews,
     with_velocities,
 )
-from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Position
+from tsuiseki.tracking.types import FloatArray, Position
 
-Seen: TypeAlias = tuple[Moment, list[ImageArray | None]]
+Seen: TypeAlias = tuple[Moment, Views]
 
 # Frames of different length at the end of two videos that are still taken for the same recording.
 SLACK_FRAMES = 2
@@ -42,12 +42,14 @@ class Start:
         particles: how many.
         search: positions ``(particles, 3)`` after one look at everything: the start without a position, and for a ball
             that was lost.
+        speed: standard deviation of the velocity of a ball that was just found, along each axis, m/s.
     """
 
     position: FloatArray | None
     spread: float
     particles: int
     search: Callable[[Views, np.random.Generator], FloatArray]
+    speed: float = START_SPEED
 
 
 @dataclass
@@ -102,8 +104,7 @@ def check_lengths(times: Sequence[FloatArray], names: Sequence[str]) -> None:
 def run_sphere(
     tracker: SphereTracker,
     start: Start,
-    moments: Sequence[Moment],
-    videos: Sequence[Iterator[Frame]],
+    seen: Iterable[Seen],
     rng: np.random.Generator,
     times: StageTimes,
     watch: Callable[[Iterable[Seen]], Iterable[Seen]],
@@ -113,8 +114,7 @@ def run_sphere(
     Args:
         tracker: the filter.
         start: where to look first.
-        moments: in order of time.
-        videos: the frames of each camera.
+        seen: moments in order of time, each with an image or a measured pixel of every camera.
         rng: random numbers.
         times: gets the seconds of each stage.
         watch: passes the moments through, for progress and interruption.
@@ -125,18 +125,18 @@ def run_sphere(
     log = SphereLog()
     state: SphereState | None = None
     recent = _Recent()
-    for moment, images in watch(moments_with_images(moments, videos)):
-        observation = TimedViews(moment.time, images)
+    for moment, views in watch(seen):
+        observation = TimedViews(moment.time, views)
         recent.add(observation)
         if state is None and start.position is not None:
-            particles, views = start.particles, len(images)
-            state = tracker.start_at(start.position, start.spread, particles, views, rng, moment.time)
+            count = start.particles
+            state = tracker.start_at(start.position, start.spread, count, len(views), rng, moment.time, start.speed)
         lost = state is None or state.unseen > tracker.patience
         if lost and recent.count() >= 2 and moment.time - log.last_search > tracker.patience:
             with times.measure("search"):
                 positions = start.search(recent.views(), rng)
             unseen = 0.0 if state is None else state.unseen
-            found = tracker.init(with_velocities(positions, START_SPEED, rng), len(images), moment.time)
+            found = tracker.init(with_velocities(positions, start.speed, rng), len(views), moment.time)
             state = replace(found, unseen=unseen)
             log.searches.append(len(log.positions))
             log.last_search = moment.time

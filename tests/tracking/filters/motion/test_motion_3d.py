@@ -76,3 +76,23 @@ def test_a_ball_at_rest_stays_on_the_floor():
     for _ in range(50):
         state = motion(state, 0.04, np.random.default_rng(0))
     assert state[0, 2] == pytest.approx(0.6, abs=0.02)
+
+
+def test_air_and_spin_bend_a_flight_as_their_equations_say():
+    start = np.array([[0.0, 0.0, 50.0, 20.0, 0.0, 0.0]])
+    plain = Ballistic(0.0, agitation=1e-9)
+    thrown = Ballistic(0.0, agitation=1e-9, drag=0.02, spin=(0.0, 0.0, 0.5))
+    states, free = start, start
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        states, free = thrown(states, 0.005, rng), plain(free, 0.005, rng)
+    # Integrated by SciPy to ten digits.
+    from scipy.integrate import solve_ivp
+
+    def change(_, y):
+        v = y[3:]
+        return np.concatenate([v, np.cross([0, 0, 0.5], v) - 0.02 * np.linalg.norm(v) * v - [0, 0, 9.81]])
+
+    exact = solve_ivp(change, (0, 1), start[0], rtol=1e-10, atol=1e-10).y[:, -1]
+    np.testing.assert_allclose(states[0], exact, atol=0.05)
+    assert np.linalg.norm(states[0, :3] - free[0, :3]) > 2
