@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.pipelines.people import follow_people, track_people
     from tsuiseki.tracking.pipelines.single import follow
     from tsuiseki.tracking.pipelines.sphere import SphereSettings, track_sphere
+    from tsuiseki.tracking.pipelines.sphere_points import track_sphere_points
     from tsuiseki.tracking.trackers.blobs import BlobSettings
     from tsuiseki.tracking.trackers.deformable import DeformableSettings
     from tsuiseki.tracking.trackers.drone import DroneSettings
@@ -57,6 +58,7 @@ _MODULES = {
     "pipelines.people": "follow_people track_people",
     "pipelines.single": "follow",
     "pipelines.sphere": "SphereSettings track_sphere",
+    "pipelines.sphere_points": "track_sphere_points",
     "trackers.blobs": "BlobSettings",
     "trackers.people.bytetrack": "ByteTrack ByteTrackSettings",
     "trackers.people.deepsort": "DeepSort DeepSortSettings",
@@ -129,6 +131,7 @@ __all__ = [
     "track_people",
     "track_points",
     "track_sphere",
+    "track_sphere_points",
     "write_tracks",
 ]
 
