@@ -46,12 +46,12 @@ class Observers:
     """The networks and estimators that are applied to the frames.
 
     Attributes:
-        detect: finds people, or their given detections, one entry a frame number.
-        describe: gives their appearance features; None gives none.
-        recognise: recognises their actions; None recognises none.
+        detect: the detector; or given detections, of which entry k belongs to frame k.
+        describe: the appearance model; None computes no features.
+        recognise: the networks for actions; None recognises none.
         camera: how the camera's motion is estimated; None does not estimate it.
-        batch_size: frames of one call of the detector.
-        bridging: when a correlation filter follows people whom the detector misses; None never.
+        batch_size: frames in one call of the detector, at least 1.
+        bridging: when a correlation filter follows people whom the detector misses; None never does.
     """
 
     detect: Detect | Sequence[Detections]
@@ -71,10 +71,10 @@ class Observers:
 def observe(
     frames: Iterable[Frame], observers: Observers, times: StageTimes | None = None, first: int = 0
 ) -> Iterator[Observation]:
-    """Observations of the frames, one by one; a batch of frames and those of the optical flow are held in memory.
+    """Observations of the frames, one by one. In memory are one batch of frames and those that optical flow looks back to.
 
     Args:
-        frames: consecutive; those before ``first`` only serve as history.
+        frames: consecutive frames; those before ``first`` are only history.
         observers: the networks and estimators.
         times: gets the seconds of the stages ``decode``, ``detect``, ``describe``, ``camera``, ``bridge`` and
             ``actions``.

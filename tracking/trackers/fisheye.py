@@ -1,19 +1,20 @@
 """People under a ceiling fisheye camera, by upright appearance and position on the floor (thesis chapter 4).
 
-Algorithm 2 frame by frame: for every detected box its rotated box r and its place q are looked up (`person_model`),
-and its appearance feature x comes from the crop turned upright (`rectification`). Tracks and detections are matched in
-two stages (2.3.2): first by C^feat, the distance of their appearance, then what is left by C^pos, the distance of their
-places. Where it computes c^pos Algorithm 2 prints r; the text (4.2.2, 4.3.3) uses the place in the world, and so does
-this tracker.
+This is Algorithm 2. In each frame, every detected box is given a rotated box r and a place q on the floor
+(`person_model`). Its appearance feature x is computed on the crop turned upright (`rectification`). Tracks and
+detections are then matched in two stages (2.3.2). The first stage uses C^feat, the distance of their features. The
+second uses C^pos, the distance of their places, for the tracks and detections that the first left unmatched.
+Algorithm 2 prints r in c^pos; the text (4.2.2, 4.3.3) uses the place in the world, and so does this tracker.
 
-What the thesis leaves open is decided so:
+The thesis leaves these points open; here:
 
-* C^pos is the distance in metres from where a track is expected, ε_pos the distance that somebody can be off:
-  ``reach`` and ``speed`` for every second since the track was seen, so that one setting serves 1 frame a second and 15.
-* Looks may match only within the same distance, for two people in like clothes are told apart by where they are.
-* Where a track is expected comes from an alpha-beta filter whose velocity is forgotten within ``memory`` seconds.
+* C^pos is the distance in metres between a detection and the position predicted for a track.
+* The gate ε_pos is ``reach`` metres, and ``speed`` metres more for each second since the track's last detection. So
+  one setting serves 1 frame a second and 15.
+* The first stage has the same gate. Two people in similar clothes are told apart by their places.
+* The prediction is that of an alpha-beta filter. Its velocity decays with the time constant ``memory``.
 
-`flow_on_floor` links the same detections by the minimum-cost flow instead, on the floor's plan in place of the image.
+`flow_on_floor` links the same detections by the minimum-cost flow, with distances on the floor.
 """
 
 from __future__ import annotations
@@ -67,16 +68,16 @@ class FisheyeSettings:
 
     Attributes:
         by_appearance: match by appearance in the first stage.
-        by_place: match by places in the second stage, and gate the first by them.
+        by_place: match by place in the second stage, and gate the first stage by place.
         feature_gate: ε_feat, the largest cosine distance of a match by appearance, in [0, 2].
-        reach: ε_pos for no time, metres: how far off two places of one person may be found.
-        speed: what is added to it for every second since a track was seen, m/s.
-        memory: time constant in which a track's velocity is forgotten, seconds.
-        noise: time constant over which found places are averaged, seconds.
-        update: weight of the newest appearance in a track's running mean, in (0, 1].
-        confirm: seconds of detections in a row that make a new track believed, at least one detection.
-        max_age: seconds that a track is kept without a detection.
-        start_score: lowest score of a detection that may start a track.
+        reach: ε_pos right after a detection, metres, at least 0.
+        speed: growth of ε_pos with the time since the last detection, m/s, at least 0.
+        memory: time constant with which a track's velocity decays, seconds, above 0.
+        noise: time constant over which measured places are averaged, seconds, above 0.
+        update: weight of the newest feature in a track's running mean, in (0, 1].
+        confirm: seconds with a detection in every frame that confirm a track, at least 0; one detection at least.
+        max_age: seconds without a detection after which a track ends, at least 0.
+        start_score: least score of a detection that starts a track; one without a score always may.
     """
 
     by_appearance: bool = True
@@ -102,7 +103,16 @@ class FisheyeSettings:
 
 @dataclass(frozen=True)
 class _Live:
-    """The live tracks, a row each: number, place, velocity, appearance, detections in a row, and seconds since seen."""
+    """The tracks that have not ended, one a row.
+
+    Attributes:
+        numbers: ``(T,)`` in the order of their starts, from 0.
+        places: ``(T, 2)`` metres.
+        velocities: ``(T, 2)`` m/s.
+        appearance: ``(T, D)`` running means of features, of unit length or NaN.
+        hits: ``(T,)`` number of detections.
+        unseen: ``(T,)`` seconds since the last detection.
+    """
 
     numbers: IntArray
     places: FloatArray
@@ -116,7 +126,7 @@ class _Live:
 
 
 class FisheyeTracker:
-    """Looks first, then places, each with its own gate.
+    """Matches detections to tracks by appearance first, then by place on the floor; see the module.
 
     Args:
         frame_rate: frames per second.
@@ -130,7 +140,7 @@ class FisheyeTracker:
         self._live: _Live | None = None
         self._frame = -1
         self._started = 0
-        self._believed: dict[int, int] = {}
+        self._confirmed: dict[int, int] = {}
         self._rows: dict[int, list[tuple[int, FloorDetections, int]]] = {}
 
     def update(self, found: FloorDetections) -> None:
@@ -145,11 +155,11 @@ class FisheyeTracker:
         self._live = self._advanced(live, found, features, seen, detected)
 
     def tracks(self) -> list[FloorTrack]:
-        """The believed tracks of all frames so far, by id."""
-        return [_joined(number, self._rows[key]) for key, number in self._believed.items()]
+        """The confirmed tracks of all frames so far, by id."""
+        return [_joined(number, self._rows[key]) for key, number in self._confirmed.items()]
 
     def _expected(self, width: int) -> _Live:
-        """The live tracks where they are expected in this frame."""
+        """The live tracks, predicted for this frame."""
         live = self._live
         if live is None or (len(live.numbers) == 0 and live.appearance.shape[1] != width):
             none = np.empty((0, 2))
@@ -159,7 +169,7 @@ class FisheyeTracker:
         return replace(live, places=moved, velocities=live.velocities * kept, unseen=live.unseen + self._step)
 
     def _match(self, live: _Live, found: FloorDetections, features: FloatArray) -> tuple[IntArray, IntArray]:
-        """Rows of the matched tracks and their detections."""
+        """Rows of the matched tracks, and rows of their detections."""
         settings = self.settings
         away = np.linalg.norm(live.places[:, None] - found.places[None], axis=2)
         gate = settings.reach + settings.speed * live.unseen[:, None]
@@ -172,7 +182,7 @@ class FisheyeTracker:
         if not settings.by_place:
             return seen, detected
         rest, free = np.setdiff1d(np.arange(len(away)), seen), np.setdiff1d(np.arange(len(found)), detected)
-        # In gates instead of metres, so that one limit serves tracks that were seen at different times.
+        # Each distance as a share of its own gate, so that one limit serves all tracks.
         rows, columns = assign((away / gate)[np.ix_(rest, free)], 1.0)
         return np.concatenate([seen, rest[rows]]), np.concatenate([detected, free[columns]])
 
@@ -207,7 +217,7 @@ class FisheyeTracker:
         for number, which in present:
             self._rows.setdefault(int(number), []).append((self._frame, found, int(which)))
         for number in result.numbers[(result.hits >= self._needed) & (result.unseen == 0)].tolist():
-            self._believed.setdefault(number, len(self._believed) + 1)
+            self._confirmed.setdefault(number, len(self._confirmed) + 1)
         return result
 
     def _mean(self, before: FloatArray, now: FloatArray) -> FloatArray:
@@ -235,16 +245,17 @@ class FloorFlowSettings:
 
     Attributes:
         window: longest time between two linked detections, seconds.
-        reach: distance allowed for no time, metres.
-        speed: distance allowed for every second, m/s.
-        noise: scale of the difference of two places found for one person, metres.
+        reach: largest distance between two linked detections of one time, metres.
+        speed: growth of that distance with the time between them, m/s.
+        noise: scale of the difference of two measured places of one person who stands still, metres; see `HandSetCost`.
         pace: scale of a person's velocity, m/s.
-        appearance: weight of the cosine distance of the appearance.
-        neutral: cosine distance that speaks neither for nor against.
-        bias: exponent of two detections that do not differ, of neutral appearance.
-        entry: cost of a track's start and of its end.
-        min_seconds: shorter tracks are dropped; at least one detection.
-        observation: cost of a detection; at 1 frame a second few of them must outweigh a track's start and end.
+        appearance: weight of the cosine distance of two features, at least 0.
+        neutral: cosine distance that leaves the cost of a link as it is, in [0, 2].
+        bias: exponent of the cost of a link between equal places with the neutral cosine distance.
+        entry: cost of a track's start and of its end, at least 0.
+        min_seconds: shorter tracks are dropped; at least one detection is asked.
+        observation: cost of a detection. At 1 frame a second a track has few detections, and they must outweigh the
+            cost of its start and end.
     """
 
     window: float = 3.0
@@ -266,10 +277,10 @@ DEFAULT_FLOW = FloorFlowSettings()
 def flow_on_floor(
     found: Sequence[FloorDetections], frame_rate: float, settings: FloorFlowSettings = DEFAULT_FLOW
 ) -> list[FloorTrack]:
-    """The tracks of a whole video by minimum-cost flow, people being squares of 1 m on the floor's plan.
+    """The tracks of a whole video by minimum-cost flow. A person is a square of 1 m on the floor's plan.
 
     Args:
-        found: of each frame in order.
+        found: detections of each frame, in order.
         frame_rate: frames per second.
         settings: costs and gates.
     """

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from tsuiseki.datamodules.appearance import AppearanceData
+from tsuiseki.models import appearance
+from tsuiseki.models.backbones import Trunk
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance, crop_boxes
 from tsuiseki.trainers.exporting.export import export_appearance, load_module
@@ -35,12 +39,23 @@ def options(folder: Path, *more: str) -> list[str]:
     return [f"--{g}.{k}={v}" for g, values in groups.items() for k, v in values.items()] + list(more)
 
 
+def three_convolutions(*_: object) -> Trunk:
+    """A trunk with the strides of all trunks that learns on a CPU in seconds."""
+
+    def stage(before: int, after: int, stride: int) -> nn.Sequential:
+        return nn.Sequential(nn.Conv2d(before, after, stride, stride), nn.BatchNorm2d(after), nn.ReLU())
+
+    return Trunk([stage(3, 16, 8), stage(16, 24, 2), stage(24, 32, 2)], (16, 24, 32))
+
+
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a finished training."""
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of a finished training. While a test uses it, every network has the small trunk."""
     folder = tmp_path_factory.mktemp("appearance")
-    fit_appearance(options(folder, f"--out={folder / 'out'}"))
-    return folder
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(appearance, "build_trunk", three_convolutions)
+        fit_appearance(options(folder, f"--out={folder / 'out'}"))
+        yield folder
 
 
 def column(folder: Path, name: str) -> list[float]:
@@ -63,13 +78,13 @@ def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: 
     checkpoint = trained / "out" / "checkpoints" / "best.ckpt"
     path = tmp_path / "a.onnx"
     export_appearance(checkpoint, path, "rendered people")
-    appearance = Appearance(path, threads=1)
-    card = appearance.model.card
+    exported = Appearance(path, threads=1)
+    card = exported.model.card
     assert (card.input_height, card.input_width, card.feature_length) == (64, 32, 32)
     assert card.training_data == "rendered people"
     image = np.random.default_rng(0).integers(0, 256, (80, 90, 3)).astype(np.uint8)
     boxes = np.array([[0, 0, 30, 60], [20, 10, 60, 80], [50, 5, 89, 70.0]])
-    features = appearance.describe(image, boxes)
+    features = exported.describe(image, boxes)
     np.testing.assert_allclose(np.linalg.norm(features, axis=1), 1, atol=1e-5)
     network = load_module(AppearanceTraining, checkpoint).eval()
     with torch.no_grad():

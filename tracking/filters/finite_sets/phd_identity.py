@@ -1,15 +1,18 @@
 """Identities in the PHD filter, section 5.2 of the finite-sets paper.
 
-A cluster is the particles of one label. After each update the labels are put in order:
+A cluster is the set of particles with one label. The sum of its weights is the expected number of targets in it. Three
+rules change the labels after each update:
 
-1. Claim: a measurement that is probably a target takes one label, one to one, and the particles that explain it best
-   get that label. A cluster over two targets is parted in this way. (Not in the paper: ``claim=False``.)
-2. Join: two clusters near each other that weigh about one together get the older label. Births have labels of their
-   own until then. (The paper also gives each particle that was born near a cluster its label: ``adopt=True``.)
-3. Part: a cluster that weighs about two or more is cut into as many clusters.
+1. Claim. Each measurement that is probably a target is assigned one label, one to one. The particles that explain it
+   best get that label. This splits a cluster that covers two targets. The paper does not have this rule
+   (``claim=False``).
+2. Join. Two clusters near each other with a total weight of about one get the older label. New particles keep a label
+   of their own until then. The paper also gives each new particle near a cluster the label of that cluster
+   (``adopt=True``).
+3. Split. A cluster with a weight of about two or more is cut into that many clusters.
 
-A target is reported where the weight is near one: one for each cluster (`by_clusters`), or one for each measurement
-(`by_measurements`, Ristic, Clark and Vo, 2010).
+A target is reported where the weight is near one: one target for each cluster (`by_clusters`), or one for each
+measurement (`by_measurements`, Ristic, Clark and Vo, 2010).
 """
 
 from __future__ import annotations
@@ -33,22 +36,23 @@ from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, P
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 REPORTED = 0.5
-"""Least weight that counts as near one."""
+"""Targets: a weight above this counts as one target."""
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """How the update shared the measurements out.
+    """The clusters of a step, and how the update divided the measurements among their particles.
 
     Attributes:
-        starts: ``(G,)`` first particle of each group of one label.
-        pairs: gated pairs of groups and measurements.
-        share: ``(E,)`` part of each measurement's unit that each entry of ``pairs`` received.
-        measurements: ``(M, Z)``.
-        claimed: ``(M,)`` label of the target that each measurement is, 0 for none.
-        fresh: labels from this one on were made by parting in this step and are not reported yet. A cluster of one
-            target weighs about two when clutter falls beside it, so what was parted has to be found again first.
-        provisional: labels from this one on were given to what was born in this step, (62).
+        starts: ``(G,)`` first particle of each cluster.
+        pairs: pairs of clusters and measurements within the gate.
+        share: ``(E,)`` in [0, 1], the part of a measurement that each entry of ``pairs`` received. Over all particles
+            the parts of one measurement sum to at most 1; the rest is clutter.
+        measurements: ``(M, Z)`` in the units of the sensor.
+        claimed: ``(M,)`` label assigned to each measurement, 0 for none.
+        fresh: least label made by a split in this step. Such labels are not reported yet: clutter beside a target can
+            raise the weight of its cluster to two, so the new cluster has to be measured again first.
+        provisional: least label given to a birth of this step, (62).
     """
 
     starts: IntArray
@@ -62,11 +66,11 @@ class Clusters:
 
 @dataclass(frozen=True)
 class Memory:
-    """Targets that were reported, so that one missed measurement does not end them.
+    """Targets reported in the step before. A target in here is not ended by one missed measurement.
 
     Attributes:
         labels: ``(H,)``.
-        existence: ``(H,)`` probabilities.
+        existence: ``(H,)`` probability that each exists, in [0, 1].
     """
 
     labels: IntArray
@@ -80,10 +84,10 @@ class Memory:
 
 @dataclass(frozen=True)
 class PhdState(LabelledParticles):
-    """The posterior intensity, and the targets reported.
+    """The posterior intensity, and the targets reported from it.
 
     Attributes:
-        memory: what was reported.
+        memory: the targets reported.
     """
 
     memory: Memory = field(default_factory=Memory.empty)
@@ -102,7 +106,7 @@ def by_clusters(posterior: PhdState, clusters: Clusters) -> TargetEstimates:
 
 
 def by_measurements(posterior: PhdState, clusters: Clusters) -> TargetEstimates:
-    """One target for each measurement that the particles explain better than not: the mean under that measurement."""
+    """One target for each measurement of which the particles received more than half: their mean, weighted by share."""
     pairs, count = clusters.pairs, len(clusters.measurements)
     masses = pairs.by_measurement(clusters.share, count)
     shown = np.flatnonzero((masses > REPORTED) & (clusters.claimed > 0) & (clusters.claimed < clusters.fresh))
@@ -117,13 +121,15 @@ class Identity:
     """The rules of section 5.2.
 
     Attributes:
-        near: two clusters are near when their means are closer than this, in deviations of the sensor.
-        whole: two near clusters join when they weigh less than this together; one is parted when it weighs more.
-        remember: report a target through a missed measurement; without it a target is reported by its weight alone.
-        confirm: report what was parted in this step only when it is found again.
-        claim: measurements claim particles, one label each. `by_measurements` needs it.
-        adopt: a particle that was born near the mean of a cluster takes the label of the nearest, as printed; without
-            it births join as a cluster.
+        near: greatest distance of the means of two clusters that may join, in standard deviations of the sensor,
+            above 0.
+        whole: targets, in (1, 2). Two near clusters join when their total weight is less. A cluster is split when its
+            weight is more.
+        remember: report a target through a missed measurement. Without it the weight alone decides.
+        confirm: report a cluster made by a split only from the next step on.
+        claim: apply rule 1. `by_measurements` needs it.
+        adopt: a new particle near the mean of a cluster takes the label of the nearest one, as the paper has it.
+            Without it, new particles join as a cluster.
     """
 
     near: float = 2.0
@@ -136,11 +142,18 @@ class Identity:
     def recall(
         self, memory: Memory, estimates: TargetEstimates, posterior: PhdState, clusters: Clusters, model: PointModel
     ) -> tuple[TargetEstimates, Memory]:
-        """Adds the targets that were reported before and probably only went unmeasured.
+        """Add the targets that were reported before and now probably missed a measurement.
 
-        A miss leaves ``1 - pD`` of a cluster's weight whatever the weight was, since the intensity is that of a Poisson
-        number of targets. A cluster with an identity is one target or none: its existence ``r`` falls to
-        ``r (1 - pD) / (1 - r pD)``, and rises with the share of the measurements that it receives.
+        A missed measurement multiplies the weight of a cluster by ``1 - pD``, because the intensity describes a Poisson
+        number of targets. But a cluster with an identity is one target or none. Its probability of existence ``r``
+        falls to ``r (1 - pD) / (1 - r pD)`` only, and rises with the share of measurements that it receives.
+
+        Args:
+            memory: of the step before.
+            estimates: what the weights report.
+            posterior: particles grouped by label.
+            clusters: of this step.
+            model: gives pD and the probability of survival.
         """
         starts = clusters.starts
         names, (_, means) = posterior.labels[starts], cluster_moments(posterior, starts)
@@ -163,7 +176,7 @@ class Identity:
         return joined, Memory(names[there], existence[there])
 
     def tidy(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> tuple[PhdState, Clusters]:
-        """Labels after claiming, joining and parting; particles come back grouped by label."""
+        """The posterior after the three rules, its particles grouped by label; and its clusters."""
         claimed = np.zeros(len(clusters.measurements), dtype=np.int64)
         if self.claim:
             labels, claimed, fresh = _claim(posterior, clusters)
@@ -179,7 +192,7 @@ class Identity:
         return posterior, replace(clusters, claimed=claimed, fresh=clusters.fresh if self.confirm else fresh)
 
     def _adopted(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> IntArray:
-        """Labels ``(N,)`` after each newborn particle took that of the nearest older cluster, where it is near."""
+        """Labels ``(N,)`` after each new particle took the label of the nearest older cluster, if that is near."""
         starts, labels = clusters.starts, posterior.labels
         old = starts[labels[starts] < clusters.provisional]
         born = np.flatnonzero(labels >= clusters.provisional)
@@ -197,10 +210,9 @@ class Identity:
         return taken
 
     def _join(self, posterior: PhdState, starts: IntArray, claimed: IntArray, sensor: GaussianSensor) -> IntArray:
-        """New label of each cluster: two near ones that weigh about one together take the older label, the nearest pair
-        first.
+        """Rule 2: the new label ``(G,)`` of each cluster. The nearest pair joins first.
 
-        Two clusters that measurements claimed are two targets, and stay apart.
+        Two clusters whose labels are both assigned to measurements are two targets, and do not join.
         """
         masses, means = cluster_moments(posterior, starts)
         target = posterior.labels[starts].copy()
@@ -222,9 +234,9 @@ class Identity:
         return target
 
     def _part(self, posterior: PhdState, starts: IntArray, target: IntArray) -> tuple[IntArray, int]:
-        """Labels after joining, where heavy clusters were cut across their longest axis; and the next free label.
+        """Rule 3: the labels ``(N,)`` of the particles, and the next free label.
 
-        A cluster is cut into as many equal parts as it weighs.
+        A heavy cluster is cut across its longest axis, into parts of equal weight, about one each.
         """
         sizes, fresh = cluster_sizes(starts, len(posterior)), posterior.next_label
         labels, weights = np.repeat(target, sizes), np.exp(posterior.log_weights)
@@ -243,11 +255,12 @@ class Identity:
 
 
 def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray, int]:
-    """Claiming: new labels ``(N,)``, the label ``(M,)`` that each measurement took (0 for none), the next free label.
+    """Rule 1: new labels ``(N,)``, the label ``(M,)`` of each measurement (0 for none), and the next free label.
 
-    A measurement takes the label that gave it most, one to one, or a new one. It claims the particles that gave it more
-    than they gave any other measurement and more than they kept. Particles of a claimed label that lie outside the
-    gate of its measurement are another target, and get a new label.
+    A measurement is assigned the label from which most of its weight comes, one to one, or a new label. Its label is
+    given to each particle for which this measurement has the largest share, and a share above half the particle's
+    weight. Particles that have an assigned label but lie outside the gate of its measurement are another target, and
+    get a new label.
     """
     pairs, count, particles = clusters.pairs, len(clusters.measurements), len(posterior)
     labels, fresh = posterior.labels.copy(), posterior.next_label

@@ -1,13 +1,12 @@
 """ByteTrack: people followed online by every detection box (Zhang et al., "ByteTrack", ECCV 2022, algorithm 1).
 
-What a detector is unsure of is often somebody half hidden. So no detection is thrown away by its score: those above a
-threshold τ are matched to the tracks first, the others, D_low, to the tracks that the first left over. A track that
-somebody is expected at thus goes on through low scores, and clutter of low score, which nothing is expected at, does
-nothing.
+A detection of low score is often a person who is half hidden, so it is not discarded. Detections with a score above a
+threshold τ are matched to the tracks first. The others, D_low, are then matched to the tracks that are still unmatched.
+So a track continues through low scores. Clutter of low score starts no track, and rarely matches one.
 
-What the paper leaves open is decided as in its experiments: both similarities are the overlap with the box that a
-Kalman filter predicts; the second asks for more overlap, since those detections are less sure of themselves; and only
-tracks that were seen in the frame before take part in it.
+The paper leaves these points open, and its experiments decide them: both similarities are the IoU with the box that a
+Kalman filter predicts; the second asks for more overlap, because detections of low score are less reliable; only tracks
+with a detection in the frame before take part in the second.
 """
 
 from __future__ import annotations

@@ -1,12 +1,13 @@
 """The combined tracker, ours: a strong filter goes on, and particles challenge it where it is in doubt.
 
-Thesis chapter 3 hands the target over to particles as soon as the filter's response is low. On videos that its settings
-have not seen this loses more than it saves: most doubts are short and the filter gets over them. So here
+In thesis chapter 3 particles take over as soon as the filter's response is low. On videos that did not choose its
+settings this loses more targets than it saves: the response is mostly low for a short time only, and the filter
+recovers by itself. So here
 
 * the filter is `regularised`, which knows the target's colours and size;
-* doubt needs two witnesses, a response and colours that are low by their own running medians, and ends later than it
-  begins (hysteresis);
-* in doubt the filter goes on and learns the slower, the lower its response; it stays one hypothesis to the end;
+* the target is in doubt when two measures, the response and the colours, are both low against their own running
+  medians; doubt ends at higher values than it begins (hysteresis);
+* in doubt the filter goes on, and its learning rate falls with its response; it stays one of the hypotheses;
 * the particles of 3.2.3 to 3.2.5, each a place and the number of a filter (the present one, the first one, stored
   ones), look for the target all around. Where the best one's response is higher elsewhere for several frames in a
   row, the target is taken to be there, with that filter.
