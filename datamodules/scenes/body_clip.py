@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.datamodules.scenes.clip_files import numbered, write_image
 from tsuiseki.datamodules.scenes.fish.drawing import Drawn, within
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_sequence_info
@@ -111,8 +112,7 @@ def write_body_clip(
         (work / "img1").mkdir()
         (work / FOLDER).mkdir()
         for index, frame in enumerate(frames):
-            name = work / "img1" / f"{index + 1:06d}.jpg"
-            cv2.imwrite(str(name), frame.image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])
+            write_image(work / "img1" / numbered(index), frame.image)
             write_silhouettes(work, index, frame.silhouettes)
             states.append(frame.states)
             size = frame.image.shape[1], frame.image.shape[0]

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 
 from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, backgrounds, film, make_scene
+from tsuiseki.datamodules.scenes.clip_files import numbered, write_image
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.formats.track3d import write_path3d
 from tsuiseki.tracking.types import ImageArray
@@ -37,8 +38,7 @@ def write_ball(
         cv2.imwrite(str(folder / f"{name.replace('camera', 'background')}.png"), image[:, :, ::-1])
     for index, images in enumerate(watch(film(scene, seed))):
         for name, image in zip(names, images, strict=True):
-            file = folder / name / f"{index + 1:06d}.jpg"
-            cv2.imwrite(str(file), image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+            write_image(folder / name / numbered(index), image, QUALITY)
     placed = [PlacedCamera(n, c, settings.frame_rate) for n, c in zip(names, scene.cameras, strict=True)]
     write_cameras(folder / "cameras.yaml", placed)
     write_path3d(folder / "truth.csv", Path3D(scene.times, scene.truth))

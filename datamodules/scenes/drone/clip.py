@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.datamodules.scenes.clip_files import check_settings
 from tsuiseki.datamodules.scenes.drone.actors import Performer, PerformerState
 from tsuiseki.datamodules.scenes.drone.flight import MOTIONS, STEEPEST, Strength, Viewpoint, fly, ground_homography
 from tsuiseki.datamodules.scenes.drone.gathering import Gathering, gather
@@ -26,7 +27,6 @@ from tsuiseki.datamodules.scenes.street.clutter import bush, crate
 from tsuiseki.datamodules.scenes.street.staging import reach_of
 from tsuiseki.datamodules.scenes.street.street import FrameTruth
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -81,25 +81,16 @@ class DroneSceneSettings:
     samples: int = 2
 
     def __post_init__(self) -> None:
-        expected = (
-            (min(self.width, self.height) >= 64, "at least 64x64 pixels", f"{self.width}x{self.height}"),
-            (self.frames >= 1 and self.people >= 1, "at least one frame and person", (self.frames, self.people)),
-            (np.isfinite(self.frame_rate) and self.frame_rate > 0, "a positive frame_rate", self.frame_rate),
+        shares = (self.look_alikes, self.shutter)
+        own = (
             (self.camera in MOTIONS, f"a camera of {', '.join(MOTIONS)}", self.camera),
             (3 <= self.altitude[0] <= self.altitude[1], "altitude as (lowest, highest) from 3 m", self.altitude),
             (45 <= self.tilt[0] <= self.tilt[1] <= 90, "tilt as (flattest, steepest) within 45-90", self.tilt),
             (0 < self.focal[0] <= self.focal[1], "focal as (shortest, longest)", self.focal),
-            (
-                0 <= self.look_alikes <= 1 and 0 <= self.shutter <= 1,
-                "shares in [0, 1]",
-                (self.look_alikes, self.shutter),
-            ),
-            (min(self.clutter, self.blur, self.noise) >= 0, "no negative clutter, blur or noise", self.clutter),
-            (1 <= self.jpeg <= 100 and 1 <= self.samples <= 8, "jpeg 1-100, samples 1-8", (self.jpeg, self.samples)),
+            (all(0 <= share <= 1 for share in shares), "look_alikes and shutter in [0, 1]", shares),
+            (self.clutter >= 0, "no negative clutter", self.clutter),
         )
-        for holds, what, got in expected:
-            if not holds:
-                raise RequestError(f"drone clip: expected {what}, got {got}")
+        check_settings("drone", self, 64, own)
 
 
 @dataclass(frozen=True)

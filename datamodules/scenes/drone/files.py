@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip_files import write_images, write_info
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, DroneTruth, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.street.street import as_ground_truth
 from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, actions_of, write_okutama
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import ImageArray
@@ -64,14 +64,11 @@ def write_drone(
     folder.parent.mkdir(parents=True, exist_ok=True)
     with output_folder(folder, overwrite) as work:
         name = name or (folder.name if layout == "mot" else "1.1.1")
-        images = work / ("img1" if layout == "mot" else f"{OKUTAMA_FRAMES}/{name}")
-        images.mkdir(parents=True)
-        truths = []
-        for frame, (image, truth) in enumerate(watch(drone_frames(settings, seed))):
-            truths.append(truth)
-            data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, settings.jpeg])[1]
-            file = f"{frame + 1:06d}.jpg" if layout == "mot" else f"{frame}.jpg"
-            (images / file).write_bytes(data.tobytes())
+        frames = watch(drone_frames(settings, seed))
+        if layout == "mot":
+            truths = write_images(work / "img1", frames, settings.jpeg)
+        else:
+            truths = write_images(work / OKUTAMA_FRAMES / name, frames, settings.jpeg, "{}.jpg".format)
         _write_labels(work, settings, truths, name, layout)
     return folder
 
@@ -79,14 +76,14 @@ def write_drone(
 def _write_labels(
     work: Path, settings: DroneSceneSettings, truths: list[DroneTruth], name: str, layout: Layout
 ) -> None:
-    size = settings.width, settings.height
     rows = as_ground_truth([t.people for t in truths])
     hidden, none = rows.visibility < OCCLUDED, np.zeros(len(rows), dtype=np.bool_)
     actions = actions_of([names for t in truths for names in t.actions])
     labels = ActionLabels(rows.frames, rows.ids, rows.boxes, none, hidden, none, actions, OKUTAMA_ACTIONS)
+    size = settings.width, settings.height
     if layout == "okutama":
         write_okutama(work / OKUTAMA_LABELS / f"{name}.txt", labels, size)
         return
     write_okutama(work / ACTIONS_FILE, labels, size)
     write_ground_truth(work / "gt" / "gt.txt", rows)
-    write_sequence_info(work, name, settings.frame_rate, settings.frames, *size)
+    write_info(work, name, settings)

@@ -6,15 +6,17 @@ between targets however well a box fits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip_files import write_images, write_info
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -116,7 +118,10 @@ def plan_blobs(settings: BlobSceneSettings, rng: np.random.Generator) -> BlobPat
     return BlobPaths(boxes, purity, tuple(d[0] for d in drawn), tuple(d[1] for d in drawn))
 
 
-def blob_frames(settings: BlobSceneSettings, seed: int) -> Iterator[tuple[ImageArray, FloatArray]]:
+Drawn: TypeAlias = tuple[ImageArray, FloatArray]
+
+
+def blob_frames(settings: BlobSceneSettings, seed: int) -> Iterator[Drawn]:
     """Images ``(H, W, 3)`` RGB and the boxes ``(K, 4)`` in each, NaN while an object is away; the same for one seed."""
     rng = np.random.default_rng(seed)
     paths = plan_blobs(settings, rng)
@@ -130,20 +135,29 @@ def blob_frames(settings: BlobSceneSettings, seed: int) -> Iterator[tuple[ImageA
         yield np.clip(image + noise, 0, 255).astype(np.uint8), boxes
 
 
-def write_blobs(folder: Path, settings: BlobSceneSettings, seed: int, overwrite: bool = False) -> Path:
+def write_blobs(
+    folder: Path,
+    settings: BlobSceneSettings,
+    seed: int,
+    overwrite: bool = False,
+    watch: Callable[[Iterator[Drawn]], Iterator[Drawn]] = iter,
+) -> Path:
     """Writes a MOTChallenge sequence: ``img1/000001.jpg`` …, ``gt/gt.txt``, ``seqinfo.ini``.
+
+    Args:
+        folder: does not exist yet or is empty, unless ``overwrite``.
+        settings: of the clip.
+        seed: of all random numbers.
+        overwrite: a clip that the folder holds is replaced.
+        watch: passes the frames on as they are drawn, to show how far it is.
 
     Raises:
         RequestError: ``folder`` is a file, or holds files while ``overwrite`` is False.
     """
-    truth = []
     with output_folder(folder, overwrite) as work:
-        (work / "img1").mkdir()
-        for index, (image, boxes) in enumerate(blob_frames(settings, seed)):
-            cv2.imwrite(str(work / "img1" / f"{index + 1:06d}.jpg"), image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])
-            truth.append(boxes)
+        truth = write_images(work / "img1", watch(blob_frames(settings, seed)))
         write_ground_truth(work / "gt" / "gt.txt", as_ground_truth(np.stack(truth)))
-        write_sequence_info(work, folder.name, settings.frame_rate, settings.frames, settings.width, settings.height)
+        write_info(work, folder.name, settings)
     return folder
 
 

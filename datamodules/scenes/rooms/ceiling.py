@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.datamodules.scenes.clip_files import check_settings
 from tsuiseki.datamodules.scenes.people.person import person_solids
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, random_degradation, sensor_noise, tone
 from tsuiseki.datamodules.scenes.render.insertion import clusters
@@ -77,19 +78,13 @@ class RoomSettings:
     samples: int = 2
 
     def __post_init__(self) -> None:
-        expected = (
-            (min(self.width, self.height) >= 64, "at least 64x64 pixels", f"{self.width}x{self.height}"),
-            (self.frames >= 1 and self.people >= 1, "at least one frame and person", (self.frames, self.people)),
-            (np.isfinite(self.frame_rate) and self.frame_rate > 0, "a positive frame_rate", self.frame_rate),
+        own = (
             (min(self.size) >= 2, "a floor of at least 2 by 2 m", self.size),
             (2.3 <= self.ceiling[0] <= self.ceiling[1], "a ceiling as (lowest, highest) from 2.3 m", self.ceiling),
             (0 <= self.repeated <= 1 and 0 <= self.pauses <= 1, "shares in [0, 1]", (self.repeated, self.pauses)),
-            (min(self.furniture, self.noise, self.blur) >= 0, "no negative furniture, noise or blur", self.furniture),
-            (1 <= self.jpeg <= 100 and 1 <= self.samples <= 8, "jpeg 1-100, samples 1-8", (self.jpeg, self.samples)),
+            (self.furniture >= 0, "no negative furniture", self.furniture),
         )
-        for holds, what, got in expected:
-            if not holds:
-                raise RequestError(f"room clip: expected {what}, got {got}")
+        check_settings("room", self, 64, own)
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeAlias
 
-import cv2
-import numpy as np
-
+from tsuiseki.datamodules.scenes.clip_files import ground_truth, write_images, write_info
 from tsuiseki.datamodules.scenes.rooms.ceiling import (
     RoomClip,
     RoomSettings,
@@ -19,10 +17,9 @@ from tsuiseki.datamodules.scenes.rooms.ceiling import (
 )
 from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, write_floor_cameras
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
-from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import ImageArray
-from tsuiseki.tracking.types.labels import GroundTruth
 
 Drawn: TypeAlias = tuple[ImageArray, RoomTruth]
 CAMERAS_FILE, PLACES_FILE = "cameras.yaml", "gt/world.csv"
@@ -68,22 +65,12 @@ def cameras_of(clip: RoomClip) -> list[CameraOverFloor]:
 
 def _write_view(folder: Path, clip: RoomClip, number: int, watch: Callable[[Iterator[Drawn]], Iterator[Drawn]]) -> None:
     settings = clip.settings
-    (folder / "img1").mkdir(parents=True)
     view = view_room(clip, number)
-    truths = []
     frames = (draw_room_frame(clip, view, frame) for frame in range(settings.frames))
-    for frame, (image, truth) in enumerate(watch(frames)):
-        truths.append(truth)
-        write_frame(folder, frame, image, settings.jpeg)
-    write_ground_truth(folder / "gt" / "gt.txt", room_ground_truth(truths))
+    truths = write_images(folder / "img1", watch(frames), settings.jpeg)
+    write_ground_truth(folder / "gt" / "gt.txt", ground_truth(truths))
     write_places(folder / PLACES_FILE, truths)
-    write_sequence_info(folder, folder.name, settings.frame_rate, settings.frames, settings.width, settings.height)
-
-
-def write_frame(folder: Path, frame: int, image: ImageArray, quality: int) -> None:
-    """Write ``img1/NNNNNN.jpg``, counted from 1."""
-    data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    (folder / "img1" / f"{frame + 1:06d}.jpg").write_bytes(data.tobytes())
+    write_info(folder, folder.name, settings)
 
 
 def write_places(path: Path, truths: list[RoomTruth]) -> None:
@@ -94,17 +81,3 @@ def write_places(path: Path, truths: list[RoomTruth]) -> None:
         for number, (x, y) in zip(truth.ids.tolist(), truth.places.tolist(), strict=True)
     ]
     path.write_text("frame,id,x,y\n" + "".join(rows), encoding="utf-8")
-
-
-def room_ground_truth(truths: list[RoomTruth]) -> GroundTruth:
-    """All rows of a camera, every one evaluated, with the ids of the room."""
-    ids = np.concatenate([t.ids for t in truths])
-    everyone = np.ones(len(ids), dtype=np.bool_)
-    return GroundTruth(
-        frames=np.repeat(np.arange(len(truths)), [len(t.ids) for t in truths]),
-        ids=ids,
-        boxes=np.concatenate([t.boxes for t in truths]),
-        evaluated=everyone,
-        ignored=~everyone,
-        visibility=np.concatenate([t.visibility for t in truths]),
-    )

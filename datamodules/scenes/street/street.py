@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-import cv2
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from tsuiseki.datamodules.scenes.clip_files import check_settings, ground_truth, write_images, write_info
 from tsuiseki.datamodules.scenes.people.person import person_solids
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
@@ -30,8 +27,9 @@ from tsuiseki.datamodules.scenes.street.staging import (
 from tsuiseki.datamodules.scenes.street.walkers import CrowdSettings, Walker, crowd
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.geometry import areas, clip_boxes
+from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -88,28 +86,16 @@ class StreetSettings:
     samples: int = 2
 
     def __post_init__(self) -> None:
-        expected = (
-            (min(self.width, self.height) >= 32, "at least 32x32 pixels", f"{self.width}x{self.height}"),
-            (self.frames >= 1, "at least one frame", self.frames),
-            (np.isfinite(self.frame_rate) and self.frame_rate > 0, "a positive frame_rate", self.frame_rate),
-            (self.people >= 1 and self.occluders >= 0, "people >= 1, occluders >= 0", (self.people, self.occluders)),
+        shares = (self.groups, self.pauses, self.look_alikes)
+        own = (
+            (self.occluders >= 0, "occluders >= 0", self.occluders),
             (0 < self.camera_height[0] <= self.camera_height[1], "camera_height as (low, high)", self.camera_height),
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
-            (
-                all(0 <= p <= 1 for p in (self.groups, self.pauses, self.look_alikes)),
-                "groups, pauses and look_alikes in [0, 1]",
-                (self.groups, self.pauses, self.look_alikes),
-            ),
-            (1 <= self.jpeg <= 100 and 1 <= self.samples <= 8, "jpeg 1-100, samples 1-8", (self.jpeg, self.samples)),
+            (all(0 <= p <= 1 for p in shares), "groups, pauses and look_alikes in [0, 1]", shares),
             (self.speed[0] > 0 and self.speed[1] >= 0, "a positive mean speed", self.speed),
-            (min(self._lens()) >= 0, "no negative noise, blur or drift", self._lens()),
+            (self.exposure_drift >= 0, "no negative exposure_drift", self.exposure_drift),
         )
-        for holds, what, got in expected:
-            if not holds:
-                raise RequestError(f"street clip: expected {what}, got {got}")
-
-    def _lens(self) -> tuple[float, float, float]:
-        return self.noise, self.blur, self.exposure_drift
+        check_settings("street", self, 32, own)
 
 
 @dataclass(frozen=True)
@@ -232,70 +218,19 @@ def write_street(
         RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
     """
     folder = Path(folder).resolve()
-    if folder.is_file():
-        raise RequestError(f"expected a folder for the clip, but {folder} is a file; choose another name")
-    filled = folder.is_dir() and any(folder.iterdir())
-    if filled and not overwrite:
-        raise RequestError(f"{folder} already holds files; choose another folder or add `overwrite`")
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise RequestError(f"cannot write a clip at {folder}: {error.strerror}; choose another folder") from error
-    try:
-        _write_clip(work, settings, watch(street_frames(settings, seed)), name or folder.name)
-        # The folder for temporary use is the owner's alone; a result is for everybody whom the umask lets.
-        work.chmod(0o777 & ~_umask())
-        if filled:
-            _replace_clip(work, folder)
-        else:
-            work.replace(folder)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+    with output_folder(folder, overwrite) as work:
+        truths = write_images(work / "img1", watch(street_frames(settings, seed)), settings.jpeg)
+        write_ground_truth(work / "gt" / "gt.txt", as_ground_truth(truths))
+        write_info(work, name or folder.name, settings)
     return folder
-
-
-def _replace_clip(work: Path, folder: Path) -> None:
-    for new in work.iterdir():
-        old = folder / new.name
-        if old.is_dir() and not old.is_symlink():
-            shutil.rmtree(old)
-        elif new.is_dir():
-            old.unlink(missing_ok=True)
-        new.replace(old)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def _write_clip(folder: Path, settings: StreetSettings, frames: Iterator[Drawn], name: str) -> None:
-    (folder / "img1").mkdir()
-    truths = []
-    for frame, (image, truth) in enumerate(frames):
-        truths.append(truth)
-        data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, settings.jpeg])[1]
-        (folder / "img1" / f"{frame + 1:06d}.jpg").write_bytes(data.tobytes())
-    write_ground_truth(folder / "gt" / "gt.txt", as_ground_truth(truths))
-    write_sequence_info(folder, name, settings.frame_rate, settings.frames, settings.width, settings.height)
 
 
 def as_ground_truth(truths: list[FrameTruth]) -> GroundTruth:
     """All rows of a clip, every one evaluated, with ids without gaps in the order of appearance."""
-    frames = np.repeat(np.arange(len(truths)), [len(t.ids) for t in truths])
-    ids = np.concatenate([t.ids for t in truths])
-    _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
+    truth = ground_truth(truths)
+    _, first, inverse = np.unique(truth.ids, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
-    return GroundTruth(
-        frames=frames.astype(np.int64),
-        ids=(rank[inverse] + 1).astype(np.int64),
-        boxes=np.concatenate([t.boxes for t in truths]),
-        evaluated=np.ones(len(ids), dtype=np.bool_),
-        ignored=np.zeros(len(ids), dtype=np.bool_),
-        visibility=np.concatenate([t.visibility for t in truths]),
-    )
+    return replace(truth, ids=(rank[inverse] + 1).astype(np.int64))
 
 
 def _camera(rng: np.random.Generator, settings: StreetSettings) -> tuple[PinholeCamera, FloatArray]:

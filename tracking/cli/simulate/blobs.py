@@ -31,4 +31,4 @@ def blobs(
 
     size = clip.frames, clip.width, clip.height
     settings = BlobSceneSettings(*size, frame_rate, objects, colour, purity, clutter=clutter)
-    return fill(output, clip.told, lambda folder: write_blobs(folder, settings, output.seed))
+    return fill(output, clip.told, lambda folder: write_blobs(folder, settings, output.seed, watch=clip.watch))

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip_files import ground_truth
 from tsuiseki.datamodules.scenes.rooms.ceiling import (
     SIZES,
     Room,
@@ -21,7 +22,6 @@ from tsuiseki.datamodules.scenes.rooms.ceiling import (
     plan_room,
     view_room,
 )
-from tsuiseki.datamodules.scenes.rooms.files import room_ground_truth
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
@@ -175,7 +175,7 @@ def _drawn_from(truth: RoomTruth, sequence: Sequence, frame: int) -> Detections:
     if not len(truth.ids):
         return Detections.empty()
     rng = np.random.default_rng([sequence.seed, sequence.camera, frame, 9])
-    return simulate_detections(rng, room_ground_truth([truth]), 1, 1280, 960, FAULTS)[0]
+    return simulate_detections(rng, ground_truth([truth]), 1, 1280, 960, FAULTS)[0]
 
 
 def read_observed(folder: Path) -> Observed:

@@ -121,7 +121,7 @@ def test_training_pictures_come_in_rooms():
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"people": 0}, "one frame and person"), ({"size": (1.0, 9.0)}, "2 by 2 m"), ({"ceiling": (2.0, 3.0)}, "2.3 m")],
+    [({"people": 0}, "at least one person"), ({"size": (1.0, 9.0)}, "2 by 2 m"), ({"ceiling": (2.0, 3.0)}, "2.3 m")],
 )
 def test_settings_out_of_range_are_named(change, message):
     with pytest.raises(RequestError, match=message):
