@@ -71,7 +71,7 @@ class Observers:
 def observe(
     frames: Iterable[Frame], observers: Observers, times: StageTimes | None = None, first: int = 0
 ) -> Iterator[Observation]:
-    """Observations of the frames, one by one. In memory: one batch of frames, and those that optical flow looks back to.
+    """Observations of the frames, one by one. In memory: one batch of frames, and those optical flow looks back to.
 
     Args:
         frames: consecutive frames; those before ``first`` are only history.
