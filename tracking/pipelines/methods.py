@@ -65,11 +65,10 @@ def people_tracker(
     Raises:
         RequestError: there is no such method, or another than the flow shall have a delay.
     """
-    if delay is not None and (method != "flow" or not 0 <= delay < inf):
-        raise RequestError(
-            f"expected `delay` of 0 seconds or more with the method flow, got {delay:g} with {method}"
-            + ("" if method == "flow" else ", which answers at once")
-        )
+    if delay is not None and method != "flow":
+        raise RequestError(f"expected `delay` with the method flow, got it with {method}, which answers at once")
+    if delay is not None and not 0 <= delay < inf:
+        raise RequestError(f"expected `delay` of 0 seconds or more, got {delay:g}")
     settings = settings or MethodSettings()
     pairs = affinity if isinstance(affinity, Affinity) else None
     changes = affinity if isinstance(affinity, CostNetwork) else None

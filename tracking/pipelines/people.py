@@ -53,6 +53,7 @@ def track_people(
     moving_camera: bool = False,
     threads: int = 0,
     seed: int = 0,
+    delay: float | None = None,
 ) -> list[Track]:
     """Everyone in a video, each with an id.
 
@@ -74,6 +75,8 @@ def track_people(
         moving_camera: estimate how the camera moves and link people as if it stood still.
         threads: CPU threads of the networks; 0 takes all.
         seed: of the tracker's random numbers.
+        delay: seconds after which ``flow`` decides on a frame for good, as in `follow_people`; by default it decides at
+            the end.
 
     Returns:
         The tracks by id; their frames count from 0 at the beginning of the video.
@@ -83,7 +86,7 @@ def track_people(
         RunError: the video breaks off.
     """
     inputs, tracker = _prepared(
-        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed
+        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed, delay
     )
     if inputs.source.live and inputs.source.frames_wanted.last is None:
         raise RequestError(f"{inputs.source.name} does not end by itself; give frames, or use follow_people")

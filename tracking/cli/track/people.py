@@ -38,6 +38,7 @@ def people(
     affinity: Path | None = None,
     moving_camera: bool = False,
     classes: list[int] | None = None,
+    delay: float | None = None,
     sort: SortSettings = DEFAULT.sort,
     deepsort: DeepSortSettings = DEFAULT.deepsort,
     bytetrack: ByteTrackSettings = DEFAULT.bytetrack,
@@ -52,7 +53,7 @@ def people(
     Args:
         method: sort follows positions; bytetrack, through low scores, too; ocsort, through gaps; deepsort compares
             appearance, too; flow links the whole video at once, which is the most accurate and gives its result at the
-            end.
+            end, or with --delay a fixed time after each frame.
         detector: detector as ONNX; by default the shipped detector_street.onnx. One of other projects (YOLO, YOLOX,
             RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
         detector_options: what the file of another project's detector does not tell.
@@ -66,6 +67,8 @@ def people(
         moving_camera: estimate how the camera moves and link people as if it stood still.
         classes: track the rows of --detections of these classes (column 8), each class apart, such as 1,3; tracks.txt
             then has the class in column 8. By default all rows, as one class.
+        delay: seconds after which --method flow decides on a frame for good, such as 1.0, with memory that does not
+            grow but for the result; by default it decides at the end.
         seed: of random numbers; kept in run.json, for the methods here draw none.
         sort: settings of --method sort.
         deepsort: settings of --method deepsort.
@@ -107,7 +110,7 @@ def people(
     settings = MethodSettings(sort, deepsort, bytetrack, ocsort, flow)
 
     def make() -> PeopleTracker:
-        return people_tracker(method, settings, learnt, output.seed, source, inputs.camera)
+        return people_tracker(method, settings, learnt, output.seed, source, inputs.camera, delay)
 
     tracker = make() if classes is None else ByClass(make, kinds[source.frames_wanted.first :], classes)
     class_of = tracker.class_of if isinstance(tracker, ByClass) else lambda _: -1

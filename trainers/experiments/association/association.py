@@ -47,7 +47,9 @@ OURS: dict[PeopleMethod, str] = {
 }
 RATES = (30.0, 15.0, 10.0, 5.0)
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
-PARTS = ("methods", "losses", "rates")
+# Seconds after which the flow answers; None is the end.
+DELAYS = (0.5, 1.0, 2.0, 5.0, None)
+PARTS = ("methods", "losses", "rates", "delays")
 # Recall and precision of the given detections that the data sets' description states.
 KNOWN = {
     "MOT17-02": (0.614, 0.878), "MOT17-05": (0.814, 0.964), "MOT17-10": (0.736, 0.949), "MOT17-13": (0.822, 0.975),
@@ -92,8 +94,8 @@ def reproduce(
             over.
         sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, separated by commas.
         parts: methods (all rows, combined and by sequence), losses (the default with one kind of error mended, and the
-            right links over the same detections), rates (mot17 at 30, 15, 10 and 5 frames a second), separated by
-            commas.
+            right links over the same detections), rates (mot17 at 30, 15, 10 and 5 frames a second), delays (the flow
+            that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
         peer: python of an environment with the package trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are measured
             beside; by default this one, if it has the package.
         gap: longest gap that the right links bridge in the picture and where the losses are told, seconds.
@@ -113,6 +115,8 @@ def reproduce(
         tables += [table for one in measured for table in _loss_tables(bench, one, gap)]
     if "rates" in parts:
         tables += [_rate_table(bench, one) for one in measured if one.described.key == "mot17"]
+    if "delays" in parts:
+        tables += [_delay_table(bench, one) for one in measured if one.described.key in ("mot17", "pets")]
     limits = {one.described.title: _right(bench, one.clips, gap, filled=True) for one in measured}
     return Outcome(
         {"peer": environment.version if environment else None, "sets": values},
@@ -220,6 +224,18 @@ def _rate_table(bench: Bench, one: Measured) -> Table:
             rows.append([f"{rate:g} ({kept})", method, *shares, str(int(found["id_switches"]))])
     columns = (f"{one.described.title}: frames a second (kept)", "method", "HOTA", "MOTA", "IDF1", "IDSW")
     return Table("", columns, rows)
+
+
+def _delay_table(bench: Bench, one: Measured) -> Table:
+    """What it costs the flow to answer so many seconds after each frame."""
+    rows = []
+    for delay in DELAYS:
+        tables = [bench.store.recall(method_tracks, clip, "flow", delay) for clip in one.clips]
+        sums = [bench.store.recall(clip_sums, clip, table) for clip, table in zip(one.clips, tables, strict=True)]
+        found = values_of(Result("flow", np.array(sums)))
+        shares = [f"{found[k]:.3f}" for k in ("hota", "mota", "idf1")]
+        rows.append(["all" if delay is None else f"{delay:g} s", *shares, str(int(found["id_switches"]))])
+    return Table("", (f"{one.described.title}: delay of the flow", "HOTA", "MOTA", "IDF1", "IDSW"), rows)
 
 
 def _notes(environment: Peer | None, missing: Sequence[DataSet]) -> list[str]:

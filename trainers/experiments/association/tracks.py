@@ -14,7 +14,7 @@ from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
 
 
-def method_tracks(clip: Clip, method: PeopleMethod) -> FloatArray:
+def method_tracks(clip: Clip, method: PeopleMethod, delay: float | None = None) -> FloatArray:
     """What `tsuiseki track people --detections … --method METHOD` gives, as `table_of` writes it.
 
     Pictures are looked at where the sequence has any and all its frames are kept, as the command does.
@@ -23,9 +23,9 @@ def method_tracks(clip: Clip, method: PeopleMethod) -> FloatArray:
     if clip.pictures is not None and clip.every == 1:
         first = clip.kept.start
         whole = [Detections.empty()] * first + found
-        tracks = track_people(clip.pictures, method, detections=whole, frames=clip.frames, threads=1)
+        tracks = track_people(clip.pictures, method, detections=whole, frames=clip.frames, threads=1, delay=delay)
         return table_of([shifted(track, -first) for track in tracks])
-    return table_of(without_pictures(clip, found, method))
+    return table_of(without_pictures(clip, found, method, delay))
 
 
 def boxes_alone(clip: Clip, method: PeopleMethod) -> FloatArray:
@@ -33,11 +33,13 @@ def boxes_alone(clip: Clip, method: PeopleMethod) -> FloatArray:
     return table_of(without_pictures(clip, read_clip(clip), method))
 
 
-def without_pictures(clip: Clip, found: Sequence[Detections], method: PeopleMethod) -> list[Track]:
+def without_pictures(
+    clip: Clip, found: Sequence[Detections], method: PeopleMethod, delay: float | None = None
+) -> list[Track]:
     """The tracks of a sequence that is its detections, its rate and the size of its images."""
     with tempfile.TemporaryDirectory() as folder:
         write_sequence_info(Path(folder), clip.name, clip.rate, len(found), *clip.size)
-        return track_people(folder, method, detections=list(found))
+        return track_people(folder, method, detections=list(found), delay=delay)
 
 
 def observed_only(table: FloatArray) -> FloatArray:
