@@ -20,9 +20,9 @@ import numpy as np
 from ortools.graph.python import min_cost_flow
 from walkers import machine, peak_memory, walking_people
 
-from tsuiseki.tracking.association.flow.flow_rounds import Seen
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.association.flow.network_flow import FlowGraph, scaled, solve
+from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput
 from tsuiseki.tracking.trackers.people.record import run_tracker

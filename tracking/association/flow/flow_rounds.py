@@ -12,16 +12,19 @@ the tracks found.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tsuiseki.tracking.association.costs import TransitionCost, cosine_distances, inner_products, pair_features
+from tsuiseki.tracking.association.flow.along_tracks import Along, Changed
 from tsuiseki.tracking.association.flow.link_cost import MOST_WORTH, LinkCost
+from tsuiseki.tracking.association.flow.links import Links, joined_links
+from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import Pairs, Strips, centres, gaps, joined, sizes
 from tsuiseki.tracking.association.occlusion import hidden_between
 from tsuiseki.tracking.association.tracklets.action_refinement import window_means
-from tsuiseki.tracking.association.tracklets.chain_motion import Beliefs, Measurements
+from tsuiseki.tracking.association.tracklets.chain_motion import Beliefs
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
@@ -50,57 +53,6 @@ class RoundSettings:
     def __post_init__(self) -> None:
         if not (self.near > 0 and self.window > 0 and self.ends >= 0 and self.rounds >= 0 and 0 <= self.keep < 1):
             raise ValueError("expected window and near above 0, ends and rounds from 0 and keep in [0, 1)")
-
-
-@dataclass(frozen=True)
-class Seen:
-    """The detections of a window, in the order of their frames.
-
-    Attributes:
-        numbers: ``(N,)`` increasing, counted over the whole video.
-        frames: ``(N,)``.
-        image: ``(N, 4)`` boxes where the image shows them, pixels.
-        boxes: ``(N, 4)`` boxes as if the camera stood still.
-        measured: the same as the filter takes them.
-        features: ``(N, D)`` of unit length, NaN where not known; None where nothing was described.
-        frame_rate: frames a second.
-        size: width and height of the image; None where not known.
-    """
-
-    numbers: IntArray
-    frames: IntArray
-    image: FloatArray
-    boxes: FloatArray
-    measured: Measurements
-    features: FloatArray | None
-    frame_rate: float
-    size: tuple[int, int] | None
-
-    def __len__(self) -> int:
-        return len(self.numbers)
-
-
-@dataclass(frozen=True)
-class Links:
-    """Links between detections of a window.
-
-    Attributes:
-        tail: ``(P,)`` numbers of the earlier detections.
-        head: ``(P,)`` of the later ones.
-        cost: ``(P,)``.
-        along: ``(P,)`` whether they have been priced along tracks, and not as pairs only.
-        hidden: ``(P,)`` share of the person hidden in the middle of the gap, which no round changes.
-    """
-
-    tail: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    head: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    cost: FloatArray = field(default_factory=lambda: np.empty(0))
-    along: BoolArray = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
-    hidden: FloatArray = field(default_factory=lambda: np.empty(0))
-
-    def select(self, which: BoolArray | IntArray) -> Links:
-        """The links at a mask or at indices."""
-        return Links(self.tail[which], self.head[which], self.cost[which], self.along[which], self.hidden[which])
 
 
 @dataclass(frozen=True)
@@ -251,42 +203,80 @@ def repriced(
     links: Links,
     seen: Seen,
     labels: IntArray,
-    past: Beliefs,
-    future: Beliefs,
+    known: Along,
+    changed: Changed,
     cost: LinkCost,
     settings: RoundSettings,
     free: BoolArray,
     transition: TransitionCost | None = None,
     change: LinkChange | None = None,
-) -> Links:
+) -> tuple[Links, Along]:
     """The links with those that the ends of the tracks ask for, at the prices of what is known along the tracks.
+
+    Only links are priced of which an end is known anew, unless learnt changes compare links with each other.
 
     Args:
         links: as they were.
         seen: the detections.
         labels: ``(N,)`` track of each detection, -1 for none.
-        past: what the past of its track says at each detection.
-        future: likewise of the future.
+        known: what is known along the tracks.
+        changed: where that is new.
         cost: what links cost.
         settings: which links there are.
         free: ``(N,)`` detections that are not decided yet.
         transition: learnt costs of pairs.
         change: by how much learnt costs of links differ from the default.
+
+    Returns:
+        The links, and what is known, with the ends from and to which links were looked for.
     """
     means = None if seen.features is None else mean_features(seen, labels, seen.features, settings.averaged)
-    tails, heads = near_ends(seen, labels, settings.ends)
-    tails, heads = tails[free[tails]], heads[free[heads]]
-    more = candidates(seen, tails, heads, 1, gaps(settings.window, seen.frame_rate), cost)
-    old = np.searchsorted(seen.numbers, links.tail) * len(seen) + np.searchsorted(seen.numbers, links.head)
-    key = np.sort(np.append(old, more[0] * len(seen) + more[1]))
-    key = key[np.diff(key, prepend=-1) > 0]
-    before, hidden = np.full(len(key), -1), np.full(len(key), np.nan)
-    place = np.searchsorted(key, old)
-    before[place], hidden[place] = np.arange(len(old)), links.hidden
-    i, j = np.divmod(key, max(len(seen), 1))
-    kept, new, hidden = priced(seen, i, j, past, future, cost, settings.dearest, transition, means, hidden, change)
+    tail, head = seen.rows(links.tail), seen.rows(links.head)
+    again = changed.past[tail] | changed.future[head] | np.isnan(links.price)
+    if change is not None:
+        again[:] = True
+    ending, beginning = (_mask(ends, len(seen)) & free for ends in near_ends(seen, labels, settings.ends))
+    fresh = ending & (changed.past | ~known.ending), beginning & (changed.future | ~known.beginning)
+    more = _fresh_candidates(seen, (ending, beginning), fresh, settings, cost)
+    more = _without(more, tail, head, len(seen))
+    i, j = np.append(tail[again], more[0]), np.append(head[again], more[1])
+    hidden = np.append(links.hidden[again], np.full(len(more[0]), np.nan))
+    kept, price, hidden = priced(
+        seen, i, j, known.past, known.future, cost, settings.dearest, transition, means, hidden, change
+    )
+    old = links.select(~again)
+    old.cost[:] += (1 - settings.keep) * (old.price - old.cost)
+    # Prices of pairs are no prices along tracks, and new links have none.
+    before = np.append(np.where(np.isnan(links.price[again]), np.nan, links.cost[again]), np.full(len(more[0]), np.nan))
     before = before[kept]
-    again = before >= 0
-    before = before[again]
-    new[again] += np.where(links.along[before], settings.keep, 0) * (links.cost[before] - new[again])
-    return Links(seen.numbers[i[kept]], seen.numbers[j[kept]], new, np.ones(len(kept), dtype=np.bool_), hidden)
+    near = price + np.where(np.isnan(before), 0.0, settings.keep * (before - price))
+    new = Links(seen.numbers[i[kept]], seen.numbers[j[kept]], near, price, hidden)
+    return joined_links(old, new), replace(known, ending=ending, beginning=beginning)
+
+
+def _fresh_candidates(
+    seen: Seen,
+    ends: tuple[BoolArray, BoolArray],
+    fresh: tuple[BoolArray, BoolArray],
+    settings: RoundSettings,
+    cost: LinkCost,
+) -> Pairs:
+    """Links over all gaps from and to ends of tracks, of which one end at least is fresh."""
+    longest = gaps(settings.window, seen.frame_rate)
+    tails, heads = np.flatnonzero(fresh[0]), np.flatnonzero(ends[1])
+    one = candidates(seen, tails, heads, 1, longest, cost)
+    tails, heads = np.flatnonzero(ends[0] & ~fresh[0]), np.flatnonzero(fresh[1])
+    return joined([one, candidates(seen, tails, heads, 1, longest, cost)])
+
+
+def _without(pairs: Pairs, tails: IntArray, heads: IntArray, count: int) -> Pairs:
+    """The pairs that are not among others of ``count`` detections."""
+    asked = _mask(pairs[0], count)[tails] & _mask(pairs[1], count)[heads]
+    new = ~np.isin(pairs[0] * count + pairs[1], tails[asked] * count + heads[asked])
+    return pairs[0][new], pairs[1][new]
+
+
+def _mask(which: IntArray, count: int) -> BoolArray:
+    mask = np.zeros(count, dtype=np.bool_)
+    mask[which] = True
+    return mask

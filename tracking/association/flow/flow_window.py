@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from tsuiseki.tracking.association.costs import TransitionCost
+from tsuiseki.tracking.association.flow.along_tracks import Along, followed
 from tsuiseki.tracking.association.flow.cost_network import LARGEST, CostChanges
 from tsuiseki.tracking.association.flow.evidence import detection_evidence, link_evidence
-from tsuiseki.tracking.association.flow.flow_rounds import (
-    LinkChange,
-    Links,
-    RoundSettings,
-    Seen,
-    candidates,
-    priced,
-    repriced,
-)
+from tsuiseki.tracking.association.flow.flow_rounds import LinkChange, RoundSettings, candidates, priced, repriced
 from tsuiseki.tracking.association.flow.link_cost import MOST_WORTH, LinkCost
+from tsuiseki.tracking.association.flow.links import Links, joined_links
 from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, track_labels
+from tsuiseki.tracking.association.flow.seen import (
+    Seen,
+    joined_detections,
+    no_detections,
+    rows_of_numbers,
+    select_detections,
+)
 from tsuiseki.tracking.association.flow.sliding_flow import Decision, SlidingFlow
 from tsuiseki.tracking.association.nearby import Pairs, gaps
-from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, beliefs_along
+from tsuiseki.tracking.association.tracklets.chain_motion import RUN_UP
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Seconds that the beliefs at undecided detections look back to decided ones.
@@ -84,6 +85,7 @@ class FlowWindow:
         self.changes = changes
         self._seen = no_detections(frame_rate, size)
         self._links = Links()
+        self._known = Along.alone(self._seen, costs.link.motion)
         # Of decided detections: what follows them. Of undecided ones: what followed them in the last round.
         self._follower = np.empty(0, dtype=np.int64)
 
@@ -121,12 +123,21 @@ class FlowWindow:
         fresh = np.flatnonzero(seen.numbers >= new.numbers[0])
         longest = gaps(min(rounds.near, rounds.window), seen.frame_rate)
         i, j = candidates(seen, free, fresh, 1, longest, self.costs.link)
-        past, future = beliefs_along(np.full(len(seen), -1), seen.measured, self.costs.link.motion)
+        alone = Along.alone(seen, self.costs.link.motion)
+        self._known = self._known.and_then(alone.select(seen.numbers >= new.numbers[0]))
         kept, cost, hidden = priced(
-            seen, i, j, past, future, self.costs.link, rounds.dearest, self._transition, change=self._link_change()
+            seen,
+            i,
+            j,
+            alone.past,
+            alone.future,
+            self.costs.link,
+            rounds.dearest,
+            self._transition,
+            change=self._link_change(),
         )
         tail, head = seen.numbers[i[kept]], seen.numbers[j[kept]]
-        found = Links(tail, head, cost, np.zeros(len(kept), dtype=np.bool_), hidden)
+        found = Links(tail, head, cost, np.full(len(kept), np.nan), hidden)
         self._links = joined_links(self._links, found)
 
     def solve(
@@ -157,16 +168,17 @@ class FlowWindow:
             if number == rounds or key in before:
                 return
             before.add(key)
-            labels = self.labels()
-            past, future = beliefs_along(labels, self._seen.measured, self.costs.link.motion)
-            self._links = repriced(
+            labels, seen, costs = self.labels(), self._seen, self.costs
+            reach = max(RUN_UP, gaps(costs.rounds.averaged, seen.frame_rate))
+            known, changed = followed(self._known, seen, labels, self._follower, costs.link.motion, reach)
+            self._links, self._known = repriced(
                 self._links,
-                self._seen,
+                seen,
                 labels,
-                past,
-                future,
-                self.costs.link,
-                self.costs.rounds,
+                known,
+                changed,
+                costs.link,
+                costs.rounds,
                 free,
                 self._transition,
                 self._link_change(),
@@ -225,9 +237,11 @@ class FlowWindow:
             np.full(len(numbers), cost) + (0.0 if change is None else change)
             for cost, change in ((self.costs.entry, start), (self.costs.exit, end))
         )
-        tail, head = np.searchsorted(numbers, links.tail), np.searchsorted(numbers, links.head)
-        worth = np.flatnonzero(links.cost < exit[tail] + entry[head])
-        return FlowGraph(observation, entry, exit, tail[worth], head[worth], links.cost[worth])
+        worth = links.cost < exit.max(initial=0.0) + entry.max(initial=0.0)
+        tail, head = (rows_of_numbers(numbers, part[worth]) for part in (links.tail, links.head))
+        cost = links.cost[worth]
+        worth = cost < exit[tail] + entry[head]
+        return FlowGraph(observation, entry, exit, tail[worth], head[worth], cost[worth])
 
     def learnt(self, logit: FloatArray, observation: FloatArray) -> FloatArray:
         """``(U, 3)`` changes of the costs of the undecided detections: of use, of a start, of an end.
@@ -250,12 +264,10 @@ class FlowWindow:
 
     def labels(self) -> IntArray:
         """``(N,)`` tracks of all detections that are kept, by the last solution; -1 for undecided ones of no track."""
-        numbers, solution = self._seen.numbers, self._flow.solution()
-        place = np.searchsorted(numbers, self._follower).clip(max=len(numbers) - 1)
-        follower = np.where((self._follower >= 0) & (numbers[place] == self._follower), place, -1)
-        used = np.ones(len(numbers), dtype=np.bool_)
+        follower, solution = self._seen.rows(self._follower), self._flow.solution()
+        used = np.ones(len(follower), dtype=np.bool_)
         used[self.free()] = solution.used
-        return track_labels(FlowSolution(used, follower, np.zeros(len(numbers)), 0.0))
+        return track_labels(FlowSolution(used, follower, np.zeros(len(follower)), 0.0))
 
     def _forget(self) -> None:
         """Drop links of decided detections, and detections too old to matter."""
@@ -265,71 +277,9 @@ class FlowWindow:
 
     def _keep(self, first: int) -> None:
         """Keep the links of undecided detections, and of the decided ones those from a frame on."""
-        numbers = self._flow.undecided
-        self._links = self._links.select(np.isin(self._links.tail, numbers) & np.isin(self._links.head, numbers))
+        numbers, links = self._flow.undecided, self._links
+        ends = (rows_of_numbers(numbers, part) >= 0 for part in (links.tail, links.head))
+        self._links = links.select(next(ends) & next(ends))
         recent = self.free() | (self._seen.frames >= first)
         self._seen = select_detections(self._seen, recent)
-        self._follower = self._follower[recent]
-
-
-def no_detections(frame_rate: float, size: tuple[int, int] | None) -> Seen:
-    """A table of nothing."""
-    none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
-    measured = Measurements(nothing, np.empty((0, 4)), nothing, nothing)
-    return Seen(none, none, np.empty((0, 4)), np.empty((0, 4)), measured, None, frame_rate, size)
-
-
-def select_detections(seen: Seen, which: BoolArray | IntArray) -> Seen:
-    """The detections at a mask or at indices."""
-    measured = Measurements(
-        seen.measured.times[which],
-        seen.measured.places[which],
-        seen.measured.noise[which],
-        seen.measured.wander[which],
-    )
-    features = None if seen.features is None else seen.features[which]
-    return replace(
-        seen,
-        numbers=seen.numbers[which],
-        frames=seen.frames[which],
-        image=seen.image[which],
-        boxes=seen.boxes[which],
-        measured=measured,
-        features=features,
-    )
-
-
-def joined_detections(one: Seen, other: Seen) -> Seen:
-    """The detections of two tables, one after the other."""
-    measured = Measurements(
-        np.append(one.measured.times, other.measured.times),
-        np.concatenate([one.measured.places, other.measured.places]),
-        np.append(one.measured.noise, other.measured.noise),
-        np.append(one.measured.wander, other.measured.wander),
-    )
-    features = None
-    width = next((part.features.shape[1] for part in (one, other) if part.features is not None), None)
-    if width is not None:
-        features = np.concatenate(
-            [np.full((len(part), width), np.nan) if part.features is None else part.features for part in (one, other)]
-        )
-    return replace(
-        one,
-        numbers=np.append(one.numbers, other.numbers),
-        frames=np.append(one.frames, other.frames),
-        image=np.concatenate([one.image, other.image]),
-        boxes=np.concatenate([one.boxes, other.boxes]),
-        measured=measured,
-        features=features,
-    )
-
-
-def joined_links(one: Links, other: Links) -> Links:
-    """The links of two tables, one after the other."""
-    return Links(
-        np.append(one.tail, other.tail),
-        np.append(one.head, other.head),
-        np.append(one.cost, other.cost),
-        np.append(one.along, other.along),
-        np.append(one.hidden, other.hidden),
-    )
+        self._follower, self._known = self._follower[recent], self._known.select(recent)

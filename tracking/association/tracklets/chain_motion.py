@@ -23,7 +23,8 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Which covariance belongs to x, y, log width and log height.
 GROUPS = np.array([0, 0, 1, 2])
-BLOCK, RUN_UP = 48, 20
+# After 48 detections nothing is left of how the filter began that could move a cost.
+BLOCK, RUN_UP = 64, 48
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,25 @@ class Beliefs:
     velocity: FloatArray
     covariance: FloatArray
 
+    def select(self, which: BoolArray | IntArray) -> Beliefs:
+        """At the detections of a mask or of indices."""
+        return Beliefs(self.place[which], self.velocity[which], self.covariance[which])
+
+    def replaced(self, which: IntArray, other: Beliefs) -> Beliefs:
+        """These, with others at ``(K,)`` indices."""
+        both = Beliefs(self.place.copy(), self.velocity.copy(), self.covariance.copy())
+        both.place[which], both.velocity[which], both.covariance[which] = other.place, other.velocity, other.covariance
+        return both
+
+
+def joined_beliefs(one: Beliefs, other: Beliefs) -> Beliefs:
+    """What is known at some detections, then at others."""
+    return Beliefs(
+        np.concatenate([one.place, other.place]),
+        np.concatenate([one.velocity, other.velocity]),
+        np.concatenate([one.covariance, other.covariance]),
+    )
+
 
 @dataclass(frozen=True)
 class Measurements:
@@ -80,6 +100,19 @@ class Measurements:
     places: FloatArray
     noise: FloatArray
     wander: FloatArray
+
+    def select(self, which: BoolArray | IntArray) -> Measurements:
+        """Those at a mask or at indices."""
+        return Measurements(self.times[which], self.places[which], self.noise[which], self.wander[which])
+
+
+def beliefs_alone(seen: Measurements, noise: MotionNoise) -> Beliefs:
+    """What single detections say: their place, and P = diag(r², v²)."""
+    count = len(seen.times)
+    covariance = np.zeros((count, 3, 3))
+    covariance[:, :, 0] = np.square(noise.measurement) * np.square(seen.noise)[:, None]
+    covariance[:, :, 2] = np.square(noise.velocity)
+    return Beliefs(seen.places, np.zeros((count, 4)), covariance)
 
 
 def beliefs_along(labels: IntArray, seen: Measurements, noise: MotionNoise) -> tuple[Beliefs, Beliefs]:

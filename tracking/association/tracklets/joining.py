@@ -17,8 +17,9 @@ from scipy.sparse.csgraph import connected_components
 from tsuiseki.tracking.association.costs import cosine_distances
 from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.association.flow.evidence import join_evidence
-from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, Seen
+from tsuiseki.tracking.association.flow.flow_rounds import LinkParts
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import Pairs
 from tsuiseki.tracking.association.occlusion import hidden_between
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along

@@ -10,8 +10,8 @@ import numpy as np
 
 from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
 from tsuiseki.tracking.association.costs import ObservationCost
-from tsuiseki.tracking.association.flow.flow_rounds import Seen
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
+from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.association.occlusion import hidden_parts
 from tsuiseki.tracking.association.rows import DetectionRows, rows_of

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.flow_rounds import Seen
-from tsuiseki.tracking.association.flow.flow_window import FlowWindow, joined_detections, no_detections
+from tsuiseki.tracking.association.flow.flow_window import FlowWindow
+from tsuiseki.tracking.association.flow.seen import Seen, joined_detections, no_detections
 from tsuiseki.tracking.association.flow.sliding_flow import Decision
 from tsuiseki.tracking.association.tracklets.joining import join
 from tsuiseki.tracking.association.tracklets.tracklets import Chained, Tracklets

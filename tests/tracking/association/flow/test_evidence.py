@@ -15,8 +15,9 @@ from tsuiseki.tracking.association.flow.evidence import (
     join_evidence,
     link_evidence,
 )
-from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, Seen, priced
+from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, priced
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, InputSettings
 from tsuiseki.tracking.types import Detections, FloatArray

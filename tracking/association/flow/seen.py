@@ -1,0 +1,100 @@
+"""The detections of a window as one table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.tracklets.chain_motion import Measurements
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The detections of a window, in the order of their frames.
+
+    Attributes:
+        numbers: ``(N,)`` increasing, counted over the whole video.
+        frames: ``(N,)``.
+        image: ``(N, 4)`` boxes where the image shows them, pixels.
+        boxes: ``(N, 4)`` boxes as if the camera stood still.
+        measured: the same as the filter takes them.
+        features: ``(N, D)`` of unit length, NaN where not known; None where nothing was described.
+        frame_rate: frames a second.
+        size: width and height of the image; None where not known.
+    """
+
+    numbers: IntArray
+    frames: IntArray
+    image: FloatArray
+    boxes: FloatArray
+    measured: Measurements
+    features: FloatArray | None
+    frame_rate: float
+    size: tuple[int, int] | None
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def rows(self, numbers: IntArray) -> IntArray:
+        """``(K,)`` indices of the detections of ``(K,)`` numbers, -1 for those that are not here."""
+        return rows_of_numbers(self.numbers, numbers)
+
+
+def rows_of_numbers(known: IntArray, numbers: IntArray) -> IntArray:
+    """``(K,)`` indices of ``(K,)`` numbers in ``(N,)`` increasing ones, -1 for those that are not there."""
+    if len(known) == 0:
+        return np.full(len(numbers), -1)
+    # Numbers of a window are nearly without gaps, and looking up is faster than searching. The last place is nobody's.
+    first, last = int(known[0]), int(known[-1])
+    table = np.full(last - first + 2, -1)
+    table[known - first] = np.arange(len(known))
+    return np.asarray(table[np.where((numbers >= first) & (numbers <= last), numbers - first, -1)])
+
+
+def no_detections(frame_rate: float, size: tuple[int, int] | None) -> Seen:
+    """A table of nothing."""
+    none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
+    measured = Measurements(nothing, np.empty((0, 4)), nothing, nothing)
+    return Seen(none, none, np.empty((0, 4)), np.empty((0, 4)), measured, None, frame_rate, size)
+
+
+def select_detections(seen: Seen, which: BoolArray | IntArray) -> Seen:
+    """The detections at a mask or at indices."""
+    measured = seen.measured.select(which)
+    features = None if seen.features is None else seen.features[which]
+    return replace(
+        seen,
+        numbers=seen.numbers[which],
+        frames=seen.frames[which],
+        image=seen.image[which],
+        boxes=seen.boxes[which],
+        measured=measured,
+        features=features,
+    )
+
+
+def joined_detections(one: Seen, other: Seen) -> Seen:
+    """The detections of two tables, one after the other."""
+    measured = Measurements(
+        np.append(one.measured.times, other.measured.times),
+        np.concatenate([one.measured.places, other.measured.places]),
+        np.append(one.measured.noise, other.measured.noise),
+        np.append(one.measured.wander, other.measured.wander),
+    )
+    features = None
+    width = next((part.features.shape[1] for part in (one, other) if part.features is not None), None)
+    if width is not None:
+        features = np.concatenate(
+            [np.full((len(part), width), np.nan) if part.features is None else part.features for part in (one, other)]
+        )
+    return replace(
+        one,
+        numbers=np.append(one.numbers, other.numbers),
+        frames=np.append(one.frames, other.frames),
+        image=np.concatenate([one.image, other.image]),
+        boxes=np.concatenate([one.boxes, other.boxes]),
+        measured=measured,
+        features=features,
+    )
