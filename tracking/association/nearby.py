@@ -29,7 +29,7 @@ def near_pairs(
     """
     if len(tails) == 0 or len(heads) == 0:
         return tails[:0], heads[:0]
-    return Strips.of(frames, centre, tails, heads, float(reach[tails, 0].max())).near(tails, reach, gap)
+    return Strips.of(frames, centre, tails, heads, float(reach[tails, 0].max())).near(tails, reach[tails], gap)
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,14 @@ class Strips:
         frame, place = frames - int(frames[heads].min()), x - left
         return cls(centre, ordered, frame[ordered] * width + place[ordered], width, frame, place)
 
-    def near(self, tails: IntArray, reach: FloatArray, gap: int) -> Pairs:
-        """As `near_pairs`."""
+    def near(self, tails: IntArray, reach: FloatArray, gap: int | IntArray) -> Pairs:
+        """As `near_pairs`, for ``(T, 2)`` reaches of the ``(T,)`` earlier boxes, and one gap or ``(T,)`` of them."""
         target = (self.frame[tails] + gap) * self.width + self.x[tails]
-        first = np.searchsorted(self.key, target - reach[tails, 0])
-        count = np.searchsorted(self.key, target + reach[tails, 0], side="right") - first
+        first = np.searchsorted(self.key, target - reach[:, 0])
+        count = np.searchsorted(self.key, target + reach[:, 0], side="right") - first
         tail = np.repeat(tails, count)
         head = self.ordered[np.arange(len(tail)) - np.repeat(np.cumsum(count) - count - first, count)]
-        near = np.abs(self.centre[head, 1] - self.centre[tail, 1]) <= reach[tail, 1]
+        near = np.abs(self.centre[head, 1] - self.centre[tail, 1]) <= np.repeat(reach[:, 1], count)
         return tail[near], head[near]
 
 

@@ -27,6 +27,9 @@ from tsuiseki.tracking.association.tracklets.action_refinement import window_mea
 from tsuiseki.tracking.association.tracklets.chain_motion import Beliefs
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
+# Boxes times gaps that are looked up together.
+TAILS_AT_ONCE = 300_000
+
 
 @dataclass(frozen=True)
 class RoundSettings:
@@ -88,29 +91,39 @@ LinkChange = Callable[[Seen, LinkParts], FloatArray]
 
 def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost) -> Pairs:
     """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
-    centre, side = centres(seen.boxes), sizes(seen.boxes).max(axis=1)
-    pairs: list[Pairs] = []
     if len(tails) == 0 or len(heads) == 0:
-        return joined(pairs)
+        return joined([])
+    centre = centres(seen.boxes)
     # In the order of their places, so that one search goes on where the last one ended.
     tails = tails[np.lexsort((centre[tails, 0], seen.frames[tails]))]
-    furthest = float((cost.limits(side, longest / seen.frame_rate) + _doubt(seen, side, longest, cost))[tails, 0].max())
-    strips = Strips.of(seen.frames, centre, tails, heads, furthest)
-    for gap in range(shortest, longest + 1):
-        reach = cost.limits(side, gap / seen.frame_rate) + _doubt(seen, side, gap, cost)
-        i, j = strips.near(tails, reach, gap)
-        alike = np.abs(seen.measured.places[j, 3] - seen.measured.places[i, 3]) < cost.size
+    side = sizes(seen.boxes[tails]).max(axis=1)
+    reach = _reach(seen, tails, side, np.array([longest]), cost)
+    strips = Strips.of(seen.frames, centre, tails, heads, float(reach[:, 0].max()))
+    pairs: list[Pairs] = []
+    log_height = seen.measured.places[:, 3]
+    every, block = np.arange(shortest, longest + 1), max(1, TAILS_AT_ONCE // len(tails))
+    for frames in np.split(every, np.arange(block, len(every), block)):
+        reach = _reach(seen, tails, side, frames, cost)
+        i, j = strips.near(np.tile(tails, len(frames)), reach, np.repeat(frames, len(tails)))
+        alike = np.abs(log_height[j] - log_height[i]) < cost.size
         pairs.append((i[alike], j[alike]))
     return joined(pairs)
 
 
-def _doubt(seen: Seen, side: FloatArray, gap: int, cost: LinkCost) -> FloatArray:
-    """``(N, 1)`` pixels by which the camera's motion over ``gap`` frames may be off, as far as gates allow for it."""
+def _reach(seen: Seen, tails: IntArray, side: FloatArray, gap: IntArray, cost: LinkCost) -> FloatArray:
+    """``(G * T, 2)`` largest differences of centres, pixels, for G gaps in frames of T boxes of ``(T,)`` longer sides.
+
+    They grow by how far the camera's motion over the gap may be off.
+    """
+    times = len(gap)
+    reach = cost.limits(np.tile(side, times), np.repeat(gap, len(tails)) / seen.frame_rate)
     wander = seen.measured.wander
-    if wander[-1] == wander[0]:
-        return np.zeros((len(side), 1))
-    later = wander[np.searchsorted(seen.frames, seen.frames + gap, side="right") - 1]
-    return np.asarray((side * cost.doubt * np.sqrt(np.maximum(later - wander, 0)))[:, None])
+    if wander[-1] > wander[0]:
+        until = np.repeat(gap, len(tails)) + np.tile(seen.frames[tails], times)
+        later = wander[np.searchsorted(seen.frames, until, side="right") - 1]
+        doubt = np.sqrt(np.maximum(later - np.tile(wander[tails], times), 0))
+        reach += (np.tile(side, times) * cost.doubt * doubt)[:, None]
+    return reach
 
 
 def priced(
@@ -125,12 +138,14 @@ def priced(
     means: tuple[FloatArray, FloatArray] | None = None,
     hidden: FloatArray | None = None,
     change: LinkChange | None = None,
+    mismatch: FloatArray | None = None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Which links cost no more than ``dearest``, what they cost, and how much of the person is hidden in between.
 
     Learnt costs of pairs, where there are any, speak in place of the appearance. ``means`` are the mean features of the
     past and of the future of each detection along its track; without them single detections are compared. ``change``
-    says by how much learnt costs differ from the default.
+    says by how much learnt costs differ from the default, ``mismatch``, ``(P,)``, how ill the motions go together; it
+    is computed where not given.
 
     Returns:
         ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden: from ``hidden``, ``(P,)`` with NaN
@@ -138,8 +153,8 @@ def priced(
     """
     one_frame = 1 / seen.frame_rate
     seconds = np.asarray((seen.frames[j] - seen.frames[i]) * one_frame, dtype=np.float64)
-    wander = seen.measured.wander[j] - seen.measured.wander[i]
-    mismatch = cost.mismatch(past, future, i, j, seconds, wander)
+    if mismatch is None:
+        mismatch = cost.mismatch(past, future, i, j, seconds, seen.measured.wander[j] - seen.measured.wander[i])
     distance = (
         cosine_distances(seen.features, i, j) if means is None else np.clip(1 - inner_products(*means, i, j), 0, 2)
     )

@@ -123,18 +123,22 @@ class FlowWindow:
         fresh = np.flatnonzero(seen.numbers >= new.numbers[0])
         longest = gaps(min(rounds.near, rounds.window), seen.frame_rate)
         i, j = candidates(seen, free, fresh, 1, longest, self.costs.link)
-        alone = Along.alone(seen, self.costs.link.motion)
+        link, change = self.costs.link, self._link_change()
+        alone = Along.alone(seen, link.motion)
         self._known = self._known.and_then(alone.select(seen.numbers >= new.numbers[0]))
+        seconds = (seen.frames[j] - seen.frames[i]) / seen.frame_rate
+        wander = seen.measured.wander[j] - seen.measured.wander[i]
         kept, cost, hidden = priced(
             seen,
             i,
             j,
             alone.past,
             alone.future,
-            self.costs.link,
+            link,
             rounds.dearest,
             self._transition,
-            change=self._link_change(),
+            change=change,
+            mismatch=link.mismatch_alone(seen.measured, i, j, seconds, wander),
         )
         tail, head = seen.numbers[i[kept]], seen.numbers[j[kept]]
         found = Links(tail, head, cost, np.full(len(kept), np.nan), hidden)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsuiseki.tracking.association.tracklets.chain_motion import GROUPS, Beliefs, MotionNoise
+from tsuiseki.tracking.association.tracklets.chain_motion import GROUPS, Beliefs, Measurements, MotionNoise
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # However well two chains fit, a link is worth no more: a track's end may always be bought.
@@ -66,9 +66,14 @@ class LinkCost:
                 f", {self.doubt} and {self.lost}"
             )
 
-    def limits(self, sides: FloatArray, seconds: float) -> FloatArray:
-        """``(N, 2)`` largest differences of centres in pixels, after a gap, for boxes of ``(N,)`` longer sides."""
-        return sides[:, None] * (np.array(self.reach) + np.array(self.speed) * seconds)
+    def limits(self, sides: FloatArray, seconds: float | FloatArray) -> FloatArray:
+        """``(N, 2)`` largest differences of centres in pixels for boxes of ``(N,)`` longer sides.
+
+        Args:
+            sides: pixels.
+            seconds: the gap, one for all or ``(N,)``.
+        """
+        return np.asarray(sides[:, None] * (np.array(self.reach) + np.multiply.outer(seconds, self.speed)))
 
     def waiting(self, seconds: FloatArray, one_frame: float, hidden: FloatArray) -> FloatArray:
         """``(P,)`` what the time between two detections costs in which the person was not detected."""
@@ -102,6 +107,37 @@ class LinkCost:
             part = slice(start, start + PAIRS_AT_ONCE)
             cost[part] = self._mismatch(past, future, i[part], j[part], seconds[part], wander[part])
         return np.asarray(np.maximum(cost, -MOST_WORTH))
+
+    def mismatch_alone(
+        self, seen: Measurements, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
+    ) -> FloatArray:
+        """``(P,)`` `mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²)."""
+        cost = np.empty(len(i))
+        for start in range(0, len(i), PAIRS_AT_ONCE):
+            part = slice(start, start + PAIRS_AT_ONCE)
+            cost[part] = self._mismatch_alone(seen, i[part], j[part], seconds[part], wander[part])
+        return np.asarray(np.maximum(cost, -MOST_WORTH))
+
+    def _mismatch_alone(
+        self, seen: Measurements, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
+    ) -> FloatArray:
+        place, later_place = seen.places[i].T.copy(), seen.places[j].T.copy()
+        noise = np.square(seen.noise[i]) + np.square(seen.noise[j])
+        side = np.exp((np.maximum(*place[2:]) + np.maximum(*later_place[2:])) / 2)
+        fit, volume = np.ones(len(i)), np.ones(len(i))
+        settings = zip(self.motion.measurement, self.motion.acceleration, self.motion.velocity, strict=True)
+        for group, (r, q, v) in enumerate(settings):
+            aa = r**2 * noise + np.square(seconds) * (v**2 + seconds * (q**2 / 3))
+            bb, cc = seconds * (v**2 + seconds * (q**2 / 2)), 2 * v**2 + q**2 * seconds
+            if group == 0:
+                aa = aa + wander
+            determinant = aa * cc - bb**2
+            spread = determinant if group else (aa - np.maximum(wander - self.lost**2, 0)) * cc - bb**2
+            for k in np.flatnonzero(group == GROUPS):
+                apart = (place[k] - later_place[k]) / (1.0 if group else side)
+                fit *= 1 + cc * apart**2 / determinant / self.tails
+                volume *= spread / (4 * r**2 * v**2)
+        return np.asarray((self.tails + 2) / 2 * np.log(fit) + 0.5 * np.log(volume))
 
     def _mismatch(
         self, past: Beliefs, future: Beliefs, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
