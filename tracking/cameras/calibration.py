@@ -33,7 +33,7 @@ class Intrinsics:
         height: pixels.
         focal: ``(2,)`` pixels.
         principal_point: ``(2,)`` pixels, where the first pixel's centre lies at 0.5.
-        distortion: ``(5,)`` k1, k2, p1, p2, k3.
+        distortion: ``(5,)`` k1, k2, p1, p2, k3, or with the 8 or 12 coefficients of `PinholeCamera`.
     """
 
     width: int

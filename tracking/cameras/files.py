@@ -8,7 +8,7 @@
       image_size: [800, 600]        # width, height
       focal: [693.0, 693.0]         # pixels
       principal_point: [400, 300]   # pixels; the first pixel's centre lies at 0.5
-      distortion: [0, 0, 0, 0, 0]   # optional: k1, k2, p1, p2, k3
+      distortion: [0, 0, 0, 0, 0]   # optional: k1, k2, p1, p2, k3; or 8 or 12 coefficients as OpenCV orders them
       rotation: [[...], [...], [...]]  # directions of the world to right, down, forward
       position: [4.0, 0.0, 1.5]     # metres, z up
       frame_rate: 15                # optional: frames/s, where the video does not tell
@@ -115,11 +115,11 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> In
     """Intrinsics with distortion, from OpenCV's FileStorage (YAML, XML, JSON) or from plain JSON with the same names.
 
     Args:
-        path: the file; it holds a 3x3 matrix and four or five coefficients k1, k2, p1, p2, k3.
+        path: the file; it holds a 3x3 matrix and 4, 5, 8 or 12 coefficients k1, k2, p1, p2, k3, k4, k5, k6, s1 to s4.
         image_size: width and height, where the file does not say.
 
     Raises:
-        RequestError: something is missing, or the lens model has more coefficients than five.
+        RequestError: something is missing, or the lens model has other coefficients, as a tilted sensor's.
     """
     if not path.is_file():
         raise RequestError(f"{path}: expected a file with camera intrinsics, found none")
@@ -129,10 +129,12 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> In
     if abs(matrix[0, 1]) > 1e-6 * matrix[0, 0]:
         raise RequestError(f"{path}: expected intrinsics without skew, got {matrix[0, 1]:g}")
     coefficients = np.zeros(5) if coefficients is None else coefficients.ravel()
-    if len(coefficients) not in (4, 5):
+    if len(coefficients) == 14 and not coefficients[12:].any():
+        coefficients = coefficients[:12]
+    if len(coefficients) not in (4, 5, 8, 12):
         raise RequestError(
-            f"{path}: expected 4 or 5 distortion coefficients (k1, k2, p1, p2, k3), got {len(coefficients)}; calibrate "
-            "without the rational, thin-prism and fisheye models"
+            f"{path}: expected 4, 5, 8 or 12 distortion coefficients (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4), "
+            f"got {len(coefficients)}; calibrate without the tilted and fisheye models"
         )
     size = image_size or size
     if size is None:
@@ -142,8 +144,21 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> In
         size[1],
         matrix[[0, 1], [0, 1]],
         matrix[:2, 2] + HALF_PIXEL,
-        np.pad(coefficients, (0, 5 - len(coefficients))),
+        np.pad(coefficients, (0, max(5 - len(coefficients), 0))),
     )
+
+
+def write_intrinsics(path: Path, intrinsics: Intrinsics, error: float) -> None:
+    """Intrinsics as OpenCV's own calibration program writes them (YAML), with the root mean square error in pixels."""
+    matrix = np.diag([*intrinsics.focal, 1.0])
+    matrix[:2, 2] = intrinsics.principal_point - HALF_PIXEL
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_FORMAT_YAML)
+    storage.write("image_width", intrinsics.width)
+    storage.write("image_height", intrinsics.height)
+    storage.write("camera_matrix", matrix)
+    storage.write("distortion_coefficients", intrinsics.distortion[None])
+    storage.write("avg_reprojection_error", error)
+    storage.release()
 
 
 def camera_of(entry: Any, where: str, position: int, models: Sequence[str] = ("projective",)) -> PlacedCamera:
@@ -161,7 +176,9 @@ def camera_of(entry: Any, where: str, position: int, models: Sequence[str] = ("p
     if missing:
         raise RequestError(f"{where}: expected the field {missing[0]}, found none")
     values = {name: numbers(entry[name], shape, f"{where}: {name}") for name, shape in FIELDS.items()}
-    distortion = numbers(entry.get("distortion", [0.0] * 5), (5,), f"{where}: distortion")
+    lens = entry.get("distortion", [0.0] * 5)
+    shape = (len(lens),) if isinstance(lens, list) and len(lens) in (8, 12) else (5,)
+    distortion = numbers(lens, shape, f"{where}: distortion")
     width, height = (int(v) for v in values.pop("image_size"))
     try:
         camera = PinholeCamera(width=width, height=height, distortion=distortion, **values)

@@ -27,7 +27,8 @@ class PinholeCamera:
         principal_point: ``(2,)`` where the optical axis meets the image, pixels.
         rotation: ``(3, 3)`` turns directions of the world into directions of the camera.
         position: ``(3,)`` of the optical centre in the world, metres.
-        distortion: ``(5,)`` k1, k2, p1, p2, k3 as OpenCV orders them; all zero for an ideal lens.
+        distortion: ``(5,)`` k1, k2, p1, p2, k3 as OpenCV orders them, ``(8,)`` with k4, k5, k6 or ``(12,)`` with s1 to
+            s4 besides (`tracking.cameras.distortion`); all zero for an ideal lens.
     """
 
     width: int
@@ -39,7 +40,8 @@ class PinholeCamera:
     distortion: FloatArray = field(default_factory=lambda: np.zeros(5))
 
     def __post_init__(self) -> None:
-        shapes = {"focal": (2,), "principal_point": (2,), "rotation": (3, 3), "position": (3,), "distortion": (5,)}
+        lens = np.shape(self.distortion) if np.shape(self.distortion) in ((8,), (12,)) else (5,)
+        shapes = {"focal": (2,), "principal_point": (2,), "rotation": (3, 3), "position": (3,), "distortion": lens}
         for name, shape in shapes.items():
             value = np.asarray(getattr(self, name), dtype=np.float64)
             if value.shape != shape or not np.isfinite(value).all():

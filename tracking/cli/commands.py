@@ -117,6 +117,7 @@ COMMANDS: Tree = {
         "find out where cameras are and how they see",
         {
             "points": Command("from known points in space"),
+            "checkerboard": Command("a camera's focal length and lens, from pictures of a board"),
             "convert": Command("a fisheye calibration in another program's format"),
             "pose": Command("over a floor, from height and tilt or from points"),
         },

@@ -74,7 +74,7 @@ def test_opencv_intrinsics_are_imported_with_their_half_pixel(tmp_path, suffix):
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        ({"K": MATRIX.tolist(), "D": [0.0] * 8, "resolution": [800, 600]}, "4 or 5 distortion coefficients"),
+        ({"K": MATRIX.tolist(), "D": [0.0] * 7, "resolution": [800, 600]}, "4, 5, 8 or 12 distortion coefficients"),
         ({"K": MATRIX.tolist()}, "image_width"),
         ({"K": [[1, 2], [3, 4]], "resolution": [8, 6]}, "3x3 matrix"),
         ({"resolution": [8, 6]}, "3x3 matrix"),

@@ -89,7 +89,7 @@ class LabelledMultiBernoulliFilter:
     births: Births[FloatArray]
     particles: int = 1000
     report: float = 0.5
-    confirm: float = 0.65
+    confirm: float = 0.55
     prune: float = 1e-3
     resample_below: float = 0.5
     near: float = 2.0
