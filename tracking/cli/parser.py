@@ -1,4 +1,4 @@
-"""From a typed function to its options: jsonargparse, with the help and the errors worded for people.
+"""From a typed function to its options: jsonargparse. The words of its help and errors are in `wording`.
 
 Options are shown with dashes and taken with dashes or underscores; a switch needs no value. In a YAML file they carry
 underscores, as the function's parameters do.
@@ -7,68 +7,23 @@ underscores, as the function's parameters do.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import inspect
 import re
-import shutil
-import textwrap
 from argparse import SUPPRESS, Action
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Literal, NoReturn, TypeGuard, get_type_hints
+from typing import Any, NoReturn, TypeGuard, get_type_hints
 
-from jsonargparse import ArgumentError, ArgumentParser, DefaultHelpFormatter, Namespace
+from jsonargparse import ArgumentError, ArgumentParser, Namespace
 from jsonargparse._actions import ActionConfigFile, _ActionConfigLoad
 
 from tsuiseki.tracking.cli.config import config_text
 from tsuiseki.tracking.cli.options import Given, Output, Shared
+from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, parts_of, shown_value
 from tsuiseki.tracking.errors import RequestError
 
-METAVARS = {"int": "N", "float": "X", "str": "TEXT", "Path": "FILE"}
-# What a value means says more than its type.
-METAVARS_BY_NAME = {"frames": "FIRST-LAST"}
-KIND_NAMES = {
-    "int": "a whole number",
-    "float": "a number",
-    "bool": "true or false",
-}
 CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
 PRINT_HELP = "print all options as YAML, as a start for --config, and exit"
-
-
-class HelpFormatter(DefaultHelpFormatter):
-    """Options with dashes, their kind in place of their name, and defaults only where there is one."""
-
-    def __init__(self, prog: str) -> None:
-        width = min(100, shutil.get_terminal_size().columns - 2)
-        super().__init__(prog, max_help_position=30, width=width)  # type: ignore[no-untyped-call]
-
-    def _get_help_string(self, action: Action) -> str:
-        text = (action.help or "").removesuffix(".").replace("``", "")
-        if action.required and action.option_strings:
-            return f"{text} (required)"
-        default = action.default
-        if not action.option_strings or default in (None, "", SUPPRESS) or isinstance(default, bool | Namespace):
-            return text
-        if isinstance(default, dict):
-            name, value = next(iter(default.items()))
-            option = f"{action.dest}.{name}".replace("_", "-")
-            return f"{text} (such as --{option} {value})"
-        shown = ",".join(map(str, default)) if isinstance(default, tuple | list) else default
-        return f"{text} (default: {shown})"
-
-    def _fill_text(self, text: str, width: int, indent: str) -> str:
-        # Paragraphs stay apart.
-        parts = text.split("\n\n")
-        return "\n\n".join(textwrap.fill(" ".join(part.split()), width, initial_indent=indent) for part in parts)
-
-    def _get_default_metavar_for_optional(self, action: Action) -> str:
-        return shown_value(action.dest, getattr(action, "_typehint", action.type), action.help or "")
-
-    def _format_args(self, action: Action, default_metavar: str) -> str:
-        # Lists are given as one word, 1,2: jsonargparse would show [ITEM,...].
-        several = _is_several(getattr(action, "_typehint", None)) and action.option_strings
-        return default_metavar if several else super()._format_args(action, default_metavar)
 
 
 class Parser(ArgumentParser):
@@ -259,92 +214,14 @@ def _required(function: Callable[..., Any]) -> list[str]:
     return [p.name for p in _parameters(function) if p.default is p.empty]
 
 
-def shown_value(name: str, kind: Any, description: str) -> str:
-    """What stands for the value of the option ``name`` in the help."""
-    shown = metavar(kind)
-    if shown == "FILE" and description.startswith("folder"):
-        return "DIR"
-    return METAVARS_BY_NAME.get(name, shown) if shown == "TEXT" else shown
-
-
-def metavar(kind: Any) -> str:
-    """What to show for a value of type ``kind``.
-
-    >>> metavar(float | None)
-    'X'
-    """
-    arguments = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
-    if arguments and all(isinstance(a, str) for a in arguments):
-        return "{" + ",".join(arguments) + "}"
-    if getattr(kind, "__origin__", None) in (tuple, list):
-        several = [metavar(a) for a in arguments if a is not Ellipsis]
-        return ",".join(several if len(several) > 1 else [*several, "…"])
-    if arguments:
-        return metavar(arguments[0])
-    return METAVARS.get(getattr(kind, "__name__", ""), "VALUE")
-
-
-def friendly(message: str, options: Iterable[str]) -> str:
-    """One line that says which option is wrong and what it takes, from a message of jsonargparse."""
-    text = " ".join(message.split())
-    text = text.replace('Parser key "config": ', "")
-    # The options of a group that may be null have been found wrong by a parser of their own, without its name.
-    if match := re.search(r"[Pp]arser key \"(.+?)\": .* Errors: - (.*?) - Expected .*NestedArg\(", text):
-        return match[2].replace("--", f"{_option(match[1])}.", 1)
-    if match := re.search(r"[Pp]arser key \"(.+?)\": (.*)", text):
-        return f"{_option(match[1])}: {_expectation(match[2])}"
-    if match := re.search(r"Group '(.+?)' does not accept option '(.+?)'", text):
-        return _unknown(f"{match[1]}.{match[2]}", options)
-    if match := re.search(r"Option '(.+?)' is not accepted", text):
-        return _unknown(match[1], options)
-    if match := re.search(r"unrecognized arguments: (\S+)", text, re.IGNORECASE):
-        word = match[1].split("=")[0]
-        return _unknown(word, options) if word.startswith("-") else f"expected no further words, got {word!r}"
-    if match := re.search(r"the following arguments are required: (.*)", text):
-        names = {option.lstrip("-") for option in options}
-        missing = [_option(n) if n.replace("_", "-") in names else n.upper() for n in match[1].split(", ")]
-        return f"missing: {', '.join(missing)}"
-    return text[:1].lower() + text[1:]
-
-
-def _expectation(text: str) -> str:
-    """What a value should have been and what it was."""
-    text = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", text[:1].lower() + text[1:])
-    # An option that may be left out is a union with None in jsonargparse's words.
-    optional = r"^does not validate against any of the Union subtypes Subtypes: \[(.*), NoneType\].*Given value: (.*)$"
-    text = re.sub(optional, r"expected \1. Got value: \2", text)
-    text = re.sub(r"\. Got value: (.*)$", r", got '\1'", text)
-    text = re.sub(r"^expected an? ", "expected ", text)
-    text = re.sub(r"(?:typing\.)?Literal\[(.*?)\]", r"one of \1", text)
-    text = re.sub(
-        r"^expected tuple\[(.*?)\]", lambda found: f"expected tuple with {len(found[1].split(','))} elements", text
-    )
-    text = re.sub(r"^expected \w+Settings\b", "expected null or options of its own below it", text)
-    text = re.sub(r"^expected tuple with (\d+) elements", r"expected \1 values separated by commas", text)
-    text = re.sub(r"^expected (?:list\[)+float\]+", "expected numbers separated by commas", text)
-    for name, words in KIND_NAMES.items():
-        text = re.sub(rf"^expected {name}\b", f"expected {words}", text)
-    return text
-
-
-def _unknown(name: str, options: Iterable[str]) -> str:
-    shown = _option(name.lstrip("-"))
-    close = difflib.get_close_matches(shown, list(options), n=1, cutoff=0.6)
-    return f"unknown option {shown}" + (f"; did you mean {close[0]}?" if close else "; --help lists them")
-
-
-def _option(name: str) -> str:
-    return "--" + name.replace("_", "-")
-
-
 def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) -> list[str]:
     """``--some-option`` as ``--some_option``, switches with their value, and ``1,2`` for several numbers as a list.
 
     An option for a list of such lists is given once for each of them, ``--init 1,2 --init 3,4``. The contents of files
     of options come first, so that what is given here wins over them wherever it stands.
     """
-    switches, several = parser.of_kind(lambda kind: kind is bool), parser.of_kind(_is_several)
-    lists_of_lists = parser.of_kind(lambda kind: _is_several(kind) and any(map(_is_several, _parts(kind))))
+    switches, several = parser.of_kind(lambda kind: kind is bool), parser.of_kind(is_several)
+    lists_of_lists = parser.of_kind(lambda kind: is_several(kind) and any(map(is_several, parts_of(kind))))
     repeated: dict[str, list[str]] = {}
     result: list[str] = []
     configs: list[str] = []
@@ -372,20 +249,6 @@ def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) ->
                 continue
         result.append(name + equals + value)
     return [*configs, *(f"{name}=[{','.join(values)}]" for name, values in repeated.items()), *result]
-
-
-def _parts(kind: Any) -> list[Any]:
-    """Types inside a type, without None; those of a list that may be left out, not the list."""
-    parts = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
-    optional = len(parts) == 1 and getattr(kind, "__origin__", None) not in (tuple, list)
-    return _parts(parts[0]) if optional else parts
-
-
-def _is_several(kind: Any) -> bool:
-    """Whether ``kind`` is a list or tuple, maybe an optional one."""
-    parts = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
-    origin = getattr(kind, "__origin__", None)
-    return origin in (tuple, list) or (origin not in (Literal,) and len(parts) == 1 and _is_several(parts[0]))
 
 
 def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> None:

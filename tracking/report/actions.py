@@ -11,7 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.report.overlay import track_colour
-from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, embedded_video, frame_ticks, seconds_table
+from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, embedded_video, frame_ticks, scrolling, seconds_table
 from tsuiseki.tracking.types.tracks import ActingTrack
 
 ROW, LEFT, WIDTH = 15, 150, 750
@@ -109,7 +109,7 @@ def _timeline(person: ActingTrack, report: ActionReport) -> str:
         x = LEFT + (frame - first - 0.5) * scale
         marks.append(f'<path d="M{x:.1f} 0V{height}" stroke="currentColor" stroke-opacity="0.15"/>')
         marks.append(f'<text x="{x:.1f}" y="{height + 11}" text-anchor="middle">{frame}</text>')
-    return (
+    return scrolling(
         f'<svg class="plot" viewBox="0 0 {LEFT + WIDTH + 20} {height + 20}" role="img" '
         f'aria-label="person {track.id}" font-size="11" fill="currentColor">{"".join(marks)}</svg>'
     )

@@ -85,11 +85,11 @@ def report_page(report: Report) -> str:
     sections = [
         _section("Scores", _table(report.methods) + _glossary()),
         _overlay(report),
-        _section("Comparison", inline_svg(lambda ink: comparison_figure(results, ink), "comparison")),
+        _section("Comparison", scrolling(inline_svg(lambda ink: comparison_figure(results, ink), "comparison"))),
         _timelines(report),
         _section(
             "People in view",
-            inline_svg(lambda ink: count_figure(report.truth, counts, report.length, ink), "counts"),
+            scrolling(inline_svg(lambda ink: count_figure(report.truth, counts, report.length, ink), "counts")),
         ),
         *report.more,
         _section("Time", seconds_table(report.seconds, report.length)) if report.seconds else "",
@@ -101,6 +101,11 @@ def report_page(report: Report) -> str:
         style=STYLE,
         sections="\n".join(part for part in sections if part),
     )
+
+
+def scrolling(html: str) -> str:
+    """A table or plot that scrolls sideways where the screen is too narrow for it."""
+    return f'<div class="wide">{html}</div>'
 
 
 def _section(heading: str, body: str) -> str:
@@ -120,9 +125,8 @@ def _table(methods: Sequence[ReportedMethod]) -> str:
         ]
         values = "".join(f"<td{mark}>{text}</td>" for mark, text in zip(marks, cells(method.scores), strict=True))
         rows.append(f"<tr><th scope=row>{escape(method.name)}</th>{values}</tr>")
-    return (
-        f'<div class="wide"><table><thead><tr><th scope=col>Method</th>{head}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    return scrolling(
+        f"<table><thead><tr><th scope=col>Method</th>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
     )
 
 
@@ -181,7 +185,7 @@ def _timeline(people: Sequence[Coverage], length: int) -> str:
         x = left + (frame - 0.5) * scale
         marks.append(f'<path d="M{x:.1f} 0V{row * len(people)}" stroke="currentColor" stroke-opacity="0.15"/>')
         marks.append(f'<text x="{x:.1f}" y="{height - 6}" text-anchor="middle">{frame}</text>')
-    return (
+    return scrolling(
         f'<svg class="plot" viewBox="0 0 {left + width + 8} {height}" role="img" aria-label="timeline" '
         f'font-size="11" fill="currentColor">{"".join(marks)}</svg>'
     )
@@ -203,7 +207,7 @@ def seconds_table(seconds: Mapping[str, float], frames: int) -> str:
         for stage, value in seconds.items()
     )
     head = "<thead><tr><th scope=col>Stage</th><th scope=col>All</th><th scope=col>A frame</th><th></th></tr></thead>"
-    return f'<div class="wide"><table>{head}<tbody>{rows}</tbody></table></div>'
+    return scrolling(f"<table>{head}<tbody>{rows}</tbody></table>")
 
 
 def _facts(facts: Mapping[str, str]) -> str:
@@ -231,9 +235,9 @@ tbody tr:last-child > * { border-bottom: 0; } .best { color: var(--best); font-w
 .meter { width: 40%; } .meter span { display: block; height: .7rem; background: var(--accent); border-radius: 2px; }
 video, svg.plot { display: block; width: 100%; height: auto; } video { border-radius: 4px; background: #000; }
 svg.plot text { font-family: system-ui, sans-serif; }
-@media (max-width: 44rem) { section:has(svg.plot) { overflow-x: auto; } svg.plot { min-width: 38rem; } }
+@media (max-width: 44rem) { .wide svg.plot { min-width: 38rem; } }
 .plans { display: flex; flex-wrap: wrap; gap: 1rem; margin: .8rem 0; }
-.plans svg.plot { flex: 1 1 16rem; min-width: 0; max-height: 32rem; }
+.plans svg.plot { flex: 1 1 16rem; max-height: 32rem; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1rem; margin: 0; font-size: .92rem; }
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
 """

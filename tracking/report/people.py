@@ -11,7 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.report.overlay import track_colour
-from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, embedded_video, frame_ticks, seconds_table
+from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, embedded_video, frame_ticks, scrolling, seconds_table
 from tsuiseki.tracking.types import Track
 
 ROW, LEFT, WIDTH = 15, 90, 810
@@ -79,10 +79,11 @@ def _timeline(report: PeopleReport) -> str:
         marks.append(f'<path d="M{x:.1f} 0V{height}" stroke="currentColor" stroke-opacity="0.15"/>')
         marks.append(f'<text x="{x:.1f}" y="{height + 11}" text-anchor="middle">{frame}</text>')
     note = "<p class=note>A bar is the time a person was followed, pale where no detection supports it.</p>"
-    return (
+    svg = (
         f'<svg class="plot" viewBox="0 0 {LEFT + WIDTH + 20} {height + 20}" role="img" aria-label="timeline" '
-        f'font-size="11" fill="currentColor">{"".join(marks)}</svg>{note}'
+        f'font-size="11" fill="currentColor">{"".join(marks)}</svg>'
     )
+    return scrolling(svg) + note
 
 
 def _facts(facts: Mapping[str, str]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.files import PlacedCamera
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
-from tsuiseki.tracking.report.page import PAGE, STYLE, embedded_video
+from tsuiseki.tracking.report.page import PAGE, STYLE, embedded_video, scrolling
 from tsuiseki.tracking.report.plots import inline_svg
 from tsuiseki.tracking.report.space_plots import deviation_figure, path_figure
 from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
@@ -41,9 +41,13 @@ def sphere_page(
     """
     positions = log.positions
     sections = [
-        ("What was found", _summary(log, cameras, seconds) + _errors(positions, truth)),
-        ("Path", inline_svg(lambda ink: path_figure(positions, cameras, truth, ink), "path") + NOTE),
-        ("Uncertainty over time", inline_svg(lambda ink: deviation_figure(positions, truth, ink), "uncertainty")),
+        ("What was found", _summary(log, cameras, seconds)),
+        *([] if truth is None else [("Distance to the truth", _distances(positions, truth))]),
+        ("Path", scrolling(inline_svg(lambda ink: path_figure(positions, cameras, truth, ink), "path")) + NOTE),
+        (
+            "Uncertainty over time",
+            scrolling(inline_svg(lambda ink: deviation_figure(positions, truth, ink), "uncertainty")),
+        ),
     ]
     sections += [(f"Overlay of {cameras[k].name}", embedded_video(video)) for k, video in enumerate(videos) if video]
     facts = {name: str(value) for name, value in settings.items() if value is not None}
@@ -72,30 +76,22 @@ def _summary(log: SphereLog, cameras: Sequence[PlacedCamera], seconds: Mapping[s
         )
         rows.append((f"{placed.name}: frames, of them with the ball", f"{frames}, {seen}"))
     rows.append(("Filter, a moment", f"{1000 * seconds.get('filter', 0.0) / count:.1f} ms"))
-    return _table(rows)
+    cells = "".join(f"<tr><th scope=row>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows)
+    return scrolling(f"<table><tbody>{cells}</tbody></table>")
 
 
-def _errors(positions: Sequence[Position], truth: Path3D | None) -> str:
-    if truth is None:
-        return ""
+def _distances(positions: Sequence[Position], truth: Path3D) -> str:
+    """Distances of the estimates to the truth, centimetres."""
     track = Path3D(np.array([p.time for p in positions]), np.array([p.point for p in positions]))
     away = distance_to_position(track, truth)
-    rows = []
+    rows = ""
     for name, values in (
-        ("Distance to the true position", away[np.isfinite(away)]),
-        ("Distance to the true path", distance_to_path(track.points, truth.points)),
+        ("true position", away[np.isfinite(away)]),
+        ("true path", distance_to_path(track.points, truth.points)),
     ):
         if len(values):
-            s = distance_scores(values)
-            rows.append(
-                (
-                    f"{name}: mean, maximum, deviation",
-                    f"{100 * s.mean:.2f}, {100 * s.maximum:.2f}, {100 * s.deviation:.2f} cm",
-                )
-            )
-    return _table(rows)
-
-
-def _table(rows: Sequence[tuple[str, str]]) -> str:
-    cells = "".join(f"<tr><th scope=row>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows)
-    return f'<div class="wide"><table><tbody>{cells}</tbody></table></div>'
+            scores = distance_scores(values)
+            cells = "".join(f"<td>{100 * v:.2f} cm</td>" for v in (scores.mean, scores.maximum, scores.deviation))
+            rows += f"<tr><th scope=row>{name}</th>{cells}</tr>"
+    heads = "".join(f"<th scope=col>{name}</th>" for name in ("To the", "Mean", "Largest", "Deviation"))
+    return scrolling(f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>")

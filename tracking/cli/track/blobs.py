@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.trackers.blobs import BlobTracker, SingleBlobTracker
     from tsuiseki.tracking.video import Source
 
-Preset = Literal["calibrated", "paper", "single"]
-Method = Literal["labelled", "phd"]
+BlobPreset = Literal["calibrated", "paper", "single"]
+PointMethod = Literal["labelled", "phd"]
 SIZE = (32.0, 32.0)
 
 
@@ -27,8 +27,8 @@ def blobs(
     colour: str | None = None,
     colour_box: tuple[float, float, float, float] | None = None,
     detections: Path | None = None,
-    preset: Preset = "calibrated",
-    method: Method = "labelled",
+    preset: BlobPreset = "calibrated",
+    method: PointMethod = "labelled",
     particles: int = 500,
     size: tuple[float, float] = SIZE,
     smallest: float = 12.0,
