@@ -31,7 +31,7 @@ from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated, rotated_iou
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.formats.rotated import RotatedBoxes, enclosing, half_turned, read_rotated_labels
+from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, enclosing, half_turned, read_rotated_labels
 from tsuiseki.tracking.pipelines.ceiling import CeilingView
 from tsuiseki.tracking.report.floor import corners
 from tsuiseki.tracking.trackers.fisheye import FisheyeSettings, FisheyeTracker

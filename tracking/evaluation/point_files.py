@@ -8,7 +8,7 @@ from pathlib import Path
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
-from tsuiseki.tracking.formats.points import is_point_file, read_point_tracks
+from tsuiseki.tracking.formats.sensors.points import is_point_file, read_point_tracks
 
 
 def evaluate_point_files(

@@ -8,5 +8,6 @@ The contract of all files here:
   pixels; it raises `RequestError`, with file and line, where the content is not what it should be;
 * ``write_X(path, …)`` writes what ``read_X`` gives back.
 
-What is read is defined in `tsuiseki.tracking.types`. `labelled.open_labelled` opens labelled video of any layout.
+Here lie the formats of labelled people and of one labelled target; in `sensors` those of measured points, in `bodies`
+those of bodies that bend, in `space` those of places in the world. What is read is defined in `tsuiseki.tracking.types`. `labelled.open_labelled` opens labelled video of any layout.
 """

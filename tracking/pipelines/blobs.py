@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.points import is_point_file, read_points
+from tsuiseki.tracking.formats.sensors.points import is_point_file, read_points
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.likelihoods.colour_region import ColourRange, colour_of_box, parse_colour

@@ -13,7 +13,7 @@ from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.pose import Camera, locate_over_floor
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.correspondences import Correspondences, read_correspondences, read_floor_points
+from tsuiseki.tracking.formats.space.correspondences import Correspondences, read_correspondences, read_floor_points
 from tsuiseki.tracking.types import FloatArray
 
 REACH = 10.0

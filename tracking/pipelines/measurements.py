@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.formats.measurements import read_scans
-from tsuiseki.tracking.formats.sensing_model import read_sensing_model, sensing_model
+from tsuiseki.tracking.formats.sensors.measurements import read_scans
+from tsuiseki.tracking.formats.sensors.sensing_model import read_sensing_model, sensing_model
 from tsuiseki.tracking.trackers.measurement_model import region_of
 from tsuiseki.tracking.trackers.measurements import MeasurementMethod, MeasurementTracker
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
@@ -27,7 +27,7 @@ def track_measurements(
     """Targets behind the measurements of a sensor, each with an id, at every scan.
 
     Args:
-        measured: a CSV of measurements (`tracking.formats.measurements`), or scans in order of time.
+        measured: a CSV of measurements (`tracking.formats.sensors.measurements`), or scans in order of time.
         model: of sensor, targets and clutter: a YAML file, what stands in one, or `SensingModel`.
         method: labelled multi-Bernoulli filter, or phd.
         particles: of each target.

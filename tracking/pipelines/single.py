@@ -19,7 +19,7 @@ from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.pipelines.selection import select_box
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.single.interface import SingleTracker, follow_target
-from tsuiseki.tracking.trackers.single.methods import METHODS, Preset, SingleMethod, make_tracker
+from tsuiseki.tracking.trackers.single.methods import METHODS, SingleMethod, SinglePreset, make_tracker
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame
 from tsuiseki.tracking.video import Source, open_source
 
@@ -29,7 +29,7 @@ def follow(
     box: Sequence[float] | ArrayLike | None = None,
     method: SingleMethod | SingleTracker = "combined",
     *,
-    preset: Preset = "robust",
+    preset: SinglePreset = "robust",
     frames: str | None = None,
     seed: int = 0,
 ) -> Iterator[tuple[Frame, Estimate]]:
@@ -64,7 +64,9 @@ def follow(
     return follow_frames(opened.frames(), wanted, single_tracker(method, preset, seed))
 
 
-def single_tracker(method: SingleMethod | SingleTracker, preset: Preset = "robust", seed: int = 0) -> SingleTracker:
+def single_tracker(
+    method: SingleMethod | SingleTracker, preset: SinglePreset = "robust", seed: int = 0
+) -> SingleTracker:
     """A fresh tracker by its name; a tracker as it is.
 
     Raises:
@@ -74,13 +76,13 @@ def single_tracker(method: SingleMethod | SingleTracker, preset: Preset = "robus
         return method
     if method not in METHODS:
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
-    if preset not in get_args(Preset):
-        raise RequestError(f"expected the preset {', '.join(get_args(Preset))}, got {preset!r}")
+    if preset not in get_args(SinglePreset):
+        raise RequestError(f"expected the preset {', '.join(get_args(SinglePreset))}, got {preset!r}")
     check_preset(method, preset)
     return make_tracker(method, preset, seed=seed)
 
 
-def check_preset(method: SingleMethod, preset: Preset) -> None:
+def check_preset(method: SingleMethod, preset: SinglePreset) -> None:
     """Refuse constants that a method does not have.
 
     Raises:

@@ -13,7 +13,7 @@ from tsuiseki.tracking.trackers.single.combined import Combined
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import Past
-from tsuiseki.tracking.trackers.single.methods import Preset, SingleMethod, make_tracker
+from tsuiseki.tracking.trackers.single.methods import SingleMethod, SinglePreset, make_tracker
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class SingleChoice:
     """
 
     method: SingleMethod = "combined"
-    preset: Preset = "robust"
+    preset: SinglePreset = "robust"
     scale: bool | None = None
     past: Past | None = None
     redetect: bool = False

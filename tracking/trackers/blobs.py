@@ -21,7 +21,7 @@ from tsuiseki.tracking.likelihoods.colour_region import ColourImage, ColourRange
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame, Status, Targets, Track
 
-Preset = Literal["calibrated", "paper", "single"]
+BlobPreset = Literal["calibrated", "paper", "single"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class BlobSettings:
         min_length: a track of fewer frames is not reported.
     """
 
-    preset: Preset = "calibrated"
+    preset: BlobPreset = "calibrated"
     particles: int = 500
     targets: int = 10
     size: tuple[float, float] = (32.0, 32.0)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.bodies.states import read_states
 from tsuiseki.tracking.formats.mot import read_sequence
-from tsuiseki.tracking.formats.states import read_states
 from tsuiseki.tracking.output import RUN_FILE
 from tsuiseki.tracking.types import FloatArray
 

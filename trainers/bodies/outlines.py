@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.silhouettes import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of
+from tsuiseki.tracking.formats.bodies.silhouettes import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of
 from tsuiseki.tracking.likelihoods.contour import Extraction
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video import open_source

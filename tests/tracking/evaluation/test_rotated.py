@@ -12,7 +12,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated, rotated_iou
 from tsuiseki.tracking.evaluation.truths import read_truths
-from tsuiseki.tracking.formats.rotated import (
+from tsuiseki.tracking.formats.space.rotated import (
     RotatedBoxes,
     enclosing,
     half_turned,

@@ -14,8 +14,8 @@ from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_go
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.states import read_states
-from tsuiseki.tracking.formats.track3d import read_path3d
+from tsuiseki.tracking.formats.bodies.states import read_states
+from tsuiseki.tracking.formats.space.track3d import read_path3d
 from tsuiseki.tracking.pipelines.deformable import follow_deformable, track_deformable
 from tsuiseki.tracking.pipelines.sphere import SphereSettings, track_sphere
 from tsuiseki.tracking.trackers.deformable import DeformableSettings

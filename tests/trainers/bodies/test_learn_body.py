@@ -11,8 +11,8 @@ from tsuiseki.tracking.bodies.learnt import read_body, write_body
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
-from tsuiseki.tracking.formats.silhouettes import centre_inside
-from tsuiseki.tracking.formats.states import read_states
+from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
+from tsuiseki.tracking.formats.bodies.states import read_states
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction, contour_distance
 from tsuiseki.tracking.trackers.body_starts import wide_noise

@@ -26,7 +26,7 @@ def detection(
     from tsuiseki.tracking.evaluation.rotated import evaluate_rotated_file
     from tsuiseki.tracking.evaluation.table import detection_table, detection_values
     from tsuiseki.tracking.evaluation.truths import read_truths
-    from tsuiseki.tracking.formats.rotated import is_rotated
+    from tsuiseki.tracking.formats.space.rotated import is_rotated
 
     if not 0 < iou <= 1:
         raise RequestError(f"`iou`: expected an overlap above 0 and up to 1, got {iou:g}")

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import count, frames_expected
 from tsuiseki.tracking.cli.track.finding import check_score_range
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.trackers.blobs import BlobPreset
+from tsuiseki.tracking.trackers.points import PointMethod
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.likelihoods.colour_region import ColourRange
     from tsuiseki.tracking.trackers.blobs import BlobTracker, SingleBlobTracker
     from tsuiseki.tracking.video import Source
 
-BlobPreset = Literal["calibrated", "paper", "single"]
-PointMethod = Literal["labelled", "phd"]
 SIZE = (32.0, 32.0)
 
 
@@ -58,7 +58,7 @@ def blobs(
         seed: of the particles.
     """
     from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.formats.points import write_point_tracks
+    from tsuiseki.tracking.formats.sensors.points import write_point_tracks
     from tsuiseki.tracking.pipelines.blobs import blob_result, colour_tracker, extent_of, read_measurements
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.trackers.blobs import BlobSettings
@@ -102,7 +102,7 @@ def blobs(
     return run.status
 
 
-def _expected(counts: Sequence[float], preset: Preset) -> str:
+def _expected(counts: Sequence[float], preset: BlobPreset) -> str:
     mean = sum(counts) / len(counts)
     if preset == "paper":
         return f"sum of the weights {mean:.2g} in a frame: the printed likelihood can only shrink it, so it is no count"

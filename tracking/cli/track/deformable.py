@@ -50,7 +50,7 @@ def deformable(
     """
     from tsuiseki.tracking.bodies.choice import parse_body
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.formats.states import write_states
+    from tsuiseki.tracking.formats.bodies.states import write_states
     from tsuiseki.tracking.likelihoods.colour_region import parse_colour
     from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
     from tsuiseki.tracking.pipelines.deformable import chosen_motion, starting_states

@@ -109,7 +109,7 @@ def fisheye(
 def _written(run: Run, view: CeilingSource, tracks: list[FloorTrack], prefix: str, overlay: bool) -> FloorSection:
     """Write what one camera gives; what the page needs of it."""
     from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.formats.world import write_world
+    from tsuiseki.tracking.formats.space.world import write_world
     from tsuiseki.tracking.report.floor import FloorSection, dwell_figure, floor_figure, write_floor_overlay
 
     position = view.placed.camera.position

@@ -35,8 +35,8 @@ def points(
         seed: of the particles.
     """
     from tsuiseki.tracking.cli.run import count
-    from tsuiseki.tracking.formats.measurements import read_scans, write_sensed_tracks
-    from tsuiseki.tracking.formats.sensing_model import read_sensing_model
+    from tsuiseki.tracking.formats.sensors.measurements import read_scans, write_sensed_tracks
+    from tsuiseki.tracking.formats.sensors.sensing_model import read_sensing_model
     from tsuiseki.tracking.pipelines.measurements import with_region
     from tsuiseki.tracking.report.sensed_tracks import tracks_figure
     from tsuiseki.tracking.trackers.measurement_model import positions_of

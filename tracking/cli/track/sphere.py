@@ -66,7 +66,7 @@ def sphere(
     """
     import numpy as np
 
-    from tsuiseki.tracking.formats.track3d import read_path3d, write_track3d
+    from tsuiseki.tracking.formats.space.track3d import read_path3d, write_track3d
     from tsuiseki.tracking.pipelines.sphere import SphereRun, sphere_run
     from tsuiseki.tracking.pipelines.sphere_points import SpherePointsRun, sphere_points_run
     from tsuiseki.tracking.report.space_plots import path_figure

@@ -42,11 +42,11 @@ SingleMethod = Literal[
     "mil",
 ]
 METHODS: tuple[SingleMethod, ...] = get_args(SingleMethod)
-Preset = Literal["robust", "thesis", "printed", "paper"]
+SinglePreset = Literal["robust", "thesis", "printed", "paper"]
 
 
 def make_tracker(
-    method: SingleMethod, preset: Preset = "robust", scale_search: bool | None = None, seed: int = 0
+    method: SingleMethod, preset: SinglePreset = "robust", scale_search: bool | None = None, seed: int = 0
 ) -> SingleTracker:
     """A new tracker.
 
@@ -79,8 +79,12 @@ def make_tracker(
     return makers[method]()
 
 
-KCF_PRESETS: dict[Preset, kcf.KcfSettings] = {"robust": kcf.KcfSettings(), "thesis": kcf.THESIS, "paper": kcf.KCF_PAPER}
-PARTICLE_PRESETS: dict[Preset, KcfParticleSettings] = {"robust": ROBUST, "thesis": THESIS, "printed": PRINTED}
+KCF_PRESETS: dict[SinglePreset, kcf.KcfSettings] = {
+    "robust": kcf.KcfSettings(),
+    "thesis": kcf.THESIS,
+    "paper": kcf.KCF_PAPER,
+}
+PARTICLE_PRESETS: dict[SinglePreset, KcfParticleSettings] = {"robust": ROBUST, "thesis": THESIS, "printed": PRINTED}
 
 
 def _sized(settings: kcf.KcfSettings, scale_search: bool | None) -> kcf.KcfSettings:
@@ -94,6 +98,6 @@ def _combined_settings(scale_search: bool | None) -> CombinedSettings:
     return settings if scale_search in (None, True) else replace(settings, filter=replace(settings.filter, sizes=1))
 
 
-def _particle_settings(preset: Preset, scale_search: bool | None) -> KcfParticleSettings:
+def _particle_settings(preset: SinglePreset, scale_search: bool | None) -> KcfParticleSettings:
     settings = PARTICLE_PRESETS[preset]
     return replace(settings, kcf=_sized(settings.kcf, scale_search))

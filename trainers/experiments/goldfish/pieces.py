@@ -15,7 +15,7 @@ from tsuiseki.datamodules.scenes.fish.goldfish import write_goldfish
 from tsuiseki.datamodules.scenes.fish.sets import GoldfishSets, planned_clips
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
-from tsuiseki.tracking.formats.states import read_states, write_states
+from tsuiseki.tracking.formats.bodies.states import read_states, write_states
 from tsuiseki.tracking.likelihoods.colour_region import ColourRange
 from tsuiseki.tracking.likelihoods.contour import Extraction
 from tsuiseki.tracking.trackers.body_starts import wide_noise

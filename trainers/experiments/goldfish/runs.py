@@ -15,8 +15,8 @@ from tsuiseki.datamodules.scenes.fish.turns import count_sudden_turns
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion
 from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
-from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes
-from tsuiseki.tracking.formats.states import read_states
+from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes
+from tsuiseki.tracking.formats.bodies.states import read_states
 from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
 from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.types import ImageArray

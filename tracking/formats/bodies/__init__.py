@@ -1,0 +1,1 @@
+"""Files of bodies that bend: their states and silhouettes."""

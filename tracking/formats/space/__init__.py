@@ -1,0 +1,1 @@
+"""Files of places in the world: paths, positions on a floor, rotated boxes, and points seen by cameras."""
