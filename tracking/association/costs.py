@@ -135,11 +135,11 @@ def cosine_distances(features: FloatArray | None, i: IntArray, j: IntArray) -> F
 def inner_products(earlier: FloatArray, later: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
     """``(P,)`` inner products of the rows ``i`` of ``earlier`` and ``j`` of ``later``, both ``(N, D)``."""
     products = np.empty(len(i))
-    # In pieces that fit into the cache; both gathered (P, D) sides at once would dwarf everything else in memory.
+    # In blocks that fit into the cache; both gathered (P, D) sides at once would dwarf everything else in memory.
     step = max(1, 250_000 // max(1, earlier.shape[1]))
     for start in range(0, len(i), step):
-        piece = slice(start, start + step)
-        products[piece] = np.einsum("pd,pd->p", earlier.take(i[piece], axis=0), later.take(j[piece], axis=0))
+        block = slice(start, start + step)
+        products[block] = np.einsum("pd,pd->p", earlier.take(i[block], axis=0), later.take(j[block], axis=0))
     return products
 
 

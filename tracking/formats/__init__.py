@@ -8,6 +8,7 @@ The contract of all files here:
   pixels; it raises `RequestError`, with file and line, where the content is not what it should be;
 * ``write_X(path, …)`` writes what ``read_X`` gives back.
 
-Here lie the formats of labelled people and of one labelled target; in `sensors` those of measured points, in `bodies`
-those of bodies that bend, in `space` those of places in the world. What is read is defined in `tsuiseki.tracking.types`. `labelled.open_labelled` opens labelled video of any layout.
+The files here are of labelled people and of one labelled target. `sensors` has those of measured points, `bodies` those
+of bodies that bend, `space` those of places in the world. What is read is defined in `tsuiseki.tracking.types`.
+`labelled.open_labelled` opens labelled video of any layout.
 """
