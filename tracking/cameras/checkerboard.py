@@ -19,6 +19,7 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 Coefficients = Literal[5, 8, 12]
 FEWEST = 4
 """Pictures below which focal length and lens are told by too little."""
+SMALLEST_TILT = np.deg2rad(5.0)
 UNFIXED = "expected pictures of the board from different sides, got some that do not fix the camera"
 # OpenCV counts pixels from the first one's centre.
 HALF_PIXEL = 0.5
@@ -81,7 +82,7 @@ def fit_checkerboards(
     board = np.zeros((corners[0] * corners[1], 3), dtype=np.float32)
     board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2)
     try:
-        _, matrix, lens, *_, deviations, _, errors = cv2.calibrateCameraExtended(
+        _, matrix, lens, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
             [board] * len(found), [each.astype(np.float32) for each in found], size, None, None,  # type: ignore[call-overload]
             flags=FLAGS[coefficients],
         )  # fmt: skip
@@ -89,7 +90,10 @@ def fit_checkerboards(
         raise RequestError(UNFIXED) from error
     lens = np.pad(lens.ravel(), (0, max(12 - lens.size, 0)))[:coefficients]
     focal, deviation = matrix[[0, 1], [0, 1]], deviations.ravel()[:2]
-    if not (np.isfinite(focal).all() and np.isfinite(lens).all()) or (deviation > 0.5 * focal).any():
+    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    # Boards that all face one way leave focal length and distance open together.
+    tilted = float((normals @ normals.T).min()) < np.cos(SMALLEST_TILT)
+    if not (tilted and np.isfinite(lens).all() and (deviation < 0.5 * focal).all()):
         raise RequestError(UNFIXED)
     intrinsics = Intrinsics(size[0], size[1], focal, matrix[:2, 2] + HALF_PIXEL, lens)
     return CheckerboardFit(intrinsics, errors.ravel().astype(np.float64), deviation.astype(np.float64))
