@@ -167,12 +167,12 @@ def _of_pixel_centres(affine: FloatArray) -> FloatArray:
     return shifted
 
 
-def _paint_holes(rng: np.random.Generator, example: Example, most: int) -> Example:
+def _paint_holes(rng: np.random.Generator, example: Example, max_holes: int) -> Example:
     """Rectangles and bars painted over; a box covered by most of one becomes ignored."""
     image = example.image.copy()
     ignored = example.ignored.copy()
     height, width = image.shape[:2]
-    for _ in range(rng.integers(0, most + 1)):
+    for _ in range(rng.integers(0, max_holes + 1)):
         if len(example.boxes) and rng.random() < 0.6:
             box = example.boxes[rng.integers(len(example.boxes))]
             sides = box[2:] - box[:2]

@@ -72,12 +72,12 @@ def fit_size_by_row(boxes: FloatArray) -> SizeByRow:
     return SizeByRow(slope, intercept, spread, (float(feet.min()), float(feet.max())))
 
 
-def empty_view(examples: Sequence[Example], most: int = 60) -> Example:
-    """A fixed camera's view without people: the per-pixel median over up to ``most`` frames outside all labels.
+def empty_view(examples: Sequence[Example], max_frames: int = 60) -> Example:
+    """A fixed camera's view without people: the per-pixel median over up to ``max_frames`` frames outside all labels.
 
     What labels cover in every frame keeps its people; boxes about those places are returned as ignored.
     """
-    chosen = [examples[i] for i in np.unique(np.linspace(0, len(examples) - 1, most).astype(int))]
+    chosen = [examples[i] for i in np.unique(np.linspace(0, len(examples) - 1, max_frames).astype(int))]
     covered = np.stack([_inside(e) for e in chosen])
     images = np.stack([e.image for e in chosen])
     always = np.asarray(covered.all(axis=0))

@@ -265,9 +265,9 @@ class DetectionData(lightning.LightningDataModule):
 
 def collate(examples: list[Example]) -> DetectionBatch:
     """Stack images and pad their boxes to one number."""
-    most = max(len(e.boxes) for e in examples)
-    boxes = np.zeros((len(examples), most, 4), dtype=np.float32)
-    labels = np.full((len(examples), most), PADDING, dtype=np.int64)
+    padded = max(len(e.boxes) for e in examples)
+    boxes = np.zeros((len(examples), padded, 4), dtype=np.float32)
+    labels = np.full((len(examples), padded), PADDING, dtype=np.int64)
     for n, example in enumerate(examples):
         boxes[n, : len(example.boxes)] = example.boxes
         labels[n, : len(example.boxes)] = np.where(example.ignored, IGNORED, PERSON)

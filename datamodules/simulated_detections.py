@@ -53,7 +53,7 @@ def simulate_detections(
     """
     people = truth.select(truth.evaluated)
     offsets = {int(identity): _errors(rng, 1, faults.jitter)[0] for identity in np.unique(people.ids)}
-    false = np.empty((0, 4))
+    wrong = np.empty((0, 4))
     result = []
     for frame in range(length):
         rows = people.between(frame, frame)
@@ -65,12 +65,12 @@ def simulate_detections(
         boxes = _moved(rows.boxes, np.array([offsets[i] for i in rows.ids.tolist()]).reshape(-1, 4))
         doubled = found & (rng.random(len(rows)) < faults.doubled)
         extra = _moved(rows.boxes[doubled], rng.normal(0, 0.35, (int(doubled.sum()), 4)))
-        false = _false_boxes(rng, false, people.boxes, width, height, faults)
+        wrong = _false_boxes(rng, wrong, people.boxes, width, height, faults)
         scores = [
             _scores(rng, 3.5 - 3 * (1 - rows.visibility[found])),
-            _scores(rng, np.full(len(extra) + len(false), 2.0)),
+            _scores(rng, np.full(len(extra) + len(wrong), 2.0)),
         ]
-        result.append(_inside(np.concatenate([boxes[found], extra, false]), np.concatenate(scores), width, height))
+        result.append(_inside(np.concatenate([boxes[found], extra, wrong]), np.concatenate(scores), width, height))
     return result
 
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.clip_files import numbered, write_image
+from tsuiseki.datamodules.scenes.clip_files import ClipSettings, numbered, write_image
 from tsuiseki.datamodules.scenes.fish.drawing import Drawn, within
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.bodies.silhouettes import FOLDER, write_silhouettes
@@ -38,33 +38,29 @@ class SceneFrame:
     silhouettes: ImageArray
 
 
-def check_clip(
-    names: tuple[str, str], count: int, most: int, frames: int, frame_rate: float, size: tuple[int, int], length: float
-) -> None:
-    """Whether a clip can be made of ``count`` bodies, ``length`` pixels long, in images of ``size``.
+def check_clip(names: tuple[str, str], count: int, largest: int, length: float, settings: ClipSettings) -> None:
+    """Whether a clip can be made of ``count`` bodies.
 
     Args:
         names: what one body and several are called.
         count: of bodies.
-        most: that there may be.
-        frames: of the clip.
-        frame_rate: a second.
-        size: width and height, pixels.
+        largest: number of bodies that there may be.
         length: of a body, pixels.
+        settings: of the clip.
 
     Raises:
         RequestError: it cannot.
     """
     one, several = names
-    if not 1 <= count <= most or frames < 1 or not frame_rate > 0:
+    if not 1 <= count <= largest or settings.frames < 1 or not settings.frame_rate > 0:
         raise RequestError(
-            f"expected 1 to {most} {several}, at least one frame and a frame rate above 0, "
-            f"got {count}, {frames} and {frame_rate:g}"
+            f"expected 1 to {largest} {several}, at least one frame and a frame rate above 0, "
+            f"got {count}, {settings.frames} and {settings.frame_rate:g}"
         )
-    if min(size) < 4 * length:
+    if min(settings.width, settings.height) < 4 * length:
         raise RequestError(
             f"expected an image four times as large as a {one}, which is {length:g} pixels long, "
-            f"got {size[0]}x{size[1]}"
+            f"got {settings.width}x{settings.height}"
         )
 
 

@@ -103,7 +103,7 @@ class Affinity:
         rows = feature_rows(pairs, self.features)
         order = _alike_together(rows)
         rows, probability = rows[order], np.empty(len(rows))
-        # In pieces: the trees' own buffers grow with the rows of a call.
+        # In blocks: the trees' own buffers grow with the rows of a call.
         for start in range(0, len(rows), ROWS_A_CALL):
             piece = slice(start, start + ROWS_A_CALL)
             probability[order[piece]] = self.model.run(rows[piece])[0]

@@ -54,11 +54,11 @@ def candidate_pairs(
         ``(P,)`` arrays ``i``, ``j`` and ``gap`` with ``frames[j] - frames[i] == gap`` and ``1 <= gap <= window``,
         sorted by i, then by j's frame.
     """
-    pieces = list(pairs_by_gap(frames, boxes, settings or GateSettings()))
-    if not pieces:
+    parts = list(pairs_by_gap(frames, boxes, settings or GateSettings()))
+    if not parts:
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64)
-    gap = np.repeat([gap for _, _, gap in pieces], [len(i) for i, _, _ in pieces])
-    i, j = np.concatenate([i for i, _, _ in pieces]), np.concatenate([j for _, j, _ in pieces])
+    gap = np.repeat([gap for _, _, gap in parts], [len(i) for i, _, _ in parts])
+    i, j = np.concatenate([i for i, _, _ in parts]), np.concatenate([j for _, j, _ in parts])
     by_detection = np.lexsort((j, gap, i))
     return i[by_detection], j[by_detection], gap[by_detection]
 

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tsuiseki.tracking.cameras.camera import Camera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray
@@ -33,21 +34,8 @@ VERSION = 1
 AROUND = 16
 
 
-class FloorCamera(Protocol):
+class FloorCamera(Camera, Protocol):
     """What is asked of a camera over the floor."""
-
-    @property
-    def width(self) -> int: ...
-
-    @property
-    def height(self) -> int: ...
-
-    @property
-    def position(self) -> FloatArray: ...
-
-    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pixels ``(N, 2)`` and depths ``(N,)`` of world points ``(N, 3)``; a depth of 0 or less is not seen."""
-        ...
 
     def ground(self, pixels: FloatArray, height: float = 0.0) -> FloatArray:
         """Where ``(N, 2)`` pixels meet the plane z = ``height``: ``(N, 3)``, NaN where they do not."""

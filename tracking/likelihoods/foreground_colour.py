@@ -8,31 +8,18 @@ colour score falls.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tsuiseki.tracking.likelihoods.colour_model import ColourModel, histogram, quantised
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
-LEVELS = 16
 INNER = (0.7, 0.8)  # shares of width and height that are target rather than background
 AROUND = (1.2, 0.8)  # margins of the surroundings, as shares of width and height, both sides together
-_RARE = 1e-4  # a colour that was never seen counts as neither
 
 
-@dataclass(frozen=True)
-class ForegroundColour:
-    """The two histograms.
-
-    Attributes:
-        target: ``(4096,)`` that sums to one.
-        around: likewise.
-    """
-
-    target: FloatArray
-    around: FloatArray
+class ForegroundColour(ColourModel):
+    """The colours of a target's inner part and of its surroundings."""
 
     @classmethod
     def learn(cls, image: ImageArray, box: FloatArray) -> ForegroundColour | None:
@@ -42,18 +29,12 @@ class ForegroundColour:
         x1, y1, x2, y2 = _clipped(outer, image)
         if x2 <= x1 or y2 <= y1:
             return None
-        colours = _quantised(image[y1:y2, x1:x2])
+        colours = quantised(image[y1:y2, x1:x2])
         inner = _mask(_shrunk(box[None])[0] - [x1, y1, x1, y1], colours.shape)
         outside = ~_mask(box - [x1, y1, x1, y1], colours.shape)
         if not inner.any() or not outside.any():
             return None
-        return cls(_histogram(colours[inner]), _histogram(colours[outside]))
-
-    def blend(self, new: ForegroundColour, rate: float) -> ForegroundColour:
-        """Moved towards ``new`` by ``rate`` in [0, 1]."""
-        return ForegroundColour(
-            self.target + rate * (new.target - self.target), self.around + rate * (new.around - self.around)
-        )
+        return cls(histogram(colours[inner]), histogram(colours[outside]))
 
     def score(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N,)`` in [0, 1] for boxes ``(N, 4)``; what lies outside the image counts as background."""
@@ -61,22 +42,12 @@ class ForegroundColour:
         x1, y1, x2, y2 = _clipped(np.concatenate([inner[:, :2].min(axis=0), inner[:, 2:].max(axis=0)]), image)
         if x2 <= x1 or y2 <= y1:
             return np.zeros(len(boxes))
-        table = ((self.target + _RARE) / (self.target + self.around + 2 * _RARE)).astype(np.float32)
-        sums = cv2.integral(table.take(_quantised(image[y1:y2, x1:x2])))
+        sums = cv2.integral(self.table().take(quantised(image[y1:y2, x1:x2])))
         whole = np.round(inner).astype(int)
         area = np.maximum((whole[:, 2] - whole[:, 0]) * (whole[:, 3] - whole[:, 1]), 1)
         left, top, right, bottom = np.clip(whole - [x1, y1, x1, y1], 0, [x2 - x1, y2 - y1, x2 - x1, y2 - y1]).T
         total = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
         return np.asarray(total / area)
-
-
-def _quantised(image: ImageArray) -> NDArray[np.int32]:
-    steps = (image >> 4).astype(np.int32)
-    return np.asarray((steps[..., 0] * LEVELS + steps[..., 1]) * LEVELS + steps[..., 2])
-
-
-def _histogram(colours: NDArray[np.int32]) -> FloatArray:
-    return np.bincount(colours, minlength=LEVELS**3) / len(colours)
 
 
 def _shrunk(boxes: FloatArray) -> FloatArray:

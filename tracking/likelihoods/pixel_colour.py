@@ -8,12 +8,11 @@ between the box and a frame around it tells the size.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.likelihoods.colour_model import ColourModel, histogram, quantised
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Float32Array = NDArray[np.float32]
@@ -22,42 +21,23 @@ STEP = 2  # every second pixel of a patch in each direction
 INNER = 0.8  # share of the target's sides that surely is target
 OUTER = 1.1  # share of its sides beyond which is background
 RING = 1.4  # side of the frame around a box over the side of the box
-_BITS = 4
-_LEVELS = 256 >> _BITS
-_RARE = 1e-4  # a colour that was never seen counts as neither
 
 
-@dataclass(frozen=True)
-class PixelColour:
-    """Two histograms over 16 levels of red, green and blue.
-
-    Attributes:
-        target: ``(4096,)`` that sums to one.
-        around: likewise.
-    """
-
-    target: FloatArray
-    around: FloatArray
+class PixelColour(ColourModel):
+    """The colours of a target and of its surroundings in a patch, of which every second pixel is looked at."""
 
     @classmethod
     def learn(cls, patch: ImageArray, width: float, height: float) -> PixelColour:
         """From a patch ``(H, W, 3)`` in the middle of which the target has ``width`` x ``height`` patch pixels."""
-        colours = _quantised(patch)
+        colours = quantised(patch[::STEP, ::STEP])
         rows, columns = (np.abs(np.arange(n) - (n - 1) / 2) * STEP for n in colours.shape)
         inner = (rows[:, None] <= INNER * height / 2) & (columns[None] <= INNER * width / 2)
         outer = (rows[:, None] > OUTER * height / 2) | (columns[None] > OUTER * width / 2)
-        return cls(_histogram(colours[inner]), _histogram(colours[outer]))
-
-    def blend(self, new: PixelColour, rate: float) -> PixelColour:
-        """Moved towards ``new`` by ``rate`` in [0, 1]."""
-        return PixelColour(
-            self.target + rate * (new.target - self.target), self.around + rate * (new.around - self.around)
-        )
+        return cls(histogram(colours[inner]), histogram(colours[outer]))
 
     def probabilities(self, patch: ImageArray) -> Float32Array:
         """``(H / 2, W / 2)`` in [0, 1] for every second pixel of a patch ``(H, W, 3)``."""
-        table = (self.target + _RARE) / (self.target + self.around + 2 * _RARE)
-        return np.asarray(table.astype(np.float32)[_quantised(patch)])
+        return np.asarray(self.table()[quantised(patch[::STEP, ::STEP])])
 
 
 def shift_response(
@@ -119,12 +99,3 @@ def _centred_sums(sums: FloatArray, sizes: FloatArray) -> tuple[FloatArray, Floa
 
     total = at(bottom, right) - at(top, right) - at(bottom, left) + at(top, left)
     return total, (right - left) * (bottom - top)
-
-
-def _quantised(patch: ImageArray) -> NDArray[np.int32]:
-    levels = (patch[::STEP, ::STEP] >> _BITS).astype(np.int32)
-    return np.asarray((levels[..., 0] * _LEVELS + levels[..., 1]) * _LEVELS + levels[..., 2])
-
-
-def _histogram(colours: NDArray[np.int32]) -> FloatArray:
-    return np.bincount(colours, minlength=_LEVELS**3) / max(len(colours), 1)

@@ -65,8 +65,7 @@ class BouncingBallSettings:
     noise: float = 4.0
 
     def __post_init__(self) -> None:
-        size = (self.width, self.height)
-        check_clip(("ball", "balls"), self.balls, MOST_BALLS, self.frames, self.frame_rate, size, self.diameter)
+        check_clip(("ball", "balls"), self.balls, MOST_BALLS, self.diameter, self)
 
 
 def plan_balls(settings: BouncingBallSettings, rng: np.random.Generator) -> FloatArray:

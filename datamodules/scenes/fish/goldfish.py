@@ -71,8 +71,7 @@ class GoldfishSettings:
     noise: float = 4.0
 
     def __post_init__(self) -> None:
-        size = (self.width, self.height)
-        check_clip(("fish", "fish"), self.fish, MOST_FISH, self.frames, self.frame_rate, size, self.length)
+        check_clip(("fish", "fish"), self.fish, MOST_FISH, self.length, self)
 
 
 def plan_goldfish(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:

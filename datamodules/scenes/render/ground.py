@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.render.raster import Camera, ray_grid
+from tsuiseki.datamodules.scenes.render.raster import RayCamera, ray_grid
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at
 from tsuiseki.datamodules.scenes.render.solids import Float32
 
@@ -105,7 +105,7 @@ def random_ground(rng: np.random.Generator) -> Ground:
     )
 
 
-def draw_ground(ground: Ground, camera: Camera, light: Light) -> tuple[Float32, Float32]:
+def draw_ground(ground: Ground, camera: RayCamera, light: Light) -> tuple[Float32, Float32]:
     """``(H, W, 3)`` linear light of the ground and the sky, and the ``(H, W)`` share of it that is direct sunlight."""
     rays = ray_grid(camera, 1, 0, 0, camera.width, camera.height)
     down = -rays[2]

@@ -9,26 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.render.solids import Float32, Solids, intersect, intersect_box
+from tsuiseki.tracking.cameras.camera import Camera
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 NEAREST = 0.2
 
 
-class Camera(Protocol):
-    """What the renderer needs of a camera: every optical centre is one point; the lens is the camera's matter."""
-
-    @property
-    def width(self) -> int: ...
-
-    @property
-    def height(self) -> int: ...
-
-    @property
-    def position(self) -> FloatArray: ...
-
-    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pixels ``(N, 2)`` and depths ``(N,)`` of world points ``(N, 3)``; a depth of 0 or less is not seen."""
-        ...
+class RayCamera(Camera, Protocol):
+    """What the renderer asks of a camera."""
 
     def rays(self, pixels: NDArray[Any]) -> NDArray[Any]:
         """Unit world directions ``(N, 3)`` of pixels ``(N, 2)``, in the floating type of ``pixels``."""
@@ -68,7 +56,7 @@ class Layer:
         )
 
 
-def extents(solids: Solids, camera: Camera) -> FloatArray:
+def extents(solids: Solids, camera: RayCamera) -> FloatArray:
     """``(K, 4)`` pixels x1, y1, x2, y2 that surely hold each solid; NaN where it is not wholly before the camera."""
     axes = np.linalg.inv(solids.to_local.astype(np.float64))
     ends = solids.start[:, None].astype(np.float64) + np.stack(
@@ -97,7 +85,7 @@ def extents(solids: Solids, camera: Camera) -> FloatArray:
     return rects
 
 
-def trace(solids: Solids, camera: Camera, samples: int, beyond: float = 1.0) -> Layer | None:
+def trace(solids: Solids, camera: RayCamera, samples: int, beyond: float = 1.0) -> Layer | None:
     """The thing made of ``solids`` on a grid of ``samples`` by ``samples`` rays a pixel, or None where it is not seen.
 
     The window reaches at most ``beyond`` image sizes past each border.
@@ -136,7 +124,7 @@ def trace(solids: Solids, camera: Camera, samples: int, beyond: float = 1.0) -> 
     return Layer(int(left), int(top), distance, solid) if np.isfinite(distance).any() else None
 
 
-def ray_grid(camera: Camera, samples: int, left: int, top: int, right: int, bottom: int) -> Float32:
+def ray_grid(camera: RayCamera, samples: int, left: int, top: int, right: int, bottom: int) -> Float32:
     """Directions ``(3, h, w)`` of the centres of the subpixels of a window."""
     x = (np.arange(left, right, dtype=np.float32) + np.float32(0.5)) / np.float32(samples)
     y = (np.arange(top, bottom, dtype=np.float32) + np.float32(0.5)) / np.float32(samples)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import Look
-from tsuiseki.datamodules.scenes.render.raster import Camera, Layer, silhouette_box, trace
+from tsuiseki.datamodules.scenes.render.raster import Layer, RayCamera, silhouette_box, trace
 from tsuiseki.datamodules.scenes.render.shading import Light, shade
 from tsuiseki.datamodules.scenes.render.solids import Float32, Solids
 from tsuiseki.tracking.types import BoolArray, FloatArray
@@ -65,7 +65,7 @@ def empty_picture(colour: Float32, samples: int) -> Picture:
 
 
 def compose(
-    picture: Picture, things: list[Thing], camera: Camera, light: Light
+    picture: Picture, things: list[Thing], camera: RayCamera, light: Light
 ) -> tuple[Picture, list[Sighting | None]]:
     """``picture`` with ``things`` in it, the nearer before the farther, and what is seen of each (None: nothing).
 
@@ -100,7 +100,7 @@ def _draw(
     index: int,
     thing: Thing,
     layer: Layer,
-    camera: Camera,
+    camera: RayCamera,
     samples: int,
     light: Light,
 ) -> int:
@@ -157,7 +157,7 @@ def _by_pixel(fine: Float32, samples: int) -> Float32:
 
 
 def darken(
-    picture: Picture, things: list[Thing], camera: Camera, light: Light, sunlit: Float32, softness: float
+    picture: Picture, things: list[Thing], camera: RayCamera, light: Light, sunlit: Float32, softness: float
 ) -> tuple[Picture, Float32]:
     """``picture`` with the shadows of ``things`` on its ground, and the ``(H, W)`` sunlit share that is left.
 
@@ -179,7 +179,7 @@ def darken(
     return replace(picture, colour=picture.colour * shade_factor[:, :, None]), sunlit * (1 - sun) * open_ground
 
 
-def shadows(things: list[Thing], camera: Camera, direction: Float32, softness: float) -> Float32:
+def shadows(things: list[Thing], camera: RayCamera, direction: Float32, softness: float) -> Float32:
     """``(H, W)`` share of the ground that ``things`` hide from ``direction``, in [0, 1].
 
     A cone-sphere's shadow is the convex hull of its spheres' shadows; ``softness`` blurs it, in pixels.
@@ -195,7 +195,7 @@ def shadows(things: list[Thing], camera: Camera, direction: Float32, softness: f
 
 
 def _shadow_polygons(
-    solids: Solids, camera: Camera, direction: Float32
+    solids: Solids, camera: RayCamera, direction: Float32
 ) -> list[np.ndarray[tuple[int, ...], np.dtype[np.int32]]]:
     sun = direction.astype(np.float64)
     across = np.cross(sun, [0.0, 0.0, 1.0] if sun[2] < 0.99 else [1.0, 0.0, 0.0])

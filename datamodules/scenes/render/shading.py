@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import Colour, Look
-from tsuiseki.datamodules.scenes.render.raster import Camera, Layer
+from tsuiseki.datamodules.scenes.render.raster import Layer, RayCamera
 from tsuiseki.datamodules.scenes.render.solids import (
     BRICKS,
     CHECKS,
@@ -75,7 +75,13 @@ def random_light(rng: np.random.Generator) -> Light:
 
 
 def shade(
-    layer: Layer, seen: BoolArray, solids: Solids, camera: Camera, samples: int, light: Light, look: Look | None = None
+    layer: Layer,
+    seen: BoolArray,
+    solids: Solids,
+    camera: RayCamera,
+    samples: int,
+    light: Light,
+    look: Look | None = None,
 ) -> Float32:
     """Linear colours ``(n, 3)`` of the ``n`` subpixels of ``layer`` where ``seen`` ``(h, w)`` is True, row by row."""
     rows, columns = np.nonzero(seen)

@@ -13,7 +13,7 @@ from tsuiseki.datamodules.scenes.clip_files import check_settings
 from tsuiseki.datamodules.scenes.people.person import person_solids
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, random_degradation, sensor_noise, tone
 from tsuiseki.datamodules.scenes.render.insertion import clusters
-from tsuiseki.datamodules.scenes.render.raster import Camera, extents
+from tsuiseki.datamodules.scenes.render.raster import RayCamera, extents
 from tsuiseki.datamodules.scenes.render.scene import Picture, Sighting, Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32
@@ -138,7 +138,7 @@ class RoomTruth:
 class _Window:
     """A part of a camera's image as a camera of its own."""
 
-    camera: Camera
+    camera: RayCamera
     left: int
     top: int
     width: int
@@ -277,7 +277,7 @@ def _part_of(picture: Picture, rows: slice, columns: slice) -> Picture:
     return Picture(picture.colour[rows, columns], picture.distance[fine], n)
 
 
-def _rectangle(thing: Thing, camera: Camera) -> FloatArray:
+def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:
     """``(4,)`` pixels that hold ``thing`` and its shadow's near part; NaN where no solid of it is in view."""
     rects = extents(thing.solids, camera)
     rects = rects[np.isfinite(rects).all(axis=1)]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.render.raster import Camera, ray_grid
+from tsuiseki.datamodules.scenes.render.raster import RayCamera, ray_grid
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at, pattern_value
 from tsuiseki.datamodules.scenes.render.solids import (
@@ -101,7 +101,7 @@ def random_furniture(rng: np.random.Generator, size: FloatArray, pieces: int) ->
 
 
 def draw_shell(
-    shell: Shell, camera: Camera, light: Light, furniture: list[Thing], samples: int
+    shell: Shell, camera: RayCamera, light: Light, furniture: list[Thing], samples: int
 ) -> tuple[Picture, Float32]:
     """The empty room, and ``(H, W, 3)`` the light on the floor that a shadow would take away, linear."""
     colour = np.zeros((camera.height, camera.width, 3), dtype=np.float32)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.render.raster import Camera, ray_grid
+from tsuiseki.datamodules.scenes.render.raster import RayCamera, ray_grid
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at, pattern_value
 from tsuiseki.datamodules.scenes.render.solids import (
@@ -51,7 +51,7 @@ class Room:
     direct: Float32
 
 
-def draw_room(camera: Camera, light: Light, furniture: list[Thing], samples: int) -> Room:
+def draw_room(camera: RayCamera, light: Light, furniture: list[Thing], samples: int) -> Room:
     """The empty room around the world's origin, with ``samples`` by ``samples`` rays a pixel."""
     width, height = camera.width * samples, camera.height * samples
     rays = ray_grid(camera, samples, 0, 0, width, height).reshape(3, -1)
@@ -113,7 +113,7 @@ def _albedo(points: Float32, face: np.ndarray[tuple[int, ...], np.dtype[np.int64
     return colour
 
 
-def _by_pixel(fine: Float32, camera: Camera, samples: int) -> Float32:
+def _by_pixel(fine: Float32, camera: RayCamera, samples: int) -> Float32:
     """Means over each pixel's subpixels of ``(H * W * samples^2, 3)`` values."""
     image = fine.astype(np.float32).reshape(camera.height * samples, camera.width * samples, 3)
     return np.asarray(cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.render.raster import Camera, extents
+from tsuiseki.datamodules.scenes.render.raster import RayCamera, extents
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.solids import Solids
 from tsuiseki.datamodules.scenes.street.clutter import building, random_clutter
@@ -33,7 +33,7 @@ def random_camera(
     return PinholeCamera.look_at(position, position + forward, focal, width, height, float(rng.normal(0, 0.025)))
 
 
-def covered_share(solids: Solids, camera: Camera) -> float:
+def covered_share(solids: Solids, camera: RayCamera) -> float:
     """Share of the image in the rectangle about ``solids``; infinite where they reach behind the camera."""
     rects = extents(solids, camera)
     if not np.isfinite(rects).all():

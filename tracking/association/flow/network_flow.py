@@ -95,23 +95,23 @@ def build_graph(
 
     Args:
         observation: ``(N,)`` cost of each detection.
-        transitions: arrays of tails, heads and costs; in pieces, so that not all candidates are held at once.
+        transitions: arrays of tails, heads and costs; in parts, so that not all candidates are held at once.
         entry: cost of a track's start.
         exit: cost of a track's end.
     """
-    pieces = []
+    parts = []
     for tail, head, cost in transitions:
         worth = np.flatnonzero(cost < entry + exit)
-        pieces.append((tail[worth], head[worth], cost[worth]))
+        parts.append((tail[worth], head[worth], cost[worth]))
     count = len(observation)
     none = np.empty(0, dtype=np.int64)
     return FlowGraph(
         np.asarray(observation, dtype=np.float64),
         np.full(count, float(entry)),
         np.full(count, float(exit)),
-        np.concatenate([none, *(tail for tail, _, _ in pieces)]),
-        np.concatenate([none, *(head for _, head, _ in pieces)]),
-        np.concatenate([np.empty(0), *(cost for _, _, cost in pieces)]),
+        np.concatenate([none, *(tail for tail, _, _ in parts)]),
+        np.concatenate([none, *(head for _, head, _ in parts)]),
+        np.concatenate([np.empty(0), *(cost for _, _, cost in parts)]),
     )
 
 
