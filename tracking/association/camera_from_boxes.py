@@ -1,16 +1,20 @@
-"""How a camera moved, from boxes alone: what the boxes of neighbouring frames have in common.
+"""How a camera moved, from boxes alone.
 
-For boxes of one height h a pair of neighbouring frames is explained by a similarity that most of its pairs of boxes
-agree on. Pairs within a height of each other take part, the more alike the more. The first guess is the shift that most
-pairs are near to; then a similarity is fitted by reweighted least squares with the weights
+People move in many directions, but the motion of the camera shifts all boxes alike. Each pair of neighbouring frames is
+explained by a similarity (shift, rotation, scale) that most of its pairs of boxes agree on. Pairs of boxes within one
+height of each other take part. Each has a weight w, larger for boxes of more similar size, and a height h, the mean of
+its two boxes. The first guess is the shift that most pairs are near to. A similarity is then fitted by reweighted least
+squares with the weights
 
-    (w / h²) / (1 + |d − s|² / (k h)²)²,
+    (w / h²) / (1 + |d − s|² / (k h)²)².
 
-d the difference of the centres, s what the similarity says of it and k the tolerance: how far people move by themselves
-between two frames. Turning and scaling are held back by a ridge. All pairs of frames are estimated at once.
+Here d is the difference of the two centres, s the difference that the similarity predicts, and k the tolerance: how far
+people move by themselves between two frames, in heights. A ridge penalty keeps rotation and scale small. All pairs of
+frames are estimated at once.
 
-Fewer than four pairs that agree say nothing: one person who walks looks like a camera that turns. Then the camera is
-taken to stand still, or, where it has been moving, to move as the few say; the frame counts as unknown.
+Fewer than four pairs that agree are too few: one person who walks looks like a camera that turns. The camera is then
+taken to stand still. If it was moving just before, it is taken to move as these few pairs say. Either way the step
+counts as unknown.
 """
 
 from __future__ import annotations

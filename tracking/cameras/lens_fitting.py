@@ -1,8 +1,11 @@
-"""From one model of a wide lens to another, by the least distance in pixels over the image.
+"""From one model of a wide lens to another, by least squares of the distance in pixels over the image.
 
-Besides Scaramuzza's polynomial there are the equidistant model of Kannala and Brandt (OpenCV's fisheye, Kalibr's
-pinhole with equidistant distortion), ``r = theta + k1 theta^3 + ... + k4 theta^9``, and Mei's unified model (Kalibr's
-omni), ``(x, y) / (z + xi)`` of a point on the unit sphere, with two radial and two tangential coefficients.
+Besides Scaramuzza's polynomial there are two models:
+
+* the equidistant model of Kannala and Brandt, ``r = theta + k1 theta^3 + ... + k4 theta^9`` (OpenCV's fisheye, and
+  Kalibr's pinhole with equidistant distortion);
+* Mei's unified model, ``(x, y) / (z + xi)`` of a point on the unit sphere, with two radial and two tangential
+  coefficients (Kalibr's omni).
 """
 
 from __future__ import annotations

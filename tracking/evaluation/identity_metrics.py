@@ -1,10 +1,10 @@
 """HOTA, CLEAR MOT and identity scores, from the overlaps of true and found boxes in every frame.
 
-Each metric is a few sums over a sequence; those of several sequences add up to the sums of all of them together.
+Each metric is a few sums over a sequence. The sums of several sequences add up to those of all of them together.
 
 * `hota`: Luiten et al., "HOTA: a higher order metric for evaluating multi-object tracking", IJCV 2021. True and found
-  tracks that overlap much over the whole sequence are matched first (the alignment below); for every threshold α the
-  detections count by TP, FN, FP, and each matched pair c by A(c) = TPA / (TPA + FNA + FPA).
+  tracks that overlap much over the whole sequence are matched first (the alignment below). For every threshold α the
+  detections count by TP, FN and FP, and each matched pair c by A(c) = TPA / (TPA + FNA + FPA).
 * `clear`: Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT metrics", 2008.
   A pair of the frame before is kept as long as it overlaps enough; the others are matched by overlap.
 * `identity`: Ristani et al., "Performance measures and a data set for multi-target, multi-camera tracking", 2016. True

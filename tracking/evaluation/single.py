@@ -1,9 +1,12 @@
 """Scores of a tracker of one target: success and precision curves of the OTB benchmark, one-pass evaluation.
 
-Wu, Lim and Yang, "Object tracking benchmark", PAMI 2015. The rules, as its published scores follow them: a frame is a
-success at a threshold when the overlap is strictly greater; it is precise at a distance when the centres are at most
-so far apart, a centre being ``x + (w - 1) / 2``; the first box is the given one; scores of several sequences are means
-over sequences, each with the same weight; the area under the curve is the mean over its thresholds.
+Wu, Lim and Yang, "Object tracking benchmark", PAMI 2015. The rules are those of its published scores:
+
+* A frame is a success at a threshold when the overlap is strictly greater than the threshold.
+* A frame is precise at a distance when the centres are at most that far apart. A centre is ``x + (w - 1) / 2``.
+* The first box is the given one.
+* The area under a curve is the mean over its thresholds.
+* Scores of several sequences are means over the sequences, each with the same weight.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Histograms of oriented gradients in 31 channels, for a batch of patches at once.
 
-Felzenszwalb et al., "Object detection with discriminatively trained part-based models", PAMI 2010, section 6: a pixel
-votes with its gradient magnitude for one of 18 signed directions, linearly shared among the four nearest cells; each
-cell is normalised by the energy of its four 2x2 blocks of cells and cut off at 0.2.
+Felzenszwalb et al., "Object detection with discriminatively trained part-based models", PAMI 2010, section 6. Each
+pixel votes for one of 18 signed directions, with its gradient magnitude. The vote is shared bilinearly among the four
+nearest cells. Each cell is normalised by the energy of its four 2x2 blocks of cells and cut off at 0.2.
 
-A gradient of 8-bit values takes one of 511 x 511 values, so direction and magnitude are read from a table, and the
-table is sorted by magnitude: the colour channel with the strongest gradient is a plain maximum of table positions.
+A gradient of 8-bit values takes one of 511 x 511 values, so direction and magnitude are read from a table. The table is
+sorted by magnitude. So the colour channel with the strongest gradient is found by a plain maximum of table positions.
 """
 
 from __future__ import annotations

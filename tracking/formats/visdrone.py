@@ -2,10 +2,10 @@
 
 A row is ``frame,id,left,top,width,height,score,category,truncation,occlusion`` with 1-based frames and 0-based pixels.
 Categories are 0 ignored region, 1 pedestrian (standing or walking), 2 people (in other postures), 3 and on vehicles.
-Truncation is 0 none or 1 up to half, occlusion 0 none, 1 up to half, 2 more.
+Truncation is 0 none or 1 up to half. Occlusion is 0 none, 1 up to half, 2 more.
 
-How it is evaluated here: pedestrians and people with score 1 count, both as one class; a result on an ignored region,
-or on any row with score 0, is neither right nor wrong; vehicles are no people, so a result on them is wrong.
+How it is evaluated here: pedestrians and people with score 1 count, both as one class. A result on an ignored region,
+or on any row with score 0, is neither right nor wrong. A result on a vehicle is wrong.
 """
 
 from __future__ import annotations

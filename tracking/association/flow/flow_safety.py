@@ -1,14 +1,23 @@
-"""Which detections of a flow no future can change, by the dual solutions of its residual network.
+"""Which detections of a flow no future frame can change, by the dual solutions of its residual network.
 
-Merge source and sink into a hub; ``y``, the length of the shortest path from the hub to a node in the residual network,
-is an optimal dual solution. All the future can do is to pay for units that arrive at frontier nodes v_i: nothing at the
-least, and at the most what continuing a track saves: a track's entry, less the cheapest transition if that costs less
-than nothing. The dual problem is to maximise a supermodular function under lower bounds on the frontier, so its
-solutions grow with those bounds, and the dual solution that holds in the end lies between ``y`` of the window as it is
-and ``y'`` of the window in which every frontier node is offered the most. The optimum of the whole video differs from
-the window's only along residual paths from the hub to the frontier that are tight under that dual solution. Every node
-of such a path either has ``y < y'``, or is of the frontier, or has a residual arc, tight for some dual solution between
-the two, to a node of the path. The nodes for which none of this holds are safe. Integers make the comparisons exact.
+Merge source and sink into a hub. Let ``y`` be the length of the shortest path from the hub to each node of the residual
+network. This is an optimal dual solution.
+
+Future frames can only pay for units of flow that arrive at frontier nodes v_i. The least they pay is nothing. The most
+is what continuing a track saves: the track's entry cost, less the cheapest transition if its cost is negative. Let
+``y'`` be the dual solution of the window in which every frontier node is paid the most.
+
+The dual problem maximises a supermodular function under lower bounds on the frontier. So its solutions grow with those
+bounds, and the final dual solution lies between ``y`` and ``y'``.
+
+The optimum of the whole video differs from that of the window only along residual paths from the hub to the frontier
+that are tight under the final dual solution. Each node of such a path has at least one of these properties:
+
+* ``y < y'``;
+* it is a frontier node;
+* it has a residual arc to a node of the path, and the arc is tight for some dual solution between ``y`` and ``y'``.
+
+Nodes with none of them are safe. Costs are integers, so the comparisons are exact.
 """
 
 from __future__ import annotations

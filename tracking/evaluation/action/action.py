@@ -1,8 +1,9 @@
-"""How well actions are recognised: frame-wise scores at a threshold and average precision (thesis 5.4.4).
+"""How well actions are recognised: frame-wise scores at a threshold, and average precision (thesis 5.4.4).
 
-A row is a person in a frame. The thesis calls its frame-wise numbers recognition accuracy and does not define them;
-here Table 5.5's number is F1 = 2 TP / (2 TP + FP + FN) of each action over all rows, an action being called where its
-probability exceeds the threshold, and its average is over the actions that occur. Precision and recall stand beside it.
+A row is one person in one frame. The thesis calls its frame-wise numbers recognition accuracy and does not define them.
+Here the number of Table 5.5 is F1 = 2 TP / (2 TP + FP + FN) of each action over all rows. An action counts as
+recognised where its probability is above the threshold. The average is over the actions that occur in the labels.
+Precision and recall are given, too.
 """
 
 from __future__ import annotations

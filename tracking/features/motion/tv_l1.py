@@ -1,13 +1,17 @@
 """TV-L1 optical flow: total variation of the flow against the L1 norm of the brightness differences.
 
-Zach, Pock and Bischof, *A Duality Based Approach for Realtime TV-L1 Optical Flow*, 2007: at every level of a pyramid
-and after every warp of the second image, the flow u and a coupled v are found in turn, v pixel by pixel by thresholding
-(eq. 15 there), u by Chambolle's dual p (eq. 14), until they stand still. Median filtering of the flow between warps
-after Wedel et al., *An Improved Algorithm for TV-L1 Optical Flow*, 2009; bicubic warps, and slopes by five-point
-differences that are averaged over both images, after Sun, Roth and Black, *Secrets of Optical Flow Estimation and Their
-Principles*, 2010.
+Zach, Pock and Bischof, *A Duality Based Approach for Realtime TV-L1 Optical Flow*, 2007. At every level of a pyramid
+the second image is warped several times by the flow found so far. After each warp the flow u and a coupled field v are
+computed in turn until they no longer change: v pixel by pixel, by thresholding (eq. 15 there), and u by Chambolle's
+dual variable p (eq. 14).
 
-Both components lie under each other in one array, so that an operation takes one call into memory made before.
+Two parts are from later papers:
+
+* median filtering of the flow between warps: Wedel et al., *An Improved Algorithm for TV-L1 Optical Flow*, 2009;
+* bicubic warps, and image gradients by five-point differences averaged over both images: Sun, Roth and Black, *Secrets
+  of Optical Flow Estimation and Their Principles*, 2010.
+
+Both components of the flow lie in one array, one below the other, and all operations write to memory allocated before.
 """
 
 from __future__ import annotations

@@ -4,9 +4,11 @@ A detection of low score is often a person who is half hidden, so it is not disc
 threshold τ are matched to the tracks first. The others, D_low, are then matched to the tracks that are still unmatched.
 So a track continues through low scores. Clutter of low score starts no track, and rarely matches one.
 
-The paper leaves these points open, and its experiments decide them: both similarities are the IoU with the box that a
-Kalman filter predicts; the second asks for more overlap, because detections of low score are less reliable; only tracks
-with a detection in the frame before take part in the second.
+The paper leaves these points open; here, as in its experiments:
+
+* Both similarities are the IoU with the box that a Kalman filter predicts.
+* The second asks for more overlap, because detections of low score are less reliable.
+* Only tracks with a detection in the frame before take part in the second.
 """
 
 from __future__ import annotations

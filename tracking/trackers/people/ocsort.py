@@ -1,21 +1,23 @@
-"""OC-SORT: people followed online by what was observed rather than by what was predicted.
+"""OC-SORT: people followed online, with more weight on observations than on predictions.
 
-Cao et al., "Observation-Centric SORT: rethinking SORT for robust multi-object tracking", CVPR 2023. A Kalman filter
-that predicts through a gap drifts, and its velocity is the noisiest part of it. Three additions to SORT lean on the
-observations z instead:
+Cao et al., "Observation-Centric SORT: rethinking SORT for robust multi-object tracking", CVPR 2023. The prediction of a
+Kalman filter drifts during a gap, and its velocity is its noisiest part. Three additions to SORT use the observations z
+instead:
 
 * ORU, observation-centric re-update (section 4.1): a track last seen at t₁ and found again at t₂ is filtered once more
   from t₁ on, along the virtual observations z̃_t = z_t₁ + (t − t₁)/(t₂ − t₁) · (z_t₂ − z_t₁).
 * OCM, observation-centric momentum (section 4.2): the cost of a match is C = C_IoU + λ C_v. C_v compares two
-  directions: of the track between two of its observations Δt frames apart, and from its last observation to the
-  detection.
-* OCR, observation-centric recovery (section 4.3): what is left over is matched by the overlap of the detection with the
-  track's last observation, for those who stopped or came back where they had been hidden.
+  directions: that of the track between two of its observations Δt frames apart, and that from its last observation to
+  the detection.
+* OCR, observation-centric recovery (section 4.3): unmatched detections are matched to unmatched tracks by the overlap
+  with the track's last observation. This finds people who stopped, or who come back where they were hidden.
 
-What the paper leaves open is decided so: C_IoU is 1 − IoU with the prediction, and a pair below ``min_iou`` is never
-matched, whatever its direction; C_v = Δθ/π − 1/2 lies in [−1/2, 1/2], with Δθ the angle between the two directions in
-[0, π], and is 0 where one of them is unknown; where a track was not observed exactly Δt frames before its last
-observation, its earliest observation within Δt frames is taken.
+The paper leaves these points open; here:
+
+* C_IoU is 1 − IoU with the prediction. A pair with an IoU below ``min_iou`` is never matched, whatever its direction.
+* C_v = Δθ/π − 1/2 lies in [−1/2, 1/2], with Δθ in [0, π] the angle between the two directions. It is 0 where one of
+  them is unknown.
+* Where a track has no observation exactly Δt frames before its last one, its earliest within Δt frames is taken.
 """
 
 from __future__ import annotations

@@ -1,26 +1,28 @@
-"""Correlation filters selected by a particle filter, thesis chapter 3: the combined tracker.
+"""Correlation filters selected by a particle filter, thesis chapter 3.
 
-While the filter is confident it tracks alone (`kcf`). When its greatest response is low, particles take over: each
-carries a place and the number of a correlation filter, one of several hypotheses about where the target is or one
-stored in the past. When the particles agree, the best one's filter goes on alone.
+While the correlation filter is confident it tracks alone (`kcf`). When its greatest response is low, a search by
+particles begins. Each particle has a place and the number of a correlation filter. The filters are copies of the
+present one at several hypotheses of the target's place, and filters stored in the past. When the particles agree, the
+filter of the best particle goes on alone.
 
-Where the text leaves a choice:
+The text leaves these points open; here:
 
-* (3.4) adds r and v with shares alpha and 1 - alpha. A search starts where every response is at most epsilon_1 = 0.2,
-  and v is about 0.5 nearly everywhere, so with r as it comes out of the filter the particles are weighed by v alone:
-  r gives 0.06 of 0.41 at most. `THESIS` divides r by the greatest response of the frame, `PRINTED` does not.
-* (3.3) see `particles.step_deviation`: S holds deviations in `THESIS` and variances in `PRINTED`.
-* (3.5) the displacement is measured from the tracker's box in the frame before, one for all particles: so one window
-  serves all filters, whose responses come out of one batched transform. Outside the window the response is zero.
+* (3.4) adds r and v with the shares alpha and 1 - alpha. A search begins where every response is at most epsilon_1 =
+  0.2, and v is about 0.5 nearly everywhere. So r as it comes out of the filter adds 0.06 of 0.41 at most, and v alone
+  decides. `THESIS` therefore divides r by the greatest response of the frame; `PRINTED` does not.
+* (3.3): S holds deviations in `THESIS` and variances in `PRINTED`, see `particles.step_deviation`.
+* (3.5): the displacement is measured from the tracker's box in the frame before, for all particles. So one window
+  serves all filters, and one batched transform gives all responses. Outside the window the response is zero.
 * Algorithm 1: hypothesis ``m`` is a copy of the present filter with the target at maximum ``m``. The copies become
-  different when each learns from its own place. Particles of the first frame are weighed where they were drawn.
-* 3.2.7: a filter learns from the place of its heaviest particle, in every frame, at the rate of KCF; a stored one
-  that is in use learns as well, in its copy: the store keeps it as it was. The filter with the greatest response is
-  stored. A filter that no particle carries any more is dropped.
+  different because each learns at its own place. Particles of the first frame are weighed where they were drawn.
+* 3.2.7: in every frame a filter learns at the place of its heaviest particle, with the learning rate of KCF. Of a
+  stored filter a copy learns, and the store keeps it unchanged. The filter with the greatest response is stored. A
+  filter without particles is dropped.
 * (3.7): see `particles.dispersion` for the matrix C and the filter numbers.
-* Particles are drawn anew in every frame of the search, systematically.
+* In every frame of the search the particles are resampled systematically.
 
-What the preset `ROBUST` adds, each for a failure seen on videos, stands second in `KcfParticleSettings`.
+The preset `ROBUST` adds to this; each addition answers a failure seen on videos. They stand second in
+`KcfParticleSettings`.
 """
 
 from __future__ import annotations
