@@ -1,13 +1,18 @@
 """A correlation filter with memory, colours and a filter over sizes: the filter of the combined tracker.
 
-Three parts that are published apart: where the target is, a filter of the target alone in a wide window
-(`filters.regularised_correlation`: Li 2018, Galoogahi 2017); the colours of its pixels (`likelihoods.pixel_colour`:
-Bertinetto 2016); how large it is, a filter over sizes (`filters.scale_filter`: Danelljan 2014). The response of a place
-is
+It has three parts, each published on its own:
 
-    (1 - share) * filter + share * mean colour probability,
+* where the target is: a filter of the target alone in a wide window (`filters.correlation.regularised_correlation`: Li
+  2018, Galoogahi 2017);
+* the colours of its pixels (`likelihoods.pixel_colour`: Bertinetto 2016);
+* how large it is: a filter over sizes (`filters.correlation.scale_filter`: Danelljan 2014).
 
-that of a size the size filter's and the contrast of colours between the box and a frame around it. Nothing is trained.
+The response of a place is
+
+    (1 - share) * filter + share * mean colour probability.
+
+The response of a size is that of the filter over sizes, and the contrast of colours between the box and a frame around
+it. Nothing is trained.
 """
 
 from __future__ import annotations

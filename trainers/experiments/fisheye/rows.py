@@ -98,9 +98,9 @@ def _image_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -
     gate = GateSettings(round(PATIENCE * rate), choice["reach"], 1.0 / rate, 3.0)
     rows = rows_of([f.detections for f in found], 0, 0)
     labels = pairwise_tracks(rows, PairwiseCosts(gate, DEFAULT_FLOW.observation))
-    pieces = long_tracks(labels, max(1, round(CONFIRM * rate)))
+    chains = long_tracks(labels, max(1, round(CONFIRM * rate)))
     scores = np.nan_to_num(rows.scores)
-    tracks = [Track(k, rows.frames[p], rows.boxes[p], scores[p]) for k, p in enumerate(pieces, start=1)]
+    tracks = [Track(k, rows.frames[p], rows.boxes[p], scores[p]) for k, p in enumerate(chains, start=1)]
     return _with_places(tracks, found)
 
 

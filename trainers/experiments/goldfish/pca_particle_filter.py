@@ -1,7 +1,7 @@
 """Section 5 of the goldfish paper (`reproduce pca-particle-filter`): how many particles a fish needs.
 
-With and without what was learnt of shape and motion. For every test clip and seed there is one piece with all arms and
-particle numbers; an experiment that is stopped goes on with the next piece.
+With and without what was learnt of shape and motion. For every test clip and seed there is one trial with all arms and
+particle numbers; an experiment that is stopped goes on with the next trial.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.learnt_motion import motion_text
 from tsuiseki.tracking.formats.mot import read_sequence
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
-from tsuiseki.trainers.experiments.goldfish.pieces import (
+from tsuiseki.trainers.experiments.goldfish.plots import draw_particles, plot_success
+from tsuiseki.trainers.experiments.goldfish.runs import prepare_clip
+from tsuiseki.trainers.experiments.goldfish.summary import summarise
+from tsuiseki.trainers.experiments.goldfish.trials import (
     BODY,
     EXTRACTION,
     followed_to_the_end,
     goldfish_sets,
     learn,
     learning_tracks,
-    run_piece,
+    run_trial,
 )
-from tsuiseki.trainers.experiments.goldfish.plots import draw_particles, plot_success
-from tsuiseki.trainers.experiments.goldfish.runs import prepare_clip
-from tsuiseki.trainers.experiments.goldfish.summary import summarise
 
 PARTICLES = (100, 200, 500, 1000, 2000, 3000)
 BEYOND_PARTICLES = (100, 200, 500)
@@ -43,7 +43,7 @@ def reproduce(bench: Bench, seeds: int = 6, clips: int = 0, minutes: float = 100
         bench: where it works.
         seeds: of the particles; more give narrower intervals, and only the new ones are run.
         clips: seed of the clips, from 0 to 9999.
-        minutes: begin no new piece after so many; run it again to go on.
+        minutes: begin no new trial after so many; run it again to go on.
 
     Raises:
         RequestError: no seed, no time, or another seed of clips.
@@ -56,16 +56,16 @@ def reproduce(bench: Bench, seeds: int = 6, clips: int = 0, minutes: float = 100
     tracks = learning_tracks(bench.store, sets)
     learnt = learn(tracks, read_sequence(sets.learning[0]).frame_rate)
     asked = [(folder, learnt, PARTICLES, BEYOND_PARTICLES, seed) for folder in sets.test for seed in range(seeds)]
-    pieces = [
-        bench.store.recall(run_piece, *piece)
-        for piece in bench.watch.over(asked, "pieces", len(asked))
-        if time.monotonic() - started <= 60 * minutes or bench.store.has(run_piece, *piece)
+    trials = [
+        bench.store.recall(run_trial, *trial)
+        for trial in bench.watch.over(asked, "trials", len(asked))
+        if time.monotonic() - started <= 60 * minutes or bench.store.has(run_trial, *trial)
     ]
-    if len(pieces) < len(asked):
-        line = f"{len(pieces)} of {len(asked)} pieces are done; run the same command again to go on"
+    if len(trials) < len(asked):
+        line = f"{len(trials)} of {len(asked)} trials are done; run the same command again to go on"
         return Outcome(notes=[line], finished=False)
     followed, fish = followed_to_the_end(tracks, sets)
-    values = {**summarise(pieces), "learning_fish": fish, "learning_followed": followed}
+    values = {**summarise(trials), "learning_fish": fish, "learning_followed": followed}
     shown = sets.test[0]
     return Outcome(
         values,

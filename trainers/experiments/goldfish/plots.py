@@ -20,8 +20,8 @@ from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video import open_source
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, Learnt
-from tsuiseki.trainers.experiments.goldfish.pieces import BODY, TRACKER
 from tsuiseki.trainers.experiments.goldfish.runs import Clip
+from tsuiseki.trainers.experiments.goldfish.trials import BODY, TRACKER
 
 SHOWN_PARTICLES = 10
 ZOOM = 3

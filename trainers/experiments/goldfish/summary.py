@@ -1,4 +1,4 @@
-"""What the pieces of the goldfish experiment add up to: counts of fish, intervals over seeds, frames per second."""
+"""What the trials of the goldfish experiment add up to: counts of fish, intervals over seeds, frames per second."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND, interval, paired_interval
-from tsuiseki.trainers.experiments.goldfish.pieces import Piece
+from tsuiseki.trainers.experiments.goldfish.trials import Trial
 
 # What is compared with what: name, arm and number of particles, twice. The first is the paper's claim.
 CLAIMS = (
@@ -46,31 +46,31 @@ class Successes:
         return np.asarray(chosen.sum(axis=1), dtype=np.float64)
 
 
-def gather(pieces: Sequence[Piece]) -> dict[tuple[str, str, int], Successes]:
+def gather(trials: Sequence[Trial]) -> dict[tuple[str, str, int], Successes]:
     """Successes by part, arm and number of particles; only seeds that every clip has."""
-    clips = sorted({piece.clip for piece in pieces})
-    by_place = {(piece.seed, piece.clip): piece for piece in pieces}
-    seeds = [seed for seed in sorted({p.seed for p in pieces}) if all((seed, clip) in by_place for clip in clips)]
+    clips = sorted({trial.clip for trial in trials})
+    by_place = {(trial.seed, trial.clip): trial for trial in trials}
+    seeds = [seed for seed in sorted({p.seed for p in trials}) if all((seed, clip) in by_place for clip in clips)]
     rows = [[by_place[seed, clip] for clip in clips] for seed in seeds]
     found = {}
     for number, first in enumerate(rows[0][0].runs if rows else ()):
         success = [[s == p.frames for p in row for s in p.runs[number].survived] for row in rows]
-        runs = [piece.runs[number] for row in rows for piece in row]
+        runs = [trial.runs[number] for row in rows for trial in row]
         frames = sum(run.fish_frames for run in runs)
         found[first.part, first.arm, first.particles] = Successes(
             np.array(success, dtype=np.bool_),
-            np.array([turns > 0 for piece in rows[0] for turns in piece.turns]),
+            np.array([turns > 0 for trial in rows[0] for turns in trial.turns]),
             sum(run.seconds for run in runs) / frames,
             float(np.average([run.used for run in runs], weights=[run.fish_frames for run in runs])),
         )
     return found
 
 
-def summarise(pieces: Sequence[Piece]) -> dict[str, Any]:
+def summarise(trials: Sequence[Trial]) -> dict[str, Any]:
     """Tables for ``results.json``: counts with intervals, claims, frames per second."""
-    found = gather(pieces)
+    found = gather(trials)
     any_run = next(iter(found.values()))
-    preparation = float(np.mean([piece.preparation for piece in pieces]))
+    preparation = float(np.mean([trial.preparation for trial in trials]))
     table = [
         {
             "part": part,

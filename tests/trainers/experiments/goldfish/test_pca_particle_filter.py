@@ -13,10 +13,10 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.filters.motion.body_motion import Noise, RandomWalk
 from tsuiseki.tracking.filters.particles.annealed import Annealed
 from tsuiseki.trainers.experiments.goldfish import pca_particle_filter
-from tsuiseki.trainers.experiments.goldfish import pieces as pieces_module
+from tsuiseki.trainers.experiments.goldfish import trials as trials_module
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND, interval, paired_interval
-from tsuiseki.trainers.experiments.goldfish.pieces import Piece, Run
 from tsuiseki.trainers.experiments.goldfish.summary import gather, summarise
+from tsuiseki.trainers.experiments.goldfish.trials import Run, Trial
 from tsuiseki.trainers.experiments.values import restored
 
 
@@ -30,7 +30,7 @@ def folders(tmp_path_factory):
     )
 
     def kept():
-        return {path: path.stat().st_mtime_ns for path in (root / "cache" / "run_piece").iterdir()}
+        return {path: path.stat().st_mtime_ns for path in (root / "cache" / "run_trial").iterdir()}
 
     def run(out, *more):
         words = ["--out", str(root / out), "--cache", str(root / "cache"), "--seeds", "2", *more]
@@ -40,7 +40,7 @@ def folders(tmp_path_factory):
         patch.setattr(pca_particle_filter, "goldfish_sets", lambda *_: sets)
         patch.setattr(pca_particle_filter, "PARTICLES", (60, 120))
         patch.setattr(pca_particle_filter, "BEYOND_PARTICLES", (60,))
-        patch.setattr(pieces_module, "LEARNING_PARTICLES", 800)
+        patch.setattr(trials_module, "LEARNING_PARTICLES", 800)
         assert run("first") == 0
         before = kept()
         assert run("second") == 0
@@ -67,26 +67,26 @@ def test_an_experiment_is_whole_and_the_same_again(folders):
 
 
 @pytest.fixture
-def pieces(folders):
+def trials(folders):
     found = [
-        restored(Piece, entry["value"])
-        for path in (folders / "cache" / "run_piece").iterdir()
+        restored(Trial, entry["value"])
+        for path in (folders / "cache" / "run_trial").iterdir()
         if (entry := json.loads(path.read_text()))["arguments"][2] == [60, 120]
     ]
-    return sorted(found, key=lambda piece: piece.seed)
+    return sorted(found, key=lambda trial: trial.seed)
 
 
-def test_every_arm_and_number_is_run_once(pieces):
-    assert [(piece.clip, piece.seed) for piece in pieces] == [("test-01", 0), ("test-01", 1)]
-    for piece in pieces:
-        found = [(run.part, run.arm, run.particles) for run in piece.runs]
+def test_every_arm_and_number_is_run_once(trials):
+    assert [(trial.clip, trial.seed) for trial in trials] == [("test-01", 0), ("test-01", 1)]
+    for trial in trials:
+        found = [(run.part, run.arm, run.particles) for run in trial.runs]
         expected = {("arms", arm, n) for arm in ARMS for n in (60, 120)} | {("beyond", arm, 60) for arm in BEYOND}
         assert len(found) == len(expected)
         assert set(found) == expected
-        assert all(0 <= frames <= piece.frames for run in piece.runs for frames in run.survived)
-        layered = next(run for run in piece.runs if run.arm == "annealed")
+        assert all(0 <= frames <= trial.frames for run in trial.runs for frames in run.survived)
+        layered = next(run for run in trial.runs if run.arm == "annealed")
         assert layered.used == 60
-    assert pieces[0].runs[0].survived != pieces[1].runs[0].survived or pieces[0] != pieces[1]
+    assert trials[0].runs[0].survived != trials[1].runs[0].survived or trials[0] != trials[1]
 
 
 def fake(seed, survived_a, survived_c):
@@ -94,7 +94,7 @@ def fake(seed, survived_a, survived_c):
         Run("arms", "A", 3000, survived_a, 1.0, 40, 3000.0),
         Run("arms", "C", 500, survived_c, 0.5, 40, 500.0),
     )
-    return Piece("test-01", seed, 10, (0, 2), 0.002, runs)
+    return Trial("test-01", seed, 10, (0, 2), 0.002, runs)
 
 
 def test_counts_differences_and_rates():
@@ -113,7 +113,7 @@ def test_counts_differences_and_rates():
 
 def test_only_seeds_that_every_clip_has_count():
     one = fake(0, (10, 3), (10, 10))
-    other = Piece("test-02", 0, 10, (0, 2), 0.002, one.runs)
+    other = Trial("test-02", 0, 10, (0, 2), 0.002, one.runs)
     found = gather([one, other, fake(1, (10, 10), (10, 10))])
     assert found["arms", "C", 500].success.shape == (1, 4)
 

@@ -1,4 +1,4 @@
-"""Pieces of the goldfish experiment: what is learnt from wide runs, and all arms on one clip with one seed."""
+"""Trials of the goldfish experiment: what is learnt from wide runs, and all arms on one clip with one seed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Piece:
+class Trial:
     """All runs on one clip with one seed.
 
     Attributes:
@@ -130,7 +130,7 @@ def followed_to_the_end(tracks: Mapping[str, Sequence[BodyTrack]], sets: Goldfis
     return sum(int(track.tracking.sum()) == longest for track in every), len(every)
 
 
-def run_piece(folder: Path, learnt: Learnt, particles: Sequence[int], beyond: Sequence[int], seed: int) -> Piece:
+def run_trial(folder: Path, learnt: Learnt, particles: Sequence[int], beyond: Sequence[int], seed: int) -> Trial:
     """Every arm with every number of particles on one clip.
 
     Args:
@@ -146,7 +146,7 @@ def run_piece(folder: Path, learnt: Learnt, particles: Sequence[int], beyond: Se
         *(("beyond", name, arm, n) for (name, arm), n in itertools.product(BEYOND.items(), beyond)),
     ]
     runs = tuple(_run(part, name, arm, number, clip, learnt, seed) for part, name, arm, number in planned)
-    return Piece(clip.name, seed, len(clip.edges), clip.turns, clip.preparation, runs)
+    return Trial(clip.name, seed, len(clip.edges), clip.turns, clip.preparation, runs)
 
 
 @lru_cache(maxsize=1)
