@@ -13,7 +13,6 @@ import numpy as np
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import empty_view
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_motion import camera_motion
 from tsuiseki.tracking.formats.mot import write_sequence_info
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -22,11 +21,11 @@ from tsuiseki.tracking.video import Source, open_source, read_image
 FEWEST_FRAMES = 100
 _QUALITY = 95
 _INFO = "watched.json"
-# Movement of the corners between pictures, as a share of the width, from which a camera does not stand still.
+# Movement between pictures, as a share of the width, from which a camera does not stand still.
 _MOVED = 0.01
 _COMPARED = 9
-# Correlation of the edges of two pictures with people of one camera, where nothing can be followed.
-_SAME_EDGES = 0.5
+# Least correlation of the edges of two pictures of one camera, people before them included.
+_SAME_EDGES = 0.3
 # Correlation of the edges of two empty views: over 0.7 for one camera, under 0.1 for two.
 _SAME_VIEW = 0.3
 _EDGE_WIDTH = 240
@@ -148,21 +147,21 @@ def _spread(count: int, most: int) -> list[int]:
 def stands_still(pictures: Sequence[ImageArray]) -> bool:
     """Whether the camera of ``pictures``, each ``(H, W, 3)`` uint8 RGB, stands still.
 
-    Each is compared with the middle one, by what can be followed from one to the other, or else by their edges; the
-    camera moves where most have moved.
+    Each is compared with the middle one; the camera moves where most have moved.
     """
     middle = pictures[len(pictures) // 2]
-    return sum(_same_place(middle, picture) for picture in pictures if picture is not middle) > (len(pictures) - 1) / 2
+    others = [picture for picture in pictures if picture is not middle]
+    return 2 * sum(same_place(middle, picture) for picture in others) > len(others)
 
 
-def _same_place(first: ImageArray, second: ImageArray) -> bool:
-    motion = camera_motion(first, second)
-    if motion is None:
-        return edge_correlation(first, second) > _SAME_EDGES
-    height, width = first.shape[:2]
-    corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]], dtype=np.float64)
-    shift: FloatArray = corners @ motion.T - corners[:, :2]
-    return bool(np.abs(shift).max() < _MOVED * width)
+def same_place(first: ImageArray, second: ImageArray) -> bool:
+    """Whether the edges of two pictures of one size agree best where they are."""
+    a, b = _edges(first), _edges(second)
+    agreement = np.fft.irfft2(np.fft.rfft2(a) * np.conj(np.fft.rfft2(b)), a.shape)
+    at = np.array(np.unravel_index(int(agreement.argmax()), a.shape))
+    shift = np.minimum(at, np.array(a.shape) - at)
+    least = _SAME_EDGES * np.sqrt(np.sum(a * a) * np.sum(b * b))
+    return bool(agreement.max() > least and np.hypot(*shift) <= _MOVED * _EDGE_WIDTH)
 
 
 def plain_view(watched: Watched, most: int = 45) -> ImageArray:
