@@ -7,8 +7,11 @@ from dataclasses import asdict
 
 import numpy as np
 
+from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, example_crop
-from tsuiseki.tracking.types import ImageArray, Track
+from tsuiseki.tracking.types import Detections, ImageArray, Track
+from tsuiseki.trainers.adapt.find import above
 from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, UNSURE
 from tsuiseki.trainers.adapt.rounds import Adaptation, Round, best_of
 from tsuiseki.trainers.adapt.watch import Watched
@@ -37,18 +40,28 @@ def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[s
 
 
 def _compared(adaptation: Adaptation, start: Round, best: Round, number: int) -> list[Compared]:
-    """Some of the held-out pictures, evenly spread."""
+    """The held-out pictures in which both find most that the other does not."""
     video, threshold = adaptation.camera.videos[number], adaptation.settings.score_threshold
     end = video.stretch[0] + video.length
-    seen = [here.detections(number, end) for here in (start, best)]
+    before, after = (above(here.detections(number, end), threshold) for here in (start, best))
     unseen = range(video.learnt(adaptation.settings.held_out), len(video.frames))
-    pictures = [int(n) for n in np.unique(np.linspace(unseen.start, unseen.stop - 1, _PICTURES).round())]
-    result = []
-    for picture in pictures:
-        frame = video.frames[picture]
-        before, after = (found[frame].select(found[frame].scores >= threshold) for found in seen)
-        result.append(Compared(f"frame {frame + 1} of {video.source}", video.picture(picture), before, after))
-    return result
+    apart = {n: _differences(before[video.frames[n]], after[video.frames[n]]) for n in unseen}
+    chosen = sorted(sorted(unseen, key=lambda n: -apart[n])[:_PICTURES])
+    return [
+        Compared(
+            f"frame {video.frames[n] + 1} of {video.source}",
+            video.picture(n),
+            before[video.frames[n]],
+            after[video.frames[n]],
+        )
+        for n in chosen
+    ]
+
+
+def _differences(first: Detections, second: Detections) -> int:
+    """Boxes of either that the other does not have, from an IoU of 0.5 on."""
+    shared = len(assign_overlaps(iou_matrix(first.boxes, second.boxes), 0.5)[0])
+    return len(first) + len(second) - 2 * shared
 
 
 def _examples(adaptation: Adaptation, taught_by: Round) -> dict[str, list[ImageArray]]:
