@@ -35,6 +35,8 @@ from tsuiseki.tracking.filters.finite_sets.pairs import Pairs
 from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, PointModel
 from tsuiseki.tracking.types import FloatArray, IntArray
 
+MOST_SPREAD = 20
+"""Labels over particles up to which labels are counted in a table."""
 REPORTED = 0.5
 """Targets: a weight above this counts as one target."""
 
@@ -177,19 +179,28 @@ class Identity:
 
     def tidy(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> tuple[PhdState, Clusters]:
         """The posterior after the three rules, its particles grouped by label; and its clusters."""
+        labels, fresh = posterior.labels, posterior.next_label
         claimed = np.zeros(len(clusters.measurements), dtype=np.int64)
         if self.claim:
             labels, claimed, fresh = _claim(posterior, clusters)
-            posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
         if self.adopt:
+            posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
             labels = self._adopted(posterior, clusters, sensor)
-            posterior, clusters = _grouped(replace(posterior, labels=labels), clusters)
-        target = self._join(posterior, clusters.starts, claimed, sensor)
-        renamed = dict(zip(posterior.labels[clusters.starts].tolist(), target.tolist(), strict=True))
+        names, cluster = _numbered(labels)
+        masses, means = _moments(posterior, cluster, len(names))
+        target = self._join(names, masses, means, claimed, sensor)
+        renamed = dict(zip(names.tolist(), target.tolist(), strict=True))
         claimed = np.array([renamed.get(int(label), 0) for label in claimed], dtype=np.int64)
-        labels, fresh = self._part(posterior, clusters.starts, target)
-        posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
-        return posterior, replace(clusters, claimed=claimed, fresh=clusters.fresh if self.confirm else fresh)
+        # Sorted once: by the new label, and within it by the label before.
+        place = np.empty(len(names), dtype=np.int64)
+        place[np.argsort(target, kind="stable")] = np.arange(len(names))
+        posterior, clusters = _grouped(
+            replace(posterior, labels=target[cluster], next_label=fresh), clusters, place[cluster]
+        )
+        labels, after = self._part(posterior, clusters.starts)
+        if after > fresh:
+            posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=after), clusters)
+        return posterior, replace(clusters, claimed=claimed, fresh=clusters.fresh if self.confirm else after)
 
     def _adopted(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> IntArray:
         """Labels ``(N,)`` after each new particle took the label of the nearest older cluster, if that is near."""
@@ -209,13 +220,14 @@ class Identity:
         taken[born[near]] = labels[old][nearest[near]]
         return taken
 
-    def _join(self, posterior: PhdState, starts: IntArray, claimed: IntArray, sensor: GaussianSensor) -> IntArray:
+    def _join(
+        self, names: IntArray, masses: FloatArray, means: FloatArray, claimed: IntArray, sensor: GaussianSensor
+    ) -> IntArray:
         """Rule 2: the new label ``(G,)`` of each cluster. The nearest pair joins first.
 
         Two clusters whose labels are both assigned to measurements are two targets, and do not join.
         """
-        masses, means = cluster_moments(posterior, starts)
-        target = posterior.labels[starts].copy()
+        target = names.copy()
         projected = sensor.project(means) if len(means) else np.empty((0, len(sensor.deviation)))
         apart = sensor.difference(projected[:, None, :], projected[None, :, :]) / sensor.deviation
         distance = np.sqrt(np.sum(apart**2, axis=2))
@@ -233,23 +245,25 @@ class Identity:
                 target[joined] = low
         return target
 
-    def _part(self, posterior: PhdState, starts: IntArray, target: IntArray) -> tuple[IntArray, int]:
+    def _part(self, posterior: PhdState, starts: IntArray) -> tuple[IntArray, int]:
         """Rule 3: the labels ``(N,)`` of the particles, and the next free label.
 
         A heavy cluster is cut across its longest axis, into parts of equal weight, about one each.
         """
-        sizes, fresh = cluster_sizes(starts, len(posterior)), posterior.next_label
-        labels, weights = np.repeat(target, sizes), np.exp(posterior.log_weights)
-        names, cluster = np.unique(target, return_inverse=True)
-        masses = np.bincount(cluster, np.add.reduceat(weights, starts) if len(starts) else None)
+        labels, fresh = posterior.labels, posterior.next_label
+        weights = np.exp(posterior.log_weights)
+        masses = np.add.reduceat(weights, starts) if len(starts) else np.empty(0)
+        ends = starts + cluster_sizes(starts, len(posterior))
         for heavy in np.flatnonzero(masses > self.whole):
+            labels = labels.copy() if labels is posterior.labels else labels
+            members = slice(starts[heavy], ends[heavy])
             parts = max(round(float(masses[heavy])), 2)
-            members = np.flatnonzero(np.repeat(cluster == heavy, sizes))
             centred = posterior.particles[members] - np.average(posterior.particles[members], 0, weights[members])
             axis = np.linalg.eigh((weights[members, None] * centred).T @ centred)[1][:, -1]
-            order = members[np.argsort(centred @ axis, kind="stable")]
-            part = np.minimum(np.cumsum(weights[order]) / masses[heavy] * parts, parts - 1).astype(np.int64)
-            labels[order] = np.where(part == 0, names[heavy], fresh + part - 1)
+            order = np.argsort(centred @ axis, kind="stable")
+            part = np.minimum(np.cumsum(weights[members][order]) / masses[heavy] * parts, parts - 1).astype(np.int64)
+            name = labels[starts[heavy]]
+            labels[starts[heavy] + order] = np.where(part == 0, name, fresh + part - 1)
             fresh += parts - 1
         return labels, fresh
 
@@ -292,11 +306,12 @@ def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray,
     return labels, claimed, fresh + int(strayed.sum())
 
 
-def _grouped(posterior: PhdState, clusters: Clusters) -> tuple[PhdState, Clusters]:
-    """The same with the particles sorted by label."""
-    if np.all(posterior.labels[1:] >= posterior.labels[:-1]):
+def _grouped(posterior: PhdState, clusters: Clusters, key: IntArray | None = None) -> tuple[PhdState, Clusters]:
+    """The same with the particles sorted by label, or by a ``key`` ``(N,)`` that sorts them by label, too."""
+    key = posterior.labels if key is None else key
+    if np.all(key[1:] >= key[:-1]):
         return posterior, replace(clusters, starts=cluster_starts(posterior.labels))
-    order = np.argsort(_small(posterior.labels), kind="stable")
+    order = np.argsort(_small(key), kind="stable")
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
     state = replace(
@@ -309,10 +324,26 @@ def _grouped(posterior: PhdState, clusters: Clusters) -> tuple[PhdState, Cluster
     return state, replace(clusters, pairs=pairs, starts=cluster_starts(state.labels))
 
 
-def _small(labels: IntArray) -> NDArray[np.int16] | IntArray:
-    """Numbers in the order of ``labels``, of few bits where there are few labels: NumPy sorts those by their digits."""
-    starts = cluster_starts(labels)
-    names, rank = np.unique(labels[starts], return_inverse=True)
-    if len(names) > np.iinfo(np.int16).max:
-        return labels
-    return np.repeat(rank.astype(np.int16), cluster_sizes(starts, len(labels)))
+def _numbered(labels: IntArray) -> tuple[IntArray, IntArray]:
+    """The different labels ``(G,)`` in order, and for each particle ``(N,)`` which of them it has."""
+    least = int(labels.min(initial=0))
+    if int(labels.max(initial=0)) - least > MOST_SPREAD * len(labels):
+        names, number = np.unique(labels, return_inverse=True)
+        return names, number.astype(np.int64)
+    there = np.bincount(labels - least) > 0
+    return np.flatnonzero(there) + least, (np.cumsum(there) - 1)[labels - least]
+
+
+def _moments(posterior: PhdState, cluster: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Weight ``(G,)`` and mean ``(G, D)`` of clusters whose particles need not stand together."""
+    weights = np.exp(posterior.log_weights)
+    masses = np.asarray(np.bincount(cluster, weights, minlength=count), dtype=np.float64)
+    sums = [np.bincount(cluster, weights * column, minlength=count) for column in posterior.particles.T]
+    means = np.stack(sums, axis=1) / np.maximum(masses, np.finfo(np.float64).tiny)[:, None]
+    return masses, np.asarray(means)
+
+
+def _small(key: IntArray) -> NDArray[np.int16] | IntArray:
+    """Numbers in the order of ``key``, of few bits where it has few values: NumPy sorts those by their digits."""
+    names, number = _numbered(key)
+    return number.astype(np.int16) if len(names) <= np.iinfo(np.int16).max else key
