@@ -1,16 +1,18 @@
 """Seconds and memory of the flow: preparing detections, pricing links, solving, and the whole tracker.
 
-    python benchmarks/flow.py [--frames 1000] [--people 10] [--repeat 5] [--features] [--chunk 20]
+    python benchmarks/flow.py [--frames 1000] [--people 10] [--repeat 5] [--features] [--chunk 20] [--delay 1]
 
 ``build`` finds and prices the links and makes the first network, ``solve`` is our call, and ``bare`` is what the peer,
 OR-tools' cost-scaling push-relabel (`pip install ortools`), takes for the same network once it has it. With
-``--features`` the detections carry 128 appearance features. Steps take turns, and the best turn of each counts, in
-seconds of the processor. Use one thread: ``OMP_NUM_THREADS=1``.
+``--features`` the detections carry 128 appearance features. With ``--delay`` the tracker that answers so many seconds
+after each frame is timed, too, up to frame 400 and from there to the end, its answers forgotten as they come. Steps
+take turns, and the best turn of each counts, in seconds of the processor. Use one thread: ``OMP_NUM_THREADS=1``.
 """
 
 from __future__ import annotations
 
 import argparse
+import pickle
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,7 +28,7 @@ from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput
 from tsuiseki.tracking.trackers.people.record import run_tracker
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import Detections, FloatArray
 
 Result = TypeVar("Result")
 FRAME_RATE = 30.0
@@ -40,6 +42,7 @@ def main() -> None:
     parser.add_argument("--chunk", type=float, default=FlowSettings().chunk)
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--features", action="store_true")
+    parser.add_argument("--delay", type=float)
     arguments = parser.parse_args()
     video = walking_people(arguments.frames, arguments.people, feature_length=128 if arguments.features else 0)
     settings = replace(FlowSettings(), chunk=arguments.chunk)
@@ -53,6 +56,8 @@ def main() -> None:
         best["bare"] = min(best["bare"], _bare_solve(graph))
     memory = peak_memory()
     tracks = _timed(best, "whole tracker", lambda: run_tracker(video, FlowTracker(settings, frame_rate=FRAME_RATE)))
+    delay = arguments.delay
+    late = {} if delay is None else _followed(video, FlowTracker(frame_rate=FRAME_RATE, delay=delay))
     print(machine("numpy", "scipy", "ortools"))
     print(f"{len(video)} frames, {len(graph)} detections, {len(graph.tail)} transitions, {len(tracks)} tracks")
     for name, seconds in best.items():
@@ -60,6 +65,22 @@ def main() -> None:
     ratio = (best["build"] + best["solve"]) / best["bare"]
     print(f"build + solve   {best['build'] + best['solve']:9.3f} s{ratio:9.2f} times bare")
     print(f"peak memory     {memory:9.2f} GB after build and solve, {peak_memory():.2f} GB after the whole tracker")
+    for number, (time_a_frame, size) in late.items():
+        print(f"delay {delay:g} s, to frame {number}: {time_a_frame:.1f} ms a frame, state {size / 1e6:.2f} MB")
+
+
+def _followed(video: list[Detections], tracker: FlowTracker) -> dict[int, tuple[float, int]]:
+    """Milliseconds a frame, and bytes of the tracker's state, at frame 400 and at the end."""
+    found, last = {}, 0
+    start = time.process_time()
+    for number, detections in enumerate(video, start=1):
+        tracker.update(detections)
+        tracker.forget()
+        if number in (400, len(video)):
+            now = time.process_time()
+            found[number] = (1000 * (now - start) / (number - last), len(pickle.dumps(tracker)))
+            start, last = time.process_time(), number
+    return found
 
 
 def _timed(best: dict[str, float], name: str, step: Callable[[], Result]) -> Result:

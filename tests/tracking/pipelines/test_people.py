@@ -60,6 +60,25 @@ def test_each_frame_is_answered_with_its_image(street: Path) -> None:
         np.testing.assert_array_equal(person.box, tracks[person.id].boxes[tracks[person.id].frames == 15][0])
 
 
+def test_the_flow_with_a_delay_answers_frame_by_frame(street: Path) -> None:
+    """And `track_people` says the same in the end."""
+    given = labelled(street)
+    seen = list(follow_people(street, "flow", detections=given, delay=0.3, threads=1))
+    assert [frame.index for frame, _ in seen] == list(range(16))
+    tracks = track_people(street, "flow", detections=given, delay=0.3, threads=1)
+    assert tracks
+    for frame, people in seen:
+        expected = targets_at(tracks, frame.index)
+        assert people.ids.tolist() == expected.ids.tolist()
+        np.testing.assert_array_equal(people.boxes, expected.boxes)
+
+
+@pytest.mark.parametrize(("method", "delay", "said"), [("sort", 1.0, "flow"), ("flow", -1.0, "0 seconds")])
+def test_a_delay_is_for_the_flow_and_not_below_nothing(street: Path, method: Any, delay: float, said: str) -> None:
+    with pytest.raises(RequestError, match=said):
+        track_people(street, method, detections=labelled(street), delay=delay)
+
+
 def test_a_detector_and_an_appearance_are_functions(street: Path) -> None:
     given = iter(labelled(street))
     crops: list[tuple[int, ...]] = []

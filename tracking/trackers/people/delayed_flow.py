@@ -215,7 +215,8 @@ class DelayedFlow:
             number = int(ids[tracks[rows[0]]])
             if number and seen.frames[rows[-1]] >= self._answered:
                 track = Track(number, seen.frames[rows], seen.boxes[rows], np.nan_to_num(self._scores[rows]))
-                parts.append(reported(track, seen.image[rows], self.input.camera, longest, settings.smoothing))
+                camera = self.input.camera
+                parts.append(reported(track, seen.image[rows], camera, longest, settings.smoothing, self._answered))
         self._answers = [*self._answers, *answers_of(parts, self._answered, before)]
 
     def _forget(self, joins: Pairs, before: int) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from tsuiseki.tracking.association.tracklets.interpolation import GapSettings, SmoothingSettings, fill_gaps, smooth
@@ -12,7 +10,12 @@ from tsuiseki.tracking.types import FloatArray, IntArray, Track
 
 
 def reported(
-    track: Track, image: FloatArray, camera: CameraTrajectory, longest: int, smoothing: SmoothingSettings | None
+    track: Track,
+    image: FloatArray,
+    camera: CameraTrajectory,
+    longest: int,
+    smoothing: SmoothingSettings | None,
+    first: int = 0,
 ) -> Track:
     """A track of detections as it is reported.
 
@@ -22,13 +25,17 @@ def reported(
         camera: where the frames lie.
         longest: gap that is filled, frames.
         smoothing: of the boxes; None reports them as detected.
+        first: frame before which nothing is reported.
     """
     filled = fill_gaps(track, GapSettings(longest=longest, support=np.inf, mismatch=np.inf))
-    if smoothing is not None:
-        return replace(filled, boxes=camera.from_first(smooth(filled, smoothing).boxes, filled.frames))
-    boxes = camera.from_first(filled.boxes, filled.frames)
-    boxes[filled.observed] = image
-    return replace(filled, boxes=boxes)
+    smoothed = filled if smoothing is None else smooth(filled, smoothing)
+    asked = slice(int(np.searchsorted(filled.frames, first)), None)
+    frames, observed = filled.frames[asked], filled.observed[asked]
+    boxes = camera.from_first(smoothed.boxes[asked], frames)
+    if smoothing is None:
+        boxes = boxes.copy()
+        boxes[observed] = image[len(image) - int(observed.sum()) :]
+    return Track(track.id, frames, boxes, filled.scores[asked], observed)
 
 
 def long_tracks(labels: IntArray, fewest: int = 1) -> list[IntArray]:
