@@ -53,7 +53,8 @@ def test_a_film_is_tracked_and_everything_is_written(film, track):
     assert set(record["frames"]["status"]) == {"tracking"}
     page = (result / "report.html").read_text()
     assert page.count("data:video/webm") == 2
-    assert "Distance to the true position" in page
+    assert "Distance to the truth" in page
+    assert all(section.count("<table>") <= 1 for section in page.split("<section>")), "tables have a heading each"
 
 
 def test_the_preset_paper_walks_and_never_searches(film, track):
