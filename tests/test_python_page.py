@@ -52,6 +52,10 @@ def film_ball(folder: Path) -> None:
     """A disk where the outline of a ball of 10 cm, that moves past 0, 0, 1.2 m, lies in two cameras."""
     cameras = ball_cameras(2)
     rng = np.random.default_rng(0)
+    places = np.array([[0.02 * t, 0.0, 1.2] for t in range(3)])
+    for name, camera in zip(("left", "right"), cameras, strict=True):
+        rows = [f"{t + 1},{u!r},{v!r}" for t, (u, v) in enumerate(camera.project(places)[0].tolist())]
+        (folder / f"{name}.csv").write_text("\n".join(["frame,x,y", *rows]) + "\n")
     for number, camera in enumerate(cameras, start=1):
         (folder / f"camera{number}").mkdir()
         for t in range(3):
