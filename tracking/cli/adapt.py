@@ -43,8 +43,8 @@ def adapt(
 
     Works best where the camera stands still and people walk: then boxes are fitted to silhouettes, people are composed
     onto the empty view, and what never moves is learnt as background. DIR gets detector.onnx for track people
-    --detector, report.html with what changed and what was learnt from, and run.json. A run that was stopped goes on
-    where the same command is given again.
+    --detector FILE --affinity none (the shipped costs do not know its scores), report.html with what changed and what
+    was learnt from, and run.json. A run that was stopped goes on where the same command is given again.
 
     Args:
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes

@@ -26,7 +26,7 @@ class Models:
     Attributes:
         detector: of people.
         appearance: None takes the shipped one.
-        affinity: None takes the shipped one.
+        affinity: None takes the shipped one, ``none`` hand-set costs.
     """
 
     detector: Path

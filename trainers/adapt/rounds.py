@@ -19,6 +19,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_detections, write_detections
 from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.pipelines.finding import NONE
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.agreement import RoundScores, agreement
 from tsuiseki.trainers.adapt.find import Found, Models, above, find
@@ -212,8 +213,10 @@ def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Models:
     """The models of round ``number``, from the labels of the one before."""
     folder, camera = adaptation.folder(number), adaptation.camera
     detector = folder / "detector.onnx"
+    # The shipped costs know the scores of the shipped detector, not those that were learnt here.
+    models = Models(detector, affinity=Path(NONE))
     if detector.is_file():
-        return Models(detector)
+        return models
     videos = _teaching(camera.videos, taught_by, adaptation.settings.held_out)
     layout = layout_of(adaptation.start)
     before = adaptation.work / f"round-{number - 1}" / CHECKPOINT
@@ -222,7 +225,7 @@ def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Models:
     checkpoint = fine_tune(start, layout, videos, taught_by.columns, number, folder, adaptation.settings)
     view = (taught_by.columns, None)
     export_calibrated(checkpoint, layout.size, videos, view, detector, adaptation.settings)
-    return Models(detector)
+    return models
 
 
 def _teaching(videos: Sequence[Watched], taught_by: Round, held_out: float) -> list[Watched]:

@@ -95,6 +95,9 @@ def test_finished_rounds_are_not_made_again(
     again = list(rounds(given))
     assert again[:2] == first
     assert [models.detector.parent.name for models in calls] == ["round-2"]
+    # What was learnt has other scores than the shipped costs know.
+    assert [str(models.affinity) for models in calls] == ["none"]
+    assert first[0].models.affinity is None
 
 
 def test_nobody_is_refused(adaptation: Callable[[list[Found]], Adaptation]) -> None:
