@@ -48,8 +48,8 @@ def acting_clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _write_acting_clip(folder: Path, seed: int, frames: int = 22, people: int = 5) -> None:
-    """Red boxes walk 3 pixels a frame, blue ones run 7, green ones sit; one is hidden in one frame."""
-    names, colours, speeds = ("Walking", "Sitting", "Running"), ((0, 0, 220), (0, 200, 0), (220, 0, 0)), (3, 0, 7)
+    """Red boxes walk 3 pixels a frame, blue ones run 5, green ones sit; one is hidden in one frame."""
+    names, colours, speeds = ("Walking", "Sitting", "Running"), ((0, 0, 220), (0, 200, 0), (220, 0, 0)), (3, 0, 5)
     rng = np.random.default_rng(seed)
     height, width = 180, 320
     ground = cv2.GaussianBlur(rng.integers(0, 255, (height, width, 3)).astype(np.uint8), (0, 0), 2)

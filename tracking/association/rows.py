@@ -20,6 +20,7 @@ class DetectionRows:
         boxes: ``(N, 4)`` pixels.
         scores: ``(N,)``, NaN where no detector gave one.
         features: ``(N, D)`` of unit length, NaN where not known; None where nothing was described.
+        actions: ``(N, A)`` probabilities of actions; None where nothing recognised them.
     """
 
     numbers: IntArray
@@ -27,6 +28,7 @@ class DetectionRows:
     boxes: FloatArray
     scores: FloatArray
     features: FloatArray | None
+    actions: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -34,14 +36,17 @@ class DetectionRows:
     def select(self, which: BoolArray | IntArray) -> DetectionRows:
         """The rows at a mask or at indices."""
         features = None if self.features is None else self.features[which]
-        return DetectionRows(self.numbers[which], self.frames[which], self.boxes[which], self.scores[which], features)
+        actions = None if self.actions is None else self.actions[which]
+        return DetectionRows(
+            self.numbers[which], self.frames[which], self.boxes[which], self.scores[which], features, actions
+        )
 
 
 def rows_of(detections: Sequence[Detections], first_frame: int, first_number: int) -> DetectionRows:
     """The detections of consecutive frames, at least one.
 
     Raises:
-        ValueError: features are of different lengths.
+        ValueError: features are of different lengths, or there are actions for some frames only.
     """
     lengths = [len(found) for found in detections]
     boxes = np.concatenate([found.boxes for found in detections])
@@ -51,27 +56,16 @@ def rows_of(detections: Sequence[Detections], first_frame: int, first_number: in
         boxes,
         np.concatenate([found.scores for found in detections]),
         _stacked([found.features for found in detections], lengths),
+        _actions(detections),
     )
 
 
-def no_rows() -> DetectionRows:
-    """A table of nothing."""
-    return rows_of([Detections.empty()], 0, 0)
-
-
-def join_rows(rows: Sequence[DetectionRows]) -> DetectionRows:
-    """The rows of several tables, at least one, one after the other.
-
-    Raises:
-        ValueError: features are of different lengths.
-    """
-    return DetectionRows(
-        np.concatenate([part.numbers for part in rows]),
-        np.concatenate([part.frames for part in rows]),
-        np.concatenate([part.boxes for part in rows]),
-        np.concatenate([part.scores for part in rows]),
-        _stacked([part.features for part in rows], [len(part) for part in rows]),
-    )
+def _actions(detections: Sequence[Detections]) -> FloatArray | None:
+    """Actions one below the other."""
+    given = [found.actions for found in detections if found.actions is not None]
+    if given and any(found.actions is None and len(found) for found in detections):
+        raise ValueError("expected action features for all frames or for none")
+    return np.concatenate(given) if given else None
 
 
 def _stacked(features: Sequence[FloatArray | None], lengths: Sequence[int]) -> FloatArray | None:

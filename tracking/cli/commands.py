@@ -91,7 +91,7 @@ COMMANDS: Tree = {
                 "whether two detections are the same person", "trainers.affinity.affinity:fit_affinity"
             ),
             "affinity-drone": Command(
-                "the same, seen from a drone", "trainers.affinity.affinity_drone:fit_drone_affinities"
+                "what differences of actions cost, seen from a drone", "trainers.affinity.action_cost:fit_action_costs"
             ),
             "association": Command(
                 "who follows whom, by whole tracks", "tracking.cli.train.networks:association", forwarded=True

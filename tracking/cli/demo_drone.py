@@ -31,10 +31,9 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     from tsuiseki.tracking.cli.track.finding import Finding
     from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
     from tsuiseki.tracking.formats.mot import read_ground_truth
-    from tsuiseki.tracking.pipelines.drone_models import DroneModels, prices_of
+    from tsuiseki.tracking.pipelines.drone_models import DroneModels
     from tsuiseki.tracking.report.demo import DemoResult
     from tsuiseki.tracking.trackers.drone import DroneSettings
-    from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
     from tsuiseki.tracking.video import open_source
 
     with output.run() as run:
@@ -48,14 +47,13 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
             )
         source = open_source(clip)
         finding = Finding(threads=threads)
-        models: DroneModels = DroneModels.choose(source, "flow-maf", finding, bridging=BridgingSettings())
+        models: DroneModels = DroneModels.choose(source, "flow-maf", finding, bridging=None)
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         settings = DroneSettings()
         results, scores = {}, {}
         for method, name in METHODS.items():
-            prices = prices_of(method, None, None, threads, scores_known=True, windows=settings.refinement.windows)
             cache = str(clip), run.work / "observations"
-            results[name] = follow(run, source, models, method, settings, prices, cache)
+            results[name] = follow(run, source, models, method, settings, cache)
             scores[name] = evaluate_sequences([SequencePair(CLIP_FOLDER, truth, results[name].tracks, frames)])
         tracks = {name: found.tracks for name, found in results.items()}
         _write(run, DemoResult(source, truth, tracks, scores, frames), results)

@@ -84,7 +84,8 @@ def paired_bootstrap(
         share: of the samples within the interval.
 
     Returns:
-        An interval for each of hota, det_a, ass_a, mota and idf1. With a single sequence it is that of one point.
+        An interval for each of hota, det_a, ass_a, mota, idf1 and id_switches. With a single sequence it is that of one
+        point.
 
     Raises:
         ValueError: the two are of different shape.
@@ -97,7 +98,7 @@ def paired_bootstrap(
     many, others = scores_of(drawn @ ours), scores_of(drawn @ theirs)
     outside = (1 - share) / 2
     found = {}
-    for name in SCORES:
+    for name in (*SCORES, "id_switches"):
         low, high = np.quantile(many[name] - others[name], (outside, 1 - outside))
         found[name] = Interval(float(one[name] - other[name]), float(low), float(high))
     return found

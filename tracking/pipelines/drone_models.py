@@ -1,4 +1,4 @@
-"""The models and costs for people seen from a drone: those that are given, or those that ship with the toolkit."""
+"""The models for people seen from a drone: those that are given, or those that ship with the toolkit."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from tsuiseki.tracking.association.affinity import Affinity
-from tsuiseki.tracking.association.costs import HandSetCost
-from tsuiseki.tracking.association.tracklets.action_refinement import Prices
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.action_inputs import STREAMS
@@ -19,7 +16,6 @@ from tsuiseki.tracking.features.networks.own_models import AppearanceLike, Detec
 from tsuiseki.tracking.pipelines.finding import NONE, GivenDetections, people_detect
 from tsuiseki.tracking.pipelines.observation_cache import file_digest
 from tsuiseki.tracking.pipelines.observations import Observers
-from tsuiseki.tracking.trackers.drone import HAND_SET_OBSERVATION
 from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.people.given_tracks import as_detections, read_given_tracks
 from tsuiseki.tracking.types import Detections, Track
@@ -27,7 +23,6 @@ from tsuiseki.tracking.video import Source
 from tsuiseki.tracking.weights import shipped
 
 DroneMethod = Literal["flow", "flow-saf", "flow-maf"]
-Windows = Literal["centred", "one-sided"]
 
 
 class Finds(Protocol):
@@ -149,36 +144,6 @@ class DroneModels:
         """The same models whose observations also depend on ``more``, plain values."""
         superset = None if self.superset_key is None else {**self.superset_key, **more}
         return replace(self, key={**self.key, **more}, superset_key=superset)
-
-
-def prices_of(
-    method: DroneMethod,
-    affinity: str | Path | None,
-    multi: str | Path | None,
-    threads: int,
-    *,
-    scores_known: bool,
-    windows: Windows,
-) -> Prices:
-    """The costs of a method; hand-set ones where the shipped ones know nothing of the scores."""
-    if multi is not None and method != "flow-maf":
-        raise RequestError(f"`affinity_multi`: expected with the method flow-maf, which alone uses it, got {method}")
-    if str(affinity) == "none" or (affinity is None and not scores_known):
-        return Prices(HAND_SET_OBSERVATION, HandSetCost())
-    kind = "affinity_drone" if method == "flow" else "affinity_drone_saf"
-    single = Affinity(affinity or shipped(kind), threads)
-    if affinity is None and multi is None and method == "flow-maf":
-        multi = shipped("affinity_drone_maf" if windows == "centred" else "affinity_drone_sided")
-    again = None if multi is None else Affinity(multi, threads)
-    for learnt in (single, again):
-        if learnt is not None and method != "flow" and "action" not in learnt.card.class_names:
-            raise RequestError(
-                f"{learnt.model.path}: expected costs with the feature action for the method {method}, got "
-                f"{', '.join(learnt.card.class_names)}; fit it with `features` thesis_action"
-            )
-    if method == "flow" and "action" in single.card.class_names:
-        raise RequestError(f"{single.model.path}: these costs ask for actions; choose the method flow-saf or flow-maf")
-    return Prices(single.observation, single, again)
 
 
 def _streams(method: DroneMethod, actions: Sequence[Path] | None, *, needed: bool) -> list[Path]:

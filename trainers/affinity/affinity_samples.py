@@ -11,10 +11,10 @@ import numpy as np
 
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
+from tsuiseki.tracking.association.action_cost import action_distances
 from tsuiseki.tracking.association.affinity import FeatureSet, feature_rows
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.costs import pair_features
-from tsuiseki.tracking.association.flow.repricing import action_distances
 from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector

@@ -139,13 +139,10 @@ def action_streams(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="session")
 def drone_models(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with four small streams, ``STREAM.onnx``, and the costs of ``train affinity-drone``."""
+    """A folder with four small streams, ``STREAM.onnx``."""
     folder = tmp_path_factory.mktemp("drone")
     for stream in STREAMS:
         save_action(folder / f"{stream}.onnx", stream)
-    save_affinity(folder / "affinity_drone.onnx", "thesis")
-    for kind in ("saf", "maf", "sided"):
-        save_affinity(folder / f"affinity_drone_{kind}.onnx", "thesis_action")
     return folder
 
 

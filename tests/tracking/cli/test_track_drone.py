@@ -33,6 +33,8 @@ def clip(acting_clips: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def words(clip: Path, streams: list[Path], out: Path, *more: str) -> list[str]:
     actions = ",".join(map(str, streams))
     given = ["--detections", str(clip / "det/det.txt"), "--appearance", "none", "--actions", actions]
+    # Boxes that are all right, of people whose appearance nobody describes, are worth more than the shipped detector's.
+    given += ["--drone.flow.input.detection.offset", "5"]
     return ["track", "drone", str(clip), "--out", str(out), "--threads", "1", *given, *more]
 
 
@@ -59,7 +61,7 @@ def test_people_are_followed_and_their_actions_named(
         said = names[int(person.multi.mean(axis=0).argmax())]
         # Who sits stays in place; who runs comes furthest.
         way = person.track.boxes[-1, 0] - person.track.boxes[0, 0]
-        assert said == ("Sitting" if way < 3 else "Walking" if way < 100 else "Running")
+        assert said == ("Sitting" if way < 3 else "Walking" if way < 80 else "Running")
 
 
 def test_report_overlay_and_evaluation(
@@ -142,7 +144,7 @@ def test_the_cache_saves_looking_and_survives_damage(
     cache = tmp_path / "cache"
     assert main(words(clip, action_streams, first, "--cache", str(cache))) == 0
     (entry,) = cache.iterdir()
-    assert main(words(clip, action_streams, second, "--cache", str(cache), "--drone.min-detections", "2")) == 0
+    assert main(words(clip, action_streams, second, "--cache", str(cache), "--drone.flow.min-detections", "2")) == 0
     assert "actions" in values(first)["seconds"]
     assert values(second)["seconds"].keys() == {"link"}
     assert (second / "tracks.json").read_text() == (first / "tracks.json").read_text()
@@ -178,8 +180,8 @@ def test_tiles_are_looked_at_and_kept_apart(
 
 
 def test_bridged_boxes_are_kept_beside_the_others(clip: Path, action_streams: list[Path], tmp_path: Path) -> None:
-    cache = ["--cache", str(tmp_path / "cache")]
-    for name, more in (("with", []), ("without", ["--bridging", "null"]), ("again", [])):
+    cache, on = ["--cache", str(tmp_path / "cache")], ["--bridging.longest", "5"]
+    for name, more in (("with", on), ("without", []), ("again", on)):
         assert main(words(clip, action_streams, tmp_path / name, *cache, *more)) == 0
     found = {name: sum(values(tmp_path / name)["frames"]["detections"]) for name in ("with", "without", "again")}
     assert found["with"] == found["again"] > found["without"]
@@ -206,18 +208,14 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
 
     weights = Path(str(resources.files("tsuiseki.tracking"))) / "weights"
     other = tmp_path / "other.onnx"
-    acting = str(weights / "affinity_drone_saf.onnx")
     cases = {
         "expected the actions of rgb.onnx": ["--actions", f"{action_streams[0]},{other}"],
         "expected one file a stream": ["--actions", f"{action_streams[0]},{action_streams[0]}"],
         "expected a model of kind 'action'": ["--actions", str(weights / "appearance_people.onnx")],
-        "expected costs with the feature action": ["--affinity", str(weights / "affinity_people.onnx")],
         "--threshold: expected a number from 0 to 1": ["--threshold", "1.5"],
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
-        "--affinity-multi: expected with the method flow-maf": ["--method", "flow", "--affinity-multi", str(other)],
-        "these costs ask for actions; choose": ["--method", "flow", "--affinity", acting],
-        "odd window": ["--drone.refinement.window", "4"],
-        "expected an overlap above": ["--drone.overlap", "3"],
+        "expected a window from 0": ["--drone.window", "-1"],
+        "flow-maf averages the features of actions": ["--drone.flow.costs.link.action.features", "single"],
         "expected longest from 1 frame, got 0": ["--bridging.longest", "0"],
         "--bridging.longest: expected a whole number, got 'some'": ["--bridging.longest", "some"],
         "unknown option --bridging.shortest;": ["--bridging.shortest", "5"],

@@ -163,7 +163,6 @@ def test_targets_of_a_frame_out_of_tracks() -> None:
         ({"method": Sort(), "affinity": "none"}, "give it to the tracker"),
         ({"detections": [[]] * 17}, "expected detections for 16 frames, one entry a frame, got 17"),
         ({"detections": [[]], "detector": "x.onnx"}, "expected `detections` or `detector`, got both"),
-        ({"affinity": str(shipped("affinity_drone_saf"))}, "use track_drone"),
     ],
 )
 def test_what_cannot_be_says_so_in_a_line(street: Path, options: dict[str, Any], message: str | None) -> None:

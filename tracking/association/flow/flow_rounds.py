@@ -23,8 +23,8 @@ from tsuiseki.tracking.association.flow.links import Links, joined_links
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import Pairs, Strips, centres, gaps, joined, sizes
 from tsuiseki.tracking.association.occlusion import hidden_between
-from tsuiseki.tracking.association.tracklets.action_refinement import window_means
 from tsuiseki.tracking.association.tracklets.chain_motion import Beliefs
+from tsuiseki.tracking.association.tracklets.window_means import window_means
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Boxes times gaps that are looked up together.
@@ -139,13 +139,14 @@ def priced(
     hidden: FloatArray | None = None,
     change: LinkChange | None = None,
     mismatch: FloatArray | None = None,
+    labels: IntArray | None = None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Which links cost no more than ``dearest``, what they cost, and how much of the person is hidden in between.
 
     Learnt costs of pairs, where there are any, speak in place of the appearance. ``means`` are the mean features of the
     past and of the future of each detection along its track; without them single detections are compared. ``change``
     says by how much learnt costs differ from the default, ``mismatch``, ``(P,)``, how ill the motions go together; it
-    is computed where not given.
+    is computed where not given. Actions are averaged along the tracks of ``labels``.
 
     Returns:
         ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden: from ``hidden``, ``(P,)`` with NaN
@@ -165,6 +166,12 @@ def priced(
     if transition is not None:
         pairs = pair_features(seen.boxes, seen.features, i[learnt], j[learnt], gap[learnt])
         total[learnt] += cost.learnt(transition(replace(pairs, appearance=distance[learnt])))
+    if cost.action is not None and seen.actions is not None:
+        averaged = labels is not None and cost.action.averaged
+        doing = (seen.actions, seen.actions)
+        if labels is not None:
+            doing = cost.action.means(seen.frames, labels, seen.actions, seen.frame_rate)
+        total = total + cost.action(*doing, i, j, seconds, averaged=averaged)
     # What hides a person is looked at only where it matters.
     least = total + cost.waiting(seconds, one_frame, np.ones(len(i)))
     kept = np.flatnonzero(least < dearest)
@@ -257,7 +264,7 @@ def repriced(
     i, j = np.append(tail[again], more[0]), np.append(head[again], more[1])
     hidden = np.append(links.hidden[again], np.full(len(more[0]), np.nan))
     kept, price, hidden = priced(
-        seen, i, j, known.past, known.future, cost, settings.dearest, transition, means, hidden, change
+        seen, i, j, known.past, known.future, cost, settings.dearest, transition, means, hidden, change, None, labels
     )
     old = links.select(~again)
     old.cost[:] += (1 - settings.keep) * (old.price - old.cost)

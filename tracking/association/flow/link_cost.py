@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tsuiseki.tracking.association.action_cost import ActionCost
 from tsuiseki.tracking.association.tracklets.chain_motion import GROUPS, Beliefs, Measurements, MotionNoise
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -35,6 +36,7 @@ class LinkCost:
         covering: share of that which is not paid where the person is hidden.
         appearance: weight of the cosine distance of two appearance features, and of two averaged along tracks.
         neutral: cosine distance that speaks neither for nor against, taken also where it is not known; likewise two.
+        action: what the action features of two detections or tracks say; None leaves them out.
         most_learnt: learnt costs count for no more than this, either way.
         reach: differences of centres in x and in y that are considered, longer sides of the earlier box.
         speed: what is added to them every second.
@@ -50,6 +52,7 @@ class LinkCost:
     covering: float = 0.7
     appearance: tuple[float, float] = (14.0, 18.0)
     neutral: tuple[float, float] = (0.27, 0.24)
+    action: ActionCost | None = None
     most_learnt: float = 5.0
     reach: tuple[float, float] = (0.3, 0.3)
     speed: tuple[float, float] = (2.1, 1.2)

@@ -23,6 +23,7 @@ class Seen:
         features: ``(N, D)`` of unit length, NaN where not known; None where nothing was described.
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
+        actions: ``(N, A)`` probabilities of actions; None where nothing recognised them.
     """
 
     numbers: IntArray
@@ -33,6 +34,7 @@ class Seen:
     features: FloatArray | None
     frame_rate: float
     size: tuple[int, int] | None
+    actions: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -64,6 +66,7 @@ def select_detections(seen: Seen, which: BoolArray | IntArray) -> Seen:
     """The detections at a mask or at indices."""
     measured = seen.measured.select(which)
     features = None if seen.features is None else seen.features[which]
+    actions = None if seen.actions is None else seen.actions[which]
     return replace(
         seen,
         numbers=seen.numbers[which],
@@ -72,6 +75,7 @@ def select_detections(seen: Seen, which: BoolArray | IntArray) -> Seen:
         boxes=seen.boxes[which],
         measured=measured,
         features=features,
+        actions=actions,
     )
 
 
@@ -83,12 +87,6 @@ def joined_detections(one: Seen, other: Seen) -> Seen:
         np.append(one.measured.noise, other.measured.noise),
         np.append(one.measured.wander, other.measured.wander),
     )
-    features = None
-    width = next((part.features.shape[1] for part in (one, other) if part.features is not None), None)
-    if width is not None:
-        features = np.concatenate(
-            [np.full((len(part), width), np.nan) if part.features is None else part.features for part in (one, other)]
-        )
     return replace(
         one,
         numbers=np.append(one.numbers, other.numbers),
@@ -96,5 +94,15 @@ def joined_detections(one: Seen, other: Seen) -> Seen:
         image=np.concatenate([one.image, other.image]),
         boxes=np.concatenate([one.boxes, other.boxes]),
         measured=measured,
-        features=features,
+        features=_stacked(one, one.features, other, other.features),
+        actions=_stacked(one, one.actions, other, other.actions),
     )
+
+
+def _stacked(one: Seen, first: FloatArray | None, other: Seen, second: FloatArray | None) -> FloatArray | None:
+    """Rows of two tables, one after the other, NaN where one has none; None where neither has any."""
+    width = next((rows.shape[1] for rows in (first, second) if rows is not None), None)
+    if width is None:
+        return None
+    pairs = ((one, first), (other, second))
+    return np.concatenate([np.full((len(seen), width), np.nan) if rows is None else rows for seen, rows in pairs])

@@ -131,6 +131,9 @@ def join_parts(
     mismatch = link.mismatch(past, future, tails, heads, seconds, wander)
     hidden = hidden_between(tails, heads, seen.frames, seen.image, seen.size)
     cost = mismatch + link.waiting(seconds, one_frame, hidden)
+    if link.action is not None and seen.actions is not None:
+        doing = link.action.means(seen.frames, labels, seen.actions, seen.frame_rate)
+        cost = cost + link.action(*doing, tails, heads, seconds, averaged=link.action.averaged)
     distance = np.full(len(i), np.nan)
     if appearance is not None:
         distance = cosine_distances(appearance, ends.track[i], ends.track[j])

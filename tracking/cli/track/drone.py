@@ -12,7 +12,7 @@ from tsuiseki.tracking.pipelines.drone_models import DroneMethod
 from tsuiseki.tracking.trackers.drone import DroneSettings
 from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 
-DRONE, BRIDGING, DETECTOR = DroneSettings(), BridgingSettings(), DetectorOptions()
+DRONE, DETECTOR = DroneSettings(), DetectorOptions()
 
 
 def drone(
@@ -24,14 +24,12 @@ def drone(
     view: str = "1",
     appearance: Path | None = None,
     actions: list[Path] | None = None,
-    affinity: Path | None = None,
-    affinity_multi: Path | None = None,
     tracks: Path | None = None,
     keep_camera_motion: bool = False,
     threshold: float = 0.4,
     cache: Path | None = None,
     drone: DroneSettings = DRONE,
-    bridging: BridgingSettings | None = BRIDGING,
+    bridging: BridgingSettings | None = None,
 ) -> int:
     """Track the people in a video from a drone, and name what each is doing.
 
@@ -40,8 +38,8 @@ def drone(
     with --overlay, overlay.webm.
 
     Args:
-        method: flow links by place and appearance; flow-saf also by actions of single frames; flow-maf averages actions
-            along the tracks, links again and repeats, up to --drone.refinement.iterations times.
+        method: flow links by place, motion and appearance; flow-saf also by actions of single frames; flow-maf averages
+            actions along the tracks, links again and repeats.
         detector: detector as ONNX; by default the shipped detector_drone.onnx. One of other projects is recognised as
             by track people.
         detector_options: what the file of another project's detector does not tell.
@@ -50,22 +48,20 @@ def drone(
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
         actions: exported action streams, separated by commas; by default the four shipped ones. Not used by
             method flow, which names no actions but along given --tracks.
-        affinity: exported link costs; by default those shipped for the method, but hand-set ones with --detections,
-            whose scores the shipped ones do not know; none always takes hand-set ones.
-        affinity_multi: exported link costs of the repetitions of flow-maf; by default those of --affinity, or shipped.
         tracks: MOTChallenge tracks (gt.txt, tracks.txt) or an Okutama-Action label file that are right already; only
             actions are named.
         keep_camera_motion: compare places as they are in the pictures, not as if the camera had stood still.
         threshold: an action is named where its probability is above, from 0 to 1.
-        cache: folder that keeps what the networks say; a second run on the same video with other settings of method,
-            costs or --drone takes seconds.
+        cache: folder that keeps what the networks say; a second run on the same video with other settings of method
+            or --drone takes seconds.
         seed: of random numbers; kept in run.json, for the methods here draw none.
-        drone: settings of flow, alternation and output.
-        bridging: how correlation filters follow people whom the detector misses for a few frames; null switches them
-            off.
+        drone: settings of the flow and of what is reported.
+        bridging: correlation filters follow people whom the detector misses for a few frames where an option of it is
+            given, such as --bridging.longest 5: more people are found, and more of nobody.
     """
     from tsuiseki.tracking.cli.track.drone_run import follow, write_result
-    from tsuiseki.tracking.pipelines.drone_models import DroneModels, prices_of
+    from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
+    from tsuiseki.tracking.pipelines.drone_models import DroneModels
 
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
@@ -76,12 +72,13 @@ def drone(
     )
     if (detector_options, view) != (DETECTOR, "1"):
         models = models.told_apart_by({"view": view, "detector_options": repr(detector_options)})
-    known = finding.detections is None and tracks is None
-    windows = drone.refinement.windows
-    prices = prices_of(method, affinity, affinity_multi, finding.threads, scores_known=known, windows=windows)
     with output.run() as run:
         kept = None if cache is None else (video.source, cache)
-        found = follow(run, source, models, method, drone, prices, kept)
+        found = follow(run, source, models, method, drone, kept)
+        if found.facts:
+            run.facts["flow"] = dict(found.facts)
+            if unknown := found.facts["camera_unknown"]:
+                print(said_of_camera(unknown))
         write_result(run, found, source, threshold, overlay=video.overlay_file if video.overlay else None)
         who = "person" if len(found.people) == 1 else "people"
         run.done(f"{len(found.people)} {who} in {run.count} frames: {output.out / 'tracks.txt'}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from tsuiseki.tracking.association.tracklets.action_refinement import Prices
 from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
@@ -25,7 +24,6 @@ def follow(
     models: DroneModels,
     method: DroneMethod,
     settings: DroneSettings,
-    prices: Prices,
     cache: tuple[str, Path] | None = None,
 ) -> DroneResult:
     """Track a video.
@@ -36,11 +34,10 @@ def follow(
         models: detector, networks and their key.
         method: how people are linked.
         settings: of the tracker.
-        prices: of links.
         cache: the name of the source, and the folder that keeps what the models say of it.
     """
     steps = run.steps(_observations(run, source, models, cache), total=frames_expected(source))
-    return link(steps, models, method, settings, prices, run.times)
+    return link(steps, source, models, method, settings, run.times)
 
 
 def _observations(

@@ -79,6 +79,7 @@ def people(
     # What runs is imported here, so that help and mistakes in the options come at once.
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.features.motion.camera_path import CameraPath
+    from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
     from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.pipelines.finding import PeopleInputs, threads_of_a_call
@@ -125,6 +126,8 @@ def people(
             tracks = [shifted(track, log.frames[0]) for track in tracker.tracks()]
         if isinstance(tracker, FlowTracker):
             run.facts["flow"] = tracker.facts()
+            if moving_camera and tracker.camera.unknown:
+                print(said_of_camera([frame + 1 for frame in tracker.camera.unknown]))
             if tracker.duplicates:
                 print(f"{count(tracker.duplicates, 'box', 'boxes')} left out that lay on another")
         if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:

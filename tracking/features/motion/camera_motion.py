@@ -41,6 +41,8 @@ class CameraMotionSettings:
         reach: largest error of a feature that moved with the camera, pixels of the shrunk frame.
         still: movement of the corners, pixels of the shrunk frame, under which the camera stood still.
         least: features that must agree; with fewer they do not tell how the camera moved.
+        majority: share of the features that agree, from which what they say is taken as it is, for people who move may
+            be all else that is seen; and share from which it is taken where the search tells nothing.
         sure: agreement of the frames, a correlation, from which what the features say is taken as it is.
         doubtful: agreement from which it is refined; below it frames are searched for what they share.
         accepted: agreement from which a step that was searched for is believed; half of it where features say the same.
@@ -58,6 +60,7 @@ class CameraMotionSettings:
     reach: float = 1.5
     still: float = 0.3
     least: int = 12
+    majority: tuple[float, float] = (0.5, 0.2)
     sure: float = 0.95
     doubtful: float = 0.7
     accepted: float = 0.5
@@ -166,8 +169,8 @@ def view_step(first: View, second: View) -> CameraStep | None:
     """The step from one view to another, in pixels of the frames; None where nothing tells."""
     settings = first.settings
     followed = _by_features(first, second)
-    if followed is not None and followed.agreement >= settings.sure:
-        return _in_frames(first, followed)
+    if followed is not None and (followed.agreement >= settings.sure or followed.share >= settings.majority[0]):
+        return CameraStep(_in_frames(first, followed).similarity)
     if followed is not None and followed.agreement >= settings.doubtful:
         refined = refine(first.pattern, second.pattern, followed.similarity, settings.search)
         # Where features agree on the wrong, most of what they leave unexplained goes away.
@@ -181,7 +184,7 @@ def view_step(first: View, second: View) -> CameraStep | None:
             return _in_frames(first, best if best.agreement > followed.agreement + 0.02 else followed)
     elif ahead and best.agreement >= settings.accepted:
         return _in_frames(first, best)
-    return _in_frames(first, followed) if followed is not None and followed.share >= 0.5 else None
+    return _in_frames(first, followed) if followed is not None and followed.share >= settings.majority[1] else None
 
 
 def _in_frames(first: View, found: FoundStep) -> CameraStep:
@@ -203,13 +206,23 @@ class _Followed(FoundStep):
 def _by_features(first: View, second: View) -> _Followed | None:
     """The similarity that most features agree on; None where too few do."""
     settings, start = first.settings, first.features
-    count = len(start)
-    if count < settings.least:
-        return None
-    end, found = _follow(first.grey, second.grey, start)
-    start, end = start[found], end[found]
     if len(start) < settings.least:
         return None
+    best: _Followed | None = None
+    # What moves by itself may lead the common shift astray, which a camera that stands still does not need.
+    for shift in (_common_shift(first.grey, second.grey), np.zeros(2, dtype=np.float32)):
+        end, found = _follow(first.grey, second.grey, start, shift)
+        followed = _agreed(first, second, start[found], end[found]) if found.sum() >= settings.least else None
+        if followed is not None and (best is None or followed.share > best.share):
+            best = followed
+        if best is not None and best.share >= settings.majority[0]:
+            break
+    return best
+
+
+def _agreed(first: View, second: View, start: NDArray[np.float32], end: NDArray[np.float32]) -> _Followed | None:
+    """The similarity that takes most of ``start`` ``(N, 2)`` to ``end``; None where too few agree."""
+    settings = first.settings
     matrix, inliers = cv2.estimateAffinePartial2D(
         start, end, method=cv2.RANSAC, ransacReprojThreshold=settings.reach, maxIters=500, confidence=0.995
     )
@@ -222,21 +235,27 @@ def _by_features(first: View, second: View) -> _Followed | None:
     ratio = first.pattern.shape[1] / first.grey.shape[1]
     similarity = np.column_stack([result[:, :2], result[:, 2] * ratio])
     fit = agreement(first.pattern, second.pattern, similarity, settings.search.overlap)
-    return _Followed(similarity, fit, int(inliers.sum()) / count)
+    return _Followed(similarity, fit, int(inliers.sum()) / len(first.features))
 
 
-def _follow(first: Grey, second: Grey, start: NDArray[np.float32]) -> tuple[NDArray[np.float32], BoolArray]:
-    """Where ``start`` ``(N, 2)`` has gone, by Lucas and Kanade from the step that suits the whole frame best."""
+def _common_shift(first: Grey, second: Grey) -> NDArray[np.float32]:
+    """``(2,)`` pixels that suit the whole frame best, by phase correlation."""
     quarter = [cv2.resize(image, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA) for image in (first, second)]
     small = [np.asarray(image, dtype=np.float32) for image in quarter]
     window = cv2.createHanningWindow(small[0].shape[::-1], cv2.CV_32F)
     step, _ = cv2.phaseCorrelate(small[0], small[1], window)
-    guess = start + 4 * np.array(step, dtype=np.float32)
+    return 4 * np.array(step, dtype=np.float32)
+
+
+def _follow(
+    first: Grey, second: Grey, start: NDArray[np.float32], shift: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], BoolArray]:
+    """Where ``start`` ``(N, 2)`` has gone, by Lucas and Kanade from a shift on, and which were found."""
     end, status, _ = cv2.calcOpticalFlowPyrLK(
         first,
         second,
         start,
-        guess.astype(np.float32),
+        (start + shift).astype(np.float32),
         winSize=(15, 15),
         maxLevel=3,
         criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 0.03),

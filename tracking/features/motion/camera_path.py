@@ -55,6 +55,15 @@ class CameraPath:
             self._before = _Placed(frame, view, transform)
         return transform
 
+    def follow(self, step: CameraStep) -> None:
+        """Take a step that is known from elsewhere instead of the next frame."""
+        frame = len(self.transforms)
+        if frame and np.isinf(step.deviation):
+            self.unknown.append(frame)
+        elif frame and step.deviation > 0:
+            self.deviations[frame] = step.deviation
+        self.transforms.append(_moved_on(self.transforms[-1], step) if frame else STANDS_STILL)
+
     def step(self, frame: int) -> CameraStep:
         """Where pixels of the frame before lie in a frame, of infinite deviation where nothing told."""
         if frame == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -109,3 +110,14 @@ def move_boxes(boxes: FloatArray, similarities: FloatArray) -> FloatArray:
     moved = np.einsum("nij,nj->ni", similarities[:, :, :2], centre) + similarities[:, :, 2]
     half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.linalg.norm(similarities[:, :, 0], axis=1)[:, None]
     return np.concatenate([moved - half, moved + half], axis=1)
+
+
+def said_of_camera(unknown: Sequence[int]) -> str:
+    """One line on the frames, counted from 1, of which nothing tells how the camera moved there; at least one.
+
+    >>> said_of_camera([13, 87])
+    'how the camera moved into frames 13, 87 is not known; links over them reach further'
+    """
+    which = ", ".join(map(str, unknown[:5])) + (f" and {len(unknown) - 5} more" if len(unknown) > 5 else "")
+    frames = "frame" if len(unknown) == 1 else "frames"
+    return f"how the camera moved into {frames} {which} is not known; links over them reach further"

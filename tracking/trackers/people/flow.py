@@ -17,7 +17,7 @@ from tsuiseki.tracking.trackers.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput
 from tsuiseki.tracking.trackers.people.flow_settings import FlowSettings
 from tsuiseki.tracking.trackers.people.whole_flow import WholeFlow
-from tsuiseki.tracking.types import Targets, Track
+from tsuiseki.tracking.types import FloatArray, Targets, Track
 
 __all__ = ["FlowSettings", "FlowTracker"]
 
@@ -94,6 +94,17 @@ class FlowTracker:
     def duplicates(self) -> int:
         """Boxes left out because they lay on another, as of the last time that the tracks were asked for."""
         return self._looked_at.input.duplicates
+
+    @property
+    def actions(self) -> list[FloatArray | None]:
+        """``(D, A)`` probabilities at the detections of each of ``tracks()``, as of the last time that it was asked.
+
+        Raises:
+            RequestError: there is a delay, which forgets them.
+        """
+        if not isinstance(self._looked_at, WholeFlow):
+            raise RequestError("expected a flow without a delay, which forgets what people do; leave `delay` out")
+        return self._looked_at.actions
 
     def facts(self) -> dict[str, Any]:
         """What ``run.json`` tells of the tracker, as of the last time that the tracks were asked for."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,8 @@ class InputSettings:
         detection: what scores are worth.
         camera: how its motion is estimated from boxes; None takes it to stand still.
         lost: deviation of the camera's place, in heights of a box, after a step that its images do not tell.
+        unscored: cost of a detection without a score, such as a filter's, where others have one; None takes what the
+            video says of such detections, too.
         duplicate: of two boxes of a frame that overlap by more (intersection over union), the one of the lower score
             is left out.
     """
@@ -41,6 +43,7 @@ class InputSettings:
     detection: DetectionCost = field(default_factory=DetectionCost)
     camera: CameraFromBoxes | None = field(default_factory=CameraFromBoxes)
     lost: float = 3.0
+    unscored: float | None = None
     duplicate: float = 0.95
 
     def __post_init__(self) -> None:
@@ -75,6 +78,7 @@ class FlowInput:
     duplicates: int = 0
     _last: Detections = field(default_factory=Detections.empty)
     _count: int = 0
+    _scored: bool = False
 
     def __post_init__(self) -> None:
         self.camera = CameraTrajectory("boxes" if self.path is None else "images")
@@ -98,8 +102,9 @@ class FlowInput:
         kept = ~duplicates(rows.frames, rows.boxes, rows.scores, self.settings.duplicate)
         self.duplicates += int((~kept).sum())
         rows = rows.select(kept)
-        rows = DetectionRows(self._count + np.arange(len(rows)), rows.frames, rows.boxes, rows.scores, rows.features)
+        rows = replace(rows, numbers=self._count + np.arange(len(rows)))
         self._count += len(rows)
+        self._scored = self._scored or not np.isnan(rows.scores).all()
         before = self._last
         self._follow_camera(rows, first, len(found))
         boxes = self.camera.to_first(rows.boxes, rows.frames)
@@ -112,7 +117,17 @@ class FlowInput:
             self._noise(rows),
             self.camera.variance(rows.frames),
         )
-        seen = Seen(rows.numbers, rows.frames, rows.boxes, boxes, measured, rows.features, self.frame_rate, self.size)
+        seen = Seen(
+            rows.numbers,
+            rows.frames,
+            rows.boxes,
+            boxes,
+            measured,
+            rows.features,
+            self.frame_rate,
+            self.size,
+            rows.actions,
+        )
         return seen, rows.scores
 
     def probability(self, scores: FloatArray) -> FloatArray:
@@ -130,7 +145,10 @@ class FlowInput:
 
     def costs(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` what using detections of ``(N,)`` scores costs."""
-        return self.settings.detection(self.probability(scores), self.frame_rate)
+        costs = self.settings.detection(self.probability(scores), self.frame_rate)
+        if self.settings.unscored is None or not self._scored:
+            return costs
+        return np.where(np.isnan(scores), self.settings.unscored, costs)
 
     def _noise(self, rows: DetectionRows) -> FloatArray:
         """``(N,)`` by how much more than r each measurement deviates."""

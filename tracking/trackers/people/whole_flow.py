@@ -15,7 +15,7 @@ from tsuiseki.tracking.association.tracklets.tracklets import Chained, Tracklets
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.trackers.people.flow_output import long_tracks, reported
 from tsuiseki.tracking.trackers.people.flow_settings import FlowSettings
-from tsuiseki.tracking.types import Detections, IntArray, Track
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 
 
 class WholeFlow:
@@ -33,6 +33,7 @@ class WholeFlow:
     def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow) -> None:
         self.settings, self.input, self.window = settings, given, window
         self.clutter = 0
+        self.actions: list[FloatArray | None] = []
         self._tracklets = Tracklets()
         self._frame = 0
         self._waiting: list[Detections] = []
@@ -54,7 +55,7 @@ class WholeFlow:
         """A copy for which the video ends here, so that asking changes nothing."""
         other = copy(self)
         other.input, other.window, other._tracklets = self.input.copy(), self.window.copy(), self._tracklets.copy()
-        other._parts = [*self._parts]
+        other._parts, other.actions = [*self._parts], []
         return other
 
     def tracks(self) -> list[Track]:
@@ -120,4 +121,5 @@ class WholeFlow:
                 continue
             track = Track(len(tracks) + 1, every.frames[piece], every.boxes[piece], np.nan_to_num(self._scores[piece]))
             tracks.append(reported(track, every.image[piece], self.input.camera, longest, settings.smoothing))
+            self.actions.append(None if every.actions is None else every.actions[piece])
         return tracks

@@ -16,7 +16,7 @@ import numpy as np
 from tsuiseki.tracking.evaluation.action.action_table import action_values
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.drone.ablation import ablation
+from tsuiseki.trainers.experiments.drone.bridging_rows import bridging_rows
 from tsuiseki.trainers.experiments.drone.clips import (
     FAULTS,
     FIRST_SEED,
@@ -34,14 +34,15 @@ from tsuiseki.trainers.experiments.drone.plots import plot_gains, plot_iteration
 from tsuiseki.trainers.experiments.drone.rows import (
     METHODS,
     MOST_ITERATIONS,
-    Costs,
     action_scores,
     by_iteration,
+    difference,
     mean_rows,
     people_row,
     people_scores,
     recognition,
     track_all,
+    with_labelled_actions,
 )
 from tsuiseki.trainers.experiments.drone.tables import tables
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, at_least_one
@@ -70,12 +71,10 @@ def reproduce(
     clips: int = 6,
     frames: int = 300,
     full: bool = False,
-    affinity: Path | None = None,
     actions: list[Path] | None = None,
     appearance: Path | None = None,
     detector: Path | None = None,
     simulated_detections: bool = False,
-    keep_camera_motion: bool = False,
 ) -> Outcome:
     """Thesis chapter 5 on generated clips from a violently moving drone: Tables 5.3, 5.4 and 5.5, Figs. 5.8 and 5.11.
 
@@ -88,12 +87,10 @@ def reproduce(
         clips: of each set.
         frames: of each clip.
         full: 5 sets of 10 clips of 600 frames, whatever the three options above say.
-        affinity: folder with the costs that tsuiseki train affinity-drone wrote; by default the shipped ones.
         actions: exported action streams, separated by commas; by default the shipped ones.
         appearance: exported appearance network; by default the shipped one.
         detector: exported detector; by default the shipped one.
         simulated_detections: draw faulty detections from the labels instead.
-        keep_camera_motion: compare places as they are in the pictures; costs should be learnt likewise.
 
     Raises:
         RequestError: a number below 1, or a model that is not there.
@@ -105,52 +102,46 @@ def reproduce(
         appearance or shipped("appearance_people"),
         None if simulated_detections else detector or shipped("detector_drone"),
     )
-    costs = Costs.read(affinity or shipped("affinity_drone").parent)
-    return run_plan(bench, plan, networks, costs, compensate=not keep_camera_motion)
+    return run_plan(bench, plan, networks)
 
 
-def run_plan(bench: Bench, plan: Plan, networks: Networks, costs: Costs, *, compensate: bool) -> Outcome:
+def run_plan(bench: Bench, plan: Plan, networks: Networks) -> Outcome:
     """All tables, figures and pictures.
 
     Args:
         bench: where it works.
         plan: how much.
         networks: exported models.
-        costs: learnt.
-        compensate: take the camera's motion out of the places.
     """
     say = bench.watch.say
     # All clips in one go, so that every core has one to draw until the end.
     clips = prepare_clips(bench.store, [*_test_plans(plan), *_second_plans(plan)], networks, say)
     sets = [clips[first : first + plan.clips] for first in range(0, plan.seeds * plan.clips, plan.clips)]
-    carried = clips[plan.seeds * plan.clips :]
+    carried, every = clips[plan.seeds * plan.clips :], clips[: plan.seeds * plan.clips]
     say("tracking")
-    people = _people(sets, costs, compensate=compensate)
-    every = [clip for clips in sets for clip in clips]
+    people = {"taken out": _people(sets, compensate=True), "left in": _people(sets, compensate=False)}
+    oracle = [with_labelled_actions(clip, np.random.default_rng(n)) for n, clip in enumerate(every)]
+    people["taken out, actions as labelled"] = _people([oracle], compensate=True)
     iterations = {}
     for method in METHODS:
         if method.startswith("flow-maf"):
             say(f"iterations of {method}")
-            iterations[str(method)] = by_iteration(every, method, costs, compensate=compensate)
+            iterations[str(method)] = by_iteration(every, method, compensate=True)
     curves = {m: [people_row(people_scores(every, found)) for found in results] for m, results in iterations.items()}
     say("recognising actions")
     recognised = recognition(every)
     gains = _gains(every, iterations["flow-maf"])
-    second = {
-        str(method): people_row(people_scores(carried, track_all(carried, method, costs, compensate=compensate)))
-        for method in METHODS
-    }
     say("showing switches")
-    flow = track_all(every, "flow", costs, compensate=compensate)
-    repeated = by_iteration(carried, "flow-maf, one-sided", costs, compensate=compensate, count=2)
+    flow = track_all(every, "flow", compensate=True)
+    repeated = by_iteration(carried, "flow-maf, one-sided", compensate=True, count=2)
     drawn = draw_pictures(every, flow, iterations["flow-maf, one-sided"]) | draw_second(carried, repeated)
     values: dict[str, Any] = {
         "plan": asdict(plan),
-        "conditions": _conditions(people, plan),
+        "conditions": _conditions(people["taken out"], plan),
         "people": people,
         "iterations": curves,
-        "second": second,
-        "ablation": ablation(sets, observations_in(bench.store), networks, costs, say),
+        "second": _people([carried], compensate=True),
+        "bridging": bridging_rows(sets, observations_in(bench.store), networks, say),
         "actions": action_values(recognised),
         "action_gain": gains,
         "pictures": {name: picture.shows for name, picture in drawn.items()},
@@ -158,7 +149,7 @@ def run_plan(bench: Bench, plan: Plan, networks: Networks, costs: Costs, *, comp
     }
     return Outcome(
         values,
-        tables(values, compensate=compensate),
+        tables(values),
         {"iterations": plot_iterations(curves), "action_gain": plot_gains(gains)},
         {f"{name}.jpg": picture.jpeg for name, picture in drawn.items()},
         [_said_of_conditions(values["conditions"])],
@@ -178,14 +169,20 @@ def _second_plans(plan: Plan) -> list[ClipPlan]:
     return [(f"second-{seed}-{scene.frames}", scene, seed) for seed in range(SECOND_SEED, SECOND_SEED + plan.clips)]
 
 
-def _people(sets: Sequence[Sequence[Clip]], costs: Costs, *, compensate: bool) -> dict[str, dict[str, Any]]:
-    """Table 5.3: a row a method, means over the seeds."""
+def _people(sets: Sequence[Sequence[Clip]], *, compensate: bool) -> dict[str, dict[str, Any]]:
+    """Table 5.3: a row a method, means over the sets, and differences to the flow with intervals over the clips."""
+    every = [clip for clips in sets for clip in clips]
+    flow = track_all(every, "flow", compensate=compensate)
     rows: dict[str, dict[str, Any]] = {}
     for method in METHODS:
-        found = [
-            people_row(people_scores(clips, track_all(clips, method, costs, compensate=compensate))) for clips in sets
-        ]
-        rows[method] = {**mean_rows(found), "by_seed": [row["id_switches"] for row in found]}
+        found = flow if method == "flow" else track_all(every, method, compensate=compensate)
+        first, parts = 0, []
+        for clips in sets:
+            parts.append(people_row(people_scores(clips, found[first : first + len(clips)])))
+            first += len(clips)
+        against = {name: asdict(interval) for name, interval in difference(every, found, flow).items()}
+        by_seed = [row["id_switches"] for row in parts]
+        rows[method] = {**mean_rows(parts), "by_seed": by_seed, "against_flow": against}
     return rows
 
 

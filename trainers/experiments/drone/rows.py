@@ -3,88 +3,92 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, get_args
 
 import numpy as np
 
-from tsuiseki.tracking.association.affinity import Affinity
-from tsuiseki.tracking.association.tracklets.action_refinement import Prices
+from tsuiseki.tracking.association.action_cost import ActionFeatures
+from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.evaluation.action.action import ActionScores, evaluate_actions
-from tsuiseki.tracking.evaluation.action.action_pairs import action_rows, join_action_rows
+from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions, action_rows, join_action_rows
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
+from tsuiseki.tracking.evaluation.resampling import Interval, paired_bootstrap, score_sums
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.formats.mot import read_sequence
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.pipelines.drone import suited
+from tsuiseki.tracking.pipelines.drone_models import DroneMethod
 from tsuiseki.tracking.pipelines.observations import Observation
+from tsuiseki.tracking.trackers.acting import acting_track
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
+from tsuiseki.tracking.trackers.people.compensated import MotionCompensated
 from tsuiseki.tracking.trackers.people.deepsort import DeepSort
+from tsuiseki.tracking.trackers.people.flow_output import long_tracks
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.trainers.experiments.drone.clips import Clip
 
 ComparedMethod = Literal["deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided"]
-METHODS: tuple[ComparedMethod, ...] = ("deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided")
+METHODS: tuple[ComparedMethod, ...] = get_args(ComparedMethod)
 MOST_ITERATIONS = 10
-
-
-@dataclass(frozen=True)
-class Costs:
-    """Learnt costs of all kinds, for places with or without the camera's motion.
-
-    Attributes:
-        flow: without actions.
-        single: with single-frame action features.
-        multi: with multi-frame ones.
-        sided: with those of one-sided windows.
-    """
-
-    flow: Affinity
-    single: Affinity
-    multi: Affinity
-    sided: Affinity
-
-    @classmethod
-    def read(cls, folder: Path) -> Costs:
-        """The files that `tsuiseki train affinity-drone` writes."""
-        names = ("affinity_drone", "affinity_drone_saf", "affinity_drone_maf", "affinity_drone_sided")
-        return cls(*(Affinity(folder / f"{name}.onnx", threads=1) for name in names))
-
-    def prices(self, method: ComparedMethod) -> Prices:
-        """What a method pays."""
-        if method == "flow":
-            return Prices(self.flow.observation, self.flow)
-        multi = self.sided if method.endswith("one-sided") else self.multi
-        return Prices(self.single.observation, self.single, multi)
+SAMPLES = 2000
+# Overlap from which a detection shows a labelled person.
+SAME = 0.3
 
 
 def tracker_for(
-    method: ComparedMethod, seen: Sequence[Observation], costs: Costs, *, compensate: bool, iterations: int = 6
+    method: ComparedMethod,
+    clip: Clip,
+    settings: DroneSettings | None = None,
+    *,
+    compensate: bool,
+    rounds: int | None = None,
 ) -> DroneTracker:
-    """A drone tracker that has seen all observations."""
-    settings = DroneSettings()
-    windows: Literal["centred", "one-sided"] = "one-sided" if method.endswith("one-sided") else "centred"
-    count = iterations if method.startswith("flow-maf") else 1
-    refinement = replace(settings.refinement, iterations=count, windows=windows)
-    tracker = DroneTracker(replace(settings, refinement=refinement), costs.prices(method))
-    for one in seen:
-        actions = None if method == "flow" or one.actions is None else streams_mean(one, STREAMS)
+    """A drone tracker that has seen all observations of a clip.
+
+    Args:
+        method: of linking.
+        clip: what was observed.
+        settings: by default those of the tracker.
+        compensate: take the camera's motion out.
+        rounds: how often links are priced again at most; by default as the settings say.
+    """
+    named: DroneMethod = "flow-maf" if method.startswith("flow-maf") else method  # type: ignore[assignment]
+    chosen = suited(settings or DroneSettings(), named)
+    costs = chosen.flow.costs
+    if named == "flow-maf" and costs.link.action is not None:
+        features: ActionFeatures = "one-sided" if method.endswith("one-sided") else "centred"
+        costs = replace(costs, link=replace(costs.link, action=replace(costs.link.action, features=features)))
+    if rounds is not None:
+        costs = replace(costs, rounds=replace(costs.rounds, rounds=rounds))
+    sequence = read_sequence(clip.folder)
+    size = (sequence.width, sequence.height)
+    tracker = DroneTracker(replace(chosen, flow=replace(chosen.flow, costs=costs)), sequence.frame_rate, size)
+    for one in clip.seen:
+        actions = None if named == "flow" or one.actions is None else streams_mean(one, STREAMS)
         tracker.update(replace(one.detections, actions=actions), one.motion if compensate else None)
     return tracker
 
 
 def track_all(
-    clips: Sequence[Clip], method: ComparedMethod, costs: Costs, *, compensate: bool
+    clips: Sequence[Clip], method: ComparedMethod, settings: DroneSettings | None = None, *, compensate: bool
 ) -> list[list[ActingTrack]]:
     """The people of every clip."""
     if method == "deepsort":
-        return [[ActingTrack(track) for track in _deepsort(clip)] for clip in clips]
-    return [tracker_for(method, clip.seen, costs, compensate=compensate).people() for clip in clips]
+        return [[ActingTrack(track) for track in _deepsort(clip, compensate=compensate)] for clip in clips]
+    return [tracker_for(method, clip, settings, compensate=compensate).people() for clip in clips]
 
 
-def _deepsort(clip: Clip) -> list[Track]:
-    tracker = DeepSort()
+def _deepsort(clip: Clip, *, compensate: bool) -> list[Track]:
+    path = CameraPath()
+    tracker = MotionCompensated(DeepSort(), path) if compensate else DeepSort()
     for one in clip.seen:
+        if one.motion is not None:
+            path.follow(one.motion)
         tracker.update(one.detections)
     return tracker.tracks()
 
@@ -97,17 +101,53 @@ def people_scores(clips: Sequence[Clip], people: Sequence[Sequence[ActingTrack]]
     )
 
 
+def difference(
+    clips: Sequence[Clip], ours: Sequence[Sequence[ActingTrack]], theirs: Sequence[Sequence[ActingTrack]]
+) -> dict[str, Interval]:
+    """How far the scores of ours are above theirs, with 95 % intervals over the clips (paired bootstrap)."""
+    sums = [
+        np.stack(
+            [
+                score_sums(SequencePair(clip.folder.name, clip.truth, [one.track for one in people], len(clip.seen)))
+                for clip, people in zip(clips, found, strict=True)
+            ]
+        )
+        for found in (ours, theirs)
+    ]
+    return paired_bootstrap(sums[0], sums[1], SAMPLES, np.random.default_rng(0))
+
+
 def by_iteration(
-    clips: Sequence[Clip], method: ComparedMethod, costs: Costs, *, compensate: bool, count: int = MOST_ITERATIONS
+    clips: Sequence[Clip], method: ComparedMethod, *, compensate: bool, count: int = MOST_ITERATIONS
 ) -> list[list[list[ActingTrack]]]:
-    """The people of every clip after each of ``count`` iterations; where it stopped, the last ones stay."""
-    found: list[list[list[ActingTrack]]] = [[] for _ in range(count)]
-    for clip in clips:
-        tracker = tracker_for(method, clip.seen, costs, compensate=compensate, iterations=count)
-        results = [tracker.people_with(one.labels) for one in tracker.iterations()]
-        for k in range(count):
-            found[k].append(results[min(k, len(results) - 1)])
-    return found
+    """The people of every clip when links are priced again 0, 1, ... ``count`` - 1 times."""
+    return [
+        [tracker_for(method, clip, compensate=compensate, rounds=k).people() for clip in clips] for k in range(count)
+    ]
+
+
+def with_labelled_actions(clip: Clip, rng: np.random.Generator) -> Clip:
+    """``clip`` with the labelled actions in place of what the streams say; what shows nobody acts like somebody there.
+
+    Args:
+        clip: observed.
+        rng: draws whom a false detection acts like, for each stretch of about half a second.
+    """
+    every = clip.labels.actions
+    # False boxes in a row at one place would give themselves away by changing in every frame.
+    like = rng.integers(len(every), size=(len(clip.seen) // 15 + 1, 64))
+    return replace(clip, seen=[_labelled(one, clip.labels, every[like[one.frame // 15]]) for one in clip.seen])
+
+
+def _labelled(one: Observation, labels: LabelledActions, like: FloatArray) -> Observation:
+    assert one.actions is not None
+    rows = np.flatnonzero(labels.truth.frames == one.frame)
+    found, label = assign_overlaps(iou_matrix(one.detections.boxes, labels.truth.boxes[rows]), SAME)
+    centre = one.detections.boxes[:, :2] // 160
+    place = (centre[:, 0] + 8 * centre[:, 1]).astype(np.int64) % len(like)
+    actions = like[place]
+    actions[found] = labels.actions[rows[label]]
+    return replace(one, actions=np.repeat(actions[None], len(one.actions), axis=0))
 
 
 def action_scores(clips: Sequence[Clip], people: Sequence[Sequence[ActingTrack]], kind: str) -> ActionScores:
@@ -120,10 +160,15 @@ def with_given_tracks(clips: Sequence[Clip], streams: Sequence[StreamName]) -> l
     """The labelled people, with the actions that some of the streams see."""
     people = []
     for clip in clips:
-        tracker = DroneTracker(DroneSettings(min_detections=1, gaps=None))
-        for one in clip.given:
-            tracker.update(replace(one.detections, actions=streams_mean(one, streams)))
-        people.append(tracker.people_with(clip.given_labels))
+        rows = rows_of([one.detections for one in clip.given], clip.given[0].frame, 0)
+        actions = np.concatenate([streams_mean(one, streams) for one in clip.given])
+        half = round(DroneSettings().window / 2 * read_sequence(clip.folder).frame_rate)
+        people.append(
+            [
+                acting_track(Track(n, rows.frames[p], rows.boxes[p], np.ones(len(p))), actions[p], half)
+                for n, p in enumerate(long_tracks(clip.given_labels), start=1)
+            ]
+        )
     return people
 
 

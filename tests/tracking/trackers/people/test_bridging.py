@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.tracklets.action_refinement import RefinementSettings
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.pipelines.observations import Observation, Observers, observe
-from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
+from tsuiseki.tracking.trackers.drone import DRONE_FLOW, DroneSettings, DroneTracker
 from tsuiseki.tracking.trackers.people.bridging import Bridge, BridgingSettings
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
 
@@ -163,34 +163,32 @@ def test_a_stretch_looked_at_alone_says_the_same(first: int) -> None:
         np.testing.assert_array_equal(a.detections.scores, b.detections.scores)
 
 
-@pytest.mark.parametrize(("cost", "used"), [(0.0, True), (5.0, False)])
-def test_windows_link_bridged_people_as_the_whole_does(cost: float, used: bool) -> None:
+def tracker(cost: float | None, **changes: Any) -> DroneTracker:
+    """That takes boxes of filters at a cost."""
+    flow = replace(DRONE_FLOW, input=replace(DRONE_FLOW.input, unscored=cost), **changes)
+    return DroneTracker(DroneSettings(flow))
+
+
+@pytest.mark.parametrize(("cost", "used"), [(-4.0, True), (8.0, False)])
+def test_the_flow_takes_boxes_of_filters_at_their_price(cost: float, used: bool) -> None:
     clip = draw(12, frames=60, jerk=2)
     seen = looked_at(clip, clip.seen({0: range(20, 25), 1: range(40, 44)}), BridgingSettings(), 0)
-    refinement, results = replace(RefinementSettings(), bridged=cost), []
-    for chunk in (None, 10):
-        tracker = DroneTracker(DroneSettings(refinement, chunk=chunk, overlap=20))
-        for one, step in zip(seen, clip.steps, strict=True):
-            tracker.update(one.detections, CameraStep(step))
-        results.append(tracker.tracks())
-    assert len(results[0]) == len(results[1]) == 2
-    for whole, windowed in zip(*results, strict=True):
-        assert whole.observed.all() == used
-        assert len(whole) == 60
-        np.testing.assert_allclose(whole.boxes, windowed.boxes, atol=1e-9)
+    linking = tracker(cost)
+    for one, step in zip(seen, clip.steps, strict=True):
+        linking.update(one.detections, CameraStep(step))
+    tracks = linking.tracks()
+    assert len(tracks) == 2
+    for track in tracks:
+        assert track.observed.all() == used
+        assert len(track) == 60
 
 
 def test_boxes_of_filters_make_no_track() -> None:
-    cheap = replace(RefinementSettings(), entry=1.0, exit=1.0, bridged=0.0)
-    for detected, tracks in ((3, 0), (4, 1)):
-        tracker = DroneTracker(DroneSettings(refinement=cheap, min_detections=4))
-        for t in range(8):
-            box = np.array([[10.0 + t, 10, 22 + t, 40]])
-            tracker.update(Detections(box, np.array([0.9 if t in range(detected - 1) or t == 7 else np.nan])))
-        found = tracker.tracks()
-        assert [len(track) for track in found] == [8] * tracks
-        for track in found:
-            np.testing.assert_array_equal(track.scores, [0.9] * 3 + [0.0] * 4 + [0.9])
+    linking = tracker(0.4)
+    for t in range(40):
+        box = np.array([[10.0 + t, 10, 22 + t, 40]])
+        linking.update(Detections(box, np.array([0.9 if t == 0 else np.nan])))
+    assert linking.tracks() == []
 
 
 def test_impossible_settings_are_refused() -> None:

@@ -1,4 +1,4 @@
-"""What camera-motion compensation and bridging of missed detections add, on the clips of the drone experiment."""
+"""What bridging of missed detections adds, on the clips of the drone experiment."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from tsuiseki.tracking.trackers.people.bridging import FILTER, BridgingSettings
 from tsuiseki.trainers.experiments.drone.clips import Clip, Networks
 from tsuiseki.trainers.experiments.drone.rows import (
     ComparedMethod,
-    Costs,
     mean_rows,
     people_row,
     people_scores,
@@ -30,32 +29,24 @@ from tsuiseki.trainers.experiments.drone.rows import (
 METHODS: tuple[ComparedMethod, ...] = ("flow", "flow-maf, one-sided")
 
 
-def ablation(
-    sets: Sequence[Sequence[Clip]], cache: Path, networks: Networks, costs: Costs, say: Callable[[str], None]
+def bridging_rows(
+    sets: Sequence[Sequence[Clip]], cache: Path, networks: Networks, say: Callable[[str], None]
 ) -> list[dict[str, Any]]:
-    """A row for each method, with and without either: means over the sets, switches added up.
-
-    All rows pay the same costs, which are fitted to one of the two kinds of places; without the camera's motion the
-    filters look where they looked in the frame before.
+    """A row for each method, with and without bridging: means over the sets, switches added up.
 
     Args:
         sets: of clips, as detector and networks see them.
         cache: folder that keeps observations.
         networks: that look at the bridged boxes.
-        costs: of all rows.
         say: gets a line of progress.
     """
     rows = []
-    for compensate in (False, True):
-        with_bridges = bridged(sets, cache, networks, BridgingSettings(), say, compensate=compensate)
-        for bridging, seen in ((False, sets), (True, with_bridges)):
-            for method in METHODS:
-                found = [
-                    people_row(people_scores(clips, track_all(clips, method, costs, compensate=compensate)))
-                    for clips in seen
-                ]
-                chosen = {"method": method, "camera_motion": compensate, "bridging": bridging}
-                rows.append({**chosen, **mean_rows(found), "by_seed": [row["id_switches"] for row in found]})
+    with_bridges = bridged(sets, cache, networks, BridgingSettings(), say)
+    for bridging, seen in ((False, sets), (True, with_bridges)):
+        for method in METHODS:
+            found = [people_row(people_scores(clips, track_all(clips, method, compensate=True))) for clips in seen]
+            chosen = {"method": method, "bridging": bridging}
+            rows.append({**chosen, **mean_rows(found), "by_seed": [row["id_switches"] for row in found]})
     return sorted(rows, key=lambda row: METHODS.index(row["method"]))
 
 
@@ -65,8 +56,6 @@ def bridged(
     networks: Networks,
     settings: BridgingSettings,
     say: Callable[[str], None],
-    *,
-    compensate: bool,
 ) -> list[list[Clip]]:
     """The clips with what correlation filters find of those whom the detector misses.
 
@@ -76,23 +65,19 @@ def bridged(
         networks: that look at the bridged boxes.
         settings: of the filters.
         say: gets a line for each clip.
-        compensate: move the filters with the camera.
     """
     every = [clip for clips in sets for clip in clips]
-    seen = on_all_cores(
-        partial(_bridge, cache, networks, settings, CameraMotionSettings() if compensate else None), every
-    )
+    seen = on_all_cores(partial(_bridge, cache, networks, settings, CameraMotionSettings()), every)
     found = []
     for clip in seen:
         found.append(clip)
-        motion = "taken out" if compensate else "left in"
-        say(f"{clip.folder.name}: missed people followed, camera motion {motion}, {len(found)} of {len(every)} clips")
+        say(f"{clip.folder.name}: missed people followed, {len(found)} of {len(every)} clips")
     rest = iter(found)
     return [[next(rest) for _ in clips] for clips in sets]
 
 
 def _bridge(
-    cache: Path, networks: Networks, settings: BridgingSettings, camera: CameraMotionSettings | None, clip: Clip
+    cache: Path, networks: Networks, settings: BridgingSettings, camera: CameraMotionSettings, clip: Clip
 ) -> Clip:
     streams, appearance = ActionRecogniser(networks.actions, threads=1), Appearance(networks.appearance, threads=1)
     found = [one.detections for one in clip.seen]
