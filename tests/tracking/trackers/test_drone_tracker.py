@@ -24,7 +24,7 @@ def walk(seed: int, frames: int = 200, people: int = 5) -> list[Detections]:
         place = place + step
         seen = np.flatnonzero(rng.random(people) < 0.7)
         centre = place[seen] + rng.normal(0, 1.5, (len(seen), 2))
-        features = look[seen] + rng.normal(0, 0.5, (len(seen), 12))
+        features = look[seen] + rng.normal(0, 0.2, (len(seen), 12))
         features /= np.linalg.norm(features, axis=1, keepdims=True)
         actions = rng.uniform(0, 0.4, (len(seen), 4))
         actions[np.arange(len(seen)), does[seen]] += 0.6
