@@ -11,7 +11,15 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.report.overlay import track_colour
-from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, embedded_video, frame_ticks, scrolling, seconds_table
+from tsuiseki.tracking.report.page import (
+    BOXES_NOTE,
+    embedded_video,
+    frame_ticks,
+    html_page,
+    scrolling,
+    seconds_table,
+    section,
+)
 from tsuiseki.tracking.types.tracks import ActingTrack
 
 ROW, LEFT, WIDTH = 15, 150, 750
@@ -55,21 +63,14 @@ def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: 
 
 def action_page(report: ActionReport, video: Path | None, seconds: Mapping[str, float]) -> str:
     """The page as HTML, self-contained."""
-    time = f"<section><h2>Time</h2>{seconds_table(seconds, len(report.frames))}</section>"
-    parts = [_video(video), action_timelines(report), time]
+    time = section("Time", seconds_table(seconds, len(report.frames)))
     people = f"{len(report.people)} {'person' if len(report.people) == 1 else 'people'}"
-    return PAGE.format(
-        title=escape(f"People in {report.name}"),
-        introduction=escape(f"{people} in {len(report.frames)} frames at {report.frame_rate:g} a second."),
-        style=STYLE,
-        sections="\n".join(part for part in parts if part),
-    )
+    introduction = f"{people} in {len(report.frames)} frames at {report.frame_rate:g} a second."
+    return html_page(f"People in {report.name}", introduction, [_video(video), action_timelines(report), time])
 
 
 def _video(path: Path | None) -> str:
-    if path is None:
-        return ""
-    return f"<section><h2>Tracks and actions</h2>{embedded_video(path, note=BOXES_NOTE)}</section>"
+    return section("Tracks and actions", "" if path is None else embedded_video(path, note=BOXES_NOTE))
 
 
 def action_timelines(report: ActionReport) -> str:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.geometry import clip_boxes, grown
-from tsuiseki.tracking.report.page import PAGE, STYLE
+from tsuiseki.tracking.report.page import html_page, section
 from tsuiseki.tracking.types import Detections, ImageArray
 
 HEADINGS = {
@@ -74,18 +74,17 @@ class AdaptedReport:
 
 def adapted_page(report: AdaptedReport) -> str:
     """The page as HTML, self-contained."""
-    sections = {
-        "Rounds": _table(report) + f"<p class=note>{_NOTE}</p>" + "".join(f"<p>{escape(n)}</p>" for n in report.notes),
-        "Before and after": _GRID + "".join(map(_pair, report.compared)),
-        "What it learnt from": "".join(_crops(name, crops) for name, crops in report.examples.items() if crops),
-    }
+    notes = f"<p class=note>{_NOTE}</p>" + "".join(f"<p>{escape(note)}</p>" for note in report.notes)
+    sections = [
+        section("Rounds", _table(report) + notes),
+        section("Before and after", _GRID + "".join(map(_pair, report.compared))),
+        section(
+            "What it learnt from", "".join(_crops(name, crops) for name, crops in report.examples.items() if crops)
+        ),
+    ]
     kept = f"round {report.best} is kept" if report.best else "no round was better than the start, which is kept"
-    return PAGE.format(
-        title=escape(f"A camera learnt from {', '.join(report.sources)}"),
-        introduction=escape(f"{len(report.rounds) - 1} rounds; {kept}."),
-        style=STYLE,
-        sections="\n".join(f"<section><h2>{h}</h2>{text}</section>" for h, text in sections.items() if text),
-    )
+    title = f"A camera learnt from {', '.join(report.sources)}"
+    return html_page(title, f"{len(report.rounds) - 1} rounds; {kept}.", sections)
 
 
 def _table(report: AdaptedReport) -> str:

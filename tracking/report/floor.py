@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from tsuiseki.tracking.report.overlay import draw_label, track_colour, without_flicker
-from tsuiseki.tracking.report.page import PAGE, STYLE, embedded_video
+from tsuiseki.tracking.report.page import embedded_video, html_page, listing, section
 from tsuiseki.tracking.report.plots import inline_svg
 from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
@@ -169,11 +168,8 @@ class FloorSection:
 
 def floor_page(cameras: Sequence[FloorSection], seconds: Mapping[str, float], facts: Mapping[str, str]) -> str:
     """`report.html` as text: floor plan, dwell map and overlay of each camera, and how it was made."""
-    sections = [(each.name, each.html(k)) for k, each in enumerate(cameras)]
-    rows = "".join(f"<dt>{escape(k)}</dt><dd>{1000 * v:.0f} ms</dd>" for k, v in seconds.items())
-    sections.append(("Time in all", f"<dl>{rows}</dl>"))
-    listing = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in facts.items())
-    sections.append(("How it was made", f"<dl>{listing}</dl>"))
-    body = "\n".join(f"<section><h2>{escape(title)}</h2>{text}</section>" for title, text in sections)
+    sections = [section(each.name, each.html(k)) for k, each in enumerate(cameras)]
+    sections.append(section("Time in all", listing({name: f"{1000 * v:.0f} ms" for name, v in seconds.items()})))
+    sections.append(section("How it was made", listing(facts)))
     introduction = "Each colour and number is one person; the thick side of a box is the feet's. Triangles are cameras."
-    return PAGE.format(title="People on the floor", introduction=introduction, style=STYLE, sections=body)
+    return html_page("People on the floor", introduction, sections)

@@ -6,7 +6,7 @@ Everything is inside the file: the overlay as base64 WebM, the plots as inline S
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -83,24 +83,31 @@ def report_page(report: Report) -> str:
     results = {m.name: PeopleEvaluation({"": m.scores}, m.scores) for m in report.methods}
     counts = {m.name: list(m.tracks) for m in report.methods}
     sections = [
-        _section("Scores", _table(report.methods) + _glossary()),
+        section("Scores", _table(report.methods) + _glossary()),
         _overlay(report),
-        _section("Comparison", scrolling(inline_svg(lambda ink: comparison_figure(results, ink), "comparison"))),
+        section("Comparison", scrolling(inline_svg(lambda ink: comparison_figure(results, ink), "comparison"))),
         _timelines(report),
-        _section(
+        section(
             "People in view",
             scrolling(inline_svg(lambda ink: count_figure(report.truth, counts, report.length, ink), "counts")),
         ),
         *report.more,
-        _section("Time", seconds_table(report.seconds, report.length)) if report.seconds else "",
-        _section("How it was made", _facts(report.facts)) if report.facts else "",
+        section("Time", seconds_table(report.seconds, report.length)),
+        section("How it was made", listing(report.facts)),
     ]
-    return PAGE.format(
-        title=escape(report.title),
-        introduction=escape(report.introduction),
-        style=STYLE,
-        sections="\n".join(part for part in sections if part),
-    )
+    return html_page(report.title, report.introduction, sections)
+
+
+def html_page(title: str, introduction: str, sections: Iterable[str]) -> str:
+    """A page that needs nothing else.
+
+    Args:
+        title: text; also the heading.
+        introduction: text under it.
+        sections: HTML of `section`; empty ones are left out.
+    """
+    body = "\n".join(part for part in sections if part)
+    return PAGE.format(title=escape(title), introduction=escape(introduction), style=STYLE, sections=body)
 
 
 def scrolling(html: str) -> str:
@@ -108,8 +115,15 @@ def scrolling(html: str) -> str:
     return f'<div class="wide">{html}</div>'
 
 
-def _section(heading: str, body: str) -> str:
-    return f"<section><h2>{escape(heading)}</h2>{body}</section>"
+def section(heading: str, body: str) -> str:
+    """HTML under a heading; nothing where there is no ``body``."""
+    return f"<section><h2>{escape(heading)}</h2>{body}</section>" if body else ""
+
+
+def listing(values: Mapping[str, str]) -> str:
+    """Names with their values; nothing where there is none."""
+    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in values.items())
+    return f"<dl>{rows}</dl>" if rows else ""
 
 
 def _table(methods: Sequence[ReportedMethod]) -> str:
@@ -143,7 +157,7 @@ def _overlay(report: Report) -> str:
     if report.overlay is None:
         return ""
     heading = f"Tracks by {report.methods[-1].name}"
-    return _section(heading, embedded_video(report.overlay, heading, report.overlay_note))
+    return section(heading, embedded_video(report.overlay, heading, report.overlay_note))
 
 
 def embedded_video(path: Path, label: str = "", note: str = "") -> str:
@@ -162,7 +176,7 @@ def _timelines(report: Report) -> str:
         "<p class=note>A row is a person of the ground truth, a bar the time they are in view, its colour the id they "
         "were given: one colour from end to end is perfect, a change of colour an id switch, grey a miss.</p>"
     )
-    return _section("Who was followed when", note + "".join(parts))
+    return section("Who was followed when", note + "".join(parts))
 
 
 def _timeline(people: Sequence[Coverage], length: int) -> str:
@@ -198,7 +212,9 @@ def frame_ticks(first: int, length: int) -> range:
 
 
 def seconds_table(seconds: Mapping[str, float], frames: int) -> str:
-    """What each stage of a run took, altogether and a frame."""
+    """What each stage of a run took, altogether and a frame; nothing where no stage was measured."""
+    if not seconds:
+        return ""
     total = max(sum(seconds.values()), 1e-9)
     rows = "".join(
         f"<tr><th scope=row>{escape(stage)}</th><td>{value:.2f} s</td>"
@@ -208,10 +224,6 @@ def seconds_table(seconds: Mapping[str, float], frames: int) -> str:
     )
     head = "<thead><tr><th scope=col>Stage</th><th scope=col>All</th><th scope=col>A frame</th><th></th></tr></thead>"
     return scrolling(f"<table>{head}<tbody>{rows}</tbody></table>")
-
-
-def _facts(facts: Mapping[str, str]) -> str:
-    return f"<dl>{''.join(f'<dt>{escape(k)}</dt><dd>{escape(v)}</dd>' for k, v in facts.items())}</dl>"
 
 
 STYLE = """

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.report.overlay import track_colour
-from tsuiseki.tracking.report.page import BOXES_NOTE, PAGE, STYLE, embedded_video, frame_ticks, scrolling, seconds_table
+from tsuiseki.tracking.report.page import (
+    BOXES_NOTE,
+    embedded_video,
+    frame_ticks,
+    html_page,
+    listing,
+    scrolling,
+    seconds_table,
+    section,
+)
 from tsuiseki.tracking.types import Track
 
 ROW, LEFT, WIDTH = 15, 90, 810
@@ -42,19 +50,16 @@ class PeopleReport:
 
 def people_page(report: PeopleReport) -> str:
     """The page as HTML, self-contained."""
-    sections = {
-        "Tracks": "" if report.overlay is None else embedded_video(report.overlay, "tracks", BOXES_NOTE),
-        "Who was followed when": _timeline(report),
-        "Time": seconds_table(report.seconds, len(report.frames)) if report.seconds else "",
-        "How it was made": _facts(report.facts or {}),
-    }
+    video = "" if report.overlay is None else embedded_video(report.overlay, "tracks", BOXES_NOTE)
+    sections = [
+        section("Tracks", video),
+        section("Who was followed when", _timeline(report)),
+        section("Time", seconds_table(report.seconds or {}, len(report.frames))),
+        section("How it was made", listing(report.facts or {})),
+    ]
     count = f"{len(report.tracks)} {'person' if len(report.tracks) == 1 else 'people'}"
-    return PAGE.format(
-        title=escape(f"People in {report.name}"),
-        introduction=escape(f"{count} in {len(report.frames)} frames at {report.frame_rate:g} a second."),
-        style=STYLE,
-        sections="\n".join(f"<section><h2>{h}</h2>{text}</section>" for h, text in sections.items() if text),
-    )
+    introduction = f"{count} in {len(report.frames)} frames at {report.frame_rate:g} a second."
+    return html_page(f"People in {report.name}", introduction, sections)
 
 
 def _timeline(report: PeopleReport) -> str:
@@ -84,8 +89,3 @@ def _timeline(report: PeopleReport) -> str:
         f'font-size="11" fill="currentColor">{"".join(marks)}</svg>'
     )
     return scrolling(svg) + note
-
-
-def _facts(facts: Mapping[str, str]) -> str:
-    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts.items())
-    return f"<dl>{rows}</dl>" if rows else ""

@@ -11,7 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.files import PlacedCamera
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
-from tsuiseki.tracking.report.page import PAGE, STYLE, embedded_video, scrolling
+from tsuiseki.tracking.report.page import embedded_video, html_page, listing, scrolling, section
 from tsuiseki.tracking.report.plots import inline_svg
 from tsuiseki.tracking.report.space_plots import deviation_figure, path_figure
 from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
@@ -42,7 +42,7 @@ def sphere_page(
     positions = log.positions
     sections = [
         ("What was found", _summary(log, cameras, seconds)),
-        *([] if truth is None else [("Distance to the truth", _distances(positions, truth))]),
+        ("Distance to the truth", "" if truth is None else _distances(positions, truth)),
         ("Path", scrolling(inline_svg(lambda ink: path_figure(positions, cameras, truth, ink), "path")) + NOTE),
         (
             "Uncertainty over time",
@@ -51,11 +51,9 @@ def sphere_page(
     ]
     sections += [(f"Overlay of {cameras[k].name}", embedded_video(video)) for k, video in enumerate(videos) if video]
     facts = {name: str(value) for name, value in settings.items() if value is not None}
-    listing = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in facts.items())
-    sections.append(("How it was made", f"<dl>{listing}</dl>"))
-    body = "\n".join(f"<section><h2>{escape(title)}</h2>{text}</section>" for title, text in sections)
+    sections.append(("How it was made", listing(facts)))
     introduction = f"A ball of {100 * radius:g} cm radius followed by {len(cameras)} cameras."
-    return PAGE.format(title="Ball in space", introduction=introduction, style=STYLE, sections=body)
+    return html_page("Ball in space", introduction, [section(*each) for each in sections])
 
 
 NOTE = (
