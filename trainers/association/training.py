@@ -24,9 +24,10 @@ from tsuiseki.tracking.association.flow.cost_network import FeatureNames
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import AssociationData, TrainingWindow
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, LossName, Problem, Spread, cheapest
-from tsuiseki.trainers.association.graphs import Counts, Graph
+from tsuiseki.trainers.association.graphs import Graph
 from tsuiseki.trainers.association.window_appearance import WindowCrops, distances, repriced
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.networks.appearance import AppearanceTraining

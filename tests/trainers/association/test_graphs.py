@@ -7,8 +7,9 @@ import pytest
 
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, Problem, cheapest
-from tsuiseki.trainers.association.graphs import Counts, DetectedVideo, Graph, sequence_graphs, window, windows
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, sequence_graphs, window, windows
 
 FRAMES = 60
 

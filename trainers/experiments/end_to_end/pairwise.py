@@ -21,9 +21,10 @@ from threadpoolctl import threadpool_limits
 
 from tsuiseki.tracking.association.flow.cost_network import LARGEST
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import RandomWindows
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
-from tsuiseki.trainers.association.graphs import Counts, Graph, Graphs
+from tsuiseki.trainers.association.graphs import Graph, Graphs
 
 Learner = Literal["logistic", "trees"]
 # Cost of a start and of an end by default: a link of even chances costs half of both.
