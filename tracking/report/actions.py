@@ -80,7 +80,7 @@ def action_timelines(report: ActionReport) -> str:
         f"{report.threshold:g}. Numbers count frames.</p>"
     )
     blocks = "".join(_timeline(person, report) for person in report.people)
-    return f"<section><h2>Who does what when</h2>{note}{blocks or '<p>Nobody was followed.</p>'}</section>"
+    return section("Who does what when", note + (blocks or "<p>Nobody was followed.</p>"))
 
 
 def _timeline(person: ActingTrack, report: ActionReport) -> str:
