@@ -148,7 +148,7 @@ def fine_tune(
     with _quiet():
         trainer = _trainer(folder, learning.steps, settings)
         trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
-    trainer.save_checkpoint(done)
+    trainer.save_checkpoint(done, weights_only=False)
     last.unlink(missing_ok=True)
     return done
 
