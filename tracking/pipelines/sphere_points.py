@@ -15,7 +15,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.particles.views import Covering
-from tsuiseki.tracking.formats.ball_points import read_ball_points
+from tsuiseki.tracking.formats.space.ball_points import read_ball_points
 from tsuiseki.tracking.likelihoods.views import PointLikelihood, Views
 from tsuiseki.tracking.pipelines.sphere import SphereSettings, chosen_motion
 from tsuiseki.tracking.synchronise import Moment, align, default_tolerance, read_timestamps
@@ -76,7 +76,7 @@ def track_sphere_points(
     """Where a ball is in space, from its pixels in every camera.
 
     Args:
-        files: a CSV for each camera (`tracking.formats.ball_points`), in the order of the cameras.
+        files: a CSV for each camera (`tracking.formats.space.ball_points`), in the order of the cameras.
         cameras: ``cameras.yaml`` with one entry per file, each with its frame_rate.
         start: ``(3,)`` the ball at first, metres; by default where two cameras that see it say.
         settings: see `SphereSettings`; the likelihood is not used.

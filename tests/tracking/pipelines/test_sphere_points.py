@@ -13,7 +13,7 @@ from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import distance_to_position
-from tsuiseki.tracking.formats.ball_points import read_ball_points
+from tsuiseki.tracking.formats.space.ball_points import read_ball_points
 from tsuiseki.tracking.formats.space.track3d import read_path3d, write_path3d
 from tsuiseki.tracking.pipelines.sphere import SphereSettings
 from tsuiseki.tracking.pipelines.sphere_points import track_sphere_points
