@@ -1,8 +1,8 @@
 """What a detector's scores are worth in this very video, learnt without labels.
 
-A detection of a person is found again in the frames before and after it; a false one mostly is not. So the share of
-detections of a score that are borne out by a neighbour in time says how far that score can be trusted, on whatever
-scale it is: the isotonic fit of "borne out" on the score is the probability that `DetectionCost` takes.
+A detection of a person is found again before and after, on one line (`recurrence`); a false one mostly is not. So the
+share of detections of a score that are says how far it can be trusted, on whatever scale it is: the isotonic fit of
+"found again" on the score is the probability that `DetectionCost` takes.
 """
 
 from __future__ import annotations
@@ -12,68 +12,39 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import isotonic_regression
 
-from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
-from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.association.recurrence import Recurrence
+from tsuiseki.tracking.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
 class DetectionCost:
-    """Cost of using a detection of probability p: -(offset + weight logit p) times the weight of a frame.
-
-    Neighbouring frames err together: at 10 frames a second a detection says more than at 30. Its weight is the square
-    root of the time between two frames in thirtieths of a second, at least 1.
+    """Cost of using a detection of probability p: -(offset + weight logit p) max(1, 30 / frame rate)^interval.
 
     Attributes:
         offset: what a detection of p = 0.5 is worth.
         weight: of the logit.
         least: p is kept within [least, 1 - least].
-        overlap: intersection over union with a box of the next frame that bears a detection out.
-        speed: heights a second that such a box may be moved beforehand, beyond a thirtieth of a second.
-        memory: detections that the fit is made on, the latest.
+        interval: how much more a detection is worth where fewer are made in a second.
+        again: what counts as found again.
+        memory: detections that the fit, and the speed of targets, is taken from, the latest.
     """
 
-    offset: float = 3.0
-    weight: float = 0.5
-    least: float = 0.02
-    overlap: float = 0.6
-    speed: float = 1.0
+    offset: float = 3.5
+    weight: float = 1.0
+    least: float = 0.1
+    interval: float = 0.0
+    again: Recurrence = field(default_factory=Recurrence)
     memory: int = 30_000
 
     def __post_init__(self) -> None:
-        if not (0 < self.least < 0.5 and 0 < self.overlap < 1 and self.speed >= 0 and self.memory > 0):
-            raise ValueError("expected least in (0, 0.5), overlap in (0, 1), speed from 0 and memory from 1")
+        if not (0 < self.least < 0.5 and self.memory > 0):
+            raise ValueError("expected least in (0, 0.5) and memory from 1")
 
     def __call__(self, probability: FloatArray, frame_rate: float) -> FloatArray:
         """``(N,)`` costs of detections of ``(N,)`` probabilities in (0, 1)."""
-        logit = np.log(probability / (1 - probability))
-        return np.asarray(-(self.offset + self.weight * logit) * np.sqrt(max(1.0, 30 / frame_rate)))
-
-
-def borne_out(
-    frames: IntArray, boxes: FloatArray, settings: DetectionCost, frame_rate: float
-) -> tuple[BoolArray, BoolArray]:
-    """Which detections are found again in the frame before, and which in the frame after.
-
-    Args:
-        frames: ``(N,)``.
-        boxes: ``(N, 4)`` pixels, as if the camera stood still.
-        settings: what counts as found again.
-        frame_rate: frames a second.
-    """
-    before, after = np.zeros(len(frames), np.bool_), np.zeros(len(frames), np.bool_)
-    if len(frames) == 0:
-        return before, after
-    every, centre, height = np.arange(len(frames)), centres(boxes), sizes(boxes).max(axis=1)[:, None]
-    slack = settings.speed * max(0.0, 1 / frame_rate - 1 / 30) * height
-    i, j = near_pairs(frames, centre, np.repeat(0.5 * height + slack, 2, axis=1), 1, every, every)
-    move = centre[i] - centre[j]
-    length = np.maximum(np.hypot(*move.T)[:, None], 1e-9)
-    move *= np.minimum(1, slack[i] / length)
-    again = iou_pairs(boxes[i], boxes[j] + np.concatenate([move, move], axis=1)) > settings.overlap
-    after[i[again]] = True
-    before[j[again]] = True
-    return before, after
+        kept = np.clip(probability, self.least, 1 - self.least)
+        worth = self.offset + self.weight * np.log(kept / (1 - kept))
+        return np.asarray(-worth * max(1.0, 30 / frame_rate) ** self.interval)
 
 
 @dataclass

@@ -144,6 +144,7 @@ def sequence_graphs(
     settings = settings or FlowSettings()
     preparing = FlowInput(settings.input, settings.costs.link.motion, video.frame_rate, video.size)
     seen, scores = preparing.rows(list(video.detections) or [Detections.empty()])
+    settings = replace(settings, costs=preparing.flow_costs(settings.costs))
     probability = preparing.calibration(scores)
     observation = settings.input.detection(probability, video.frame_rate)
     logit = np.log(probability / (1 - probability))

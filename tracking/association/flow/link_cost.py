@@ -12,7 +12,7 @@ what it costs that nobody detected the person in between: less where a nearer bo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,6 +37,8 @@ class LinkCost:
         appearance: weight of the cosine distance of two appearance features, and of two averaged along tracks.
         neutral: cosine distance that speaks neither for nor against, taken also where it is not known; likewise two.
         action: what the action features of two detections or tracks say; None leaves them out.
+        most_alike: the appearance of two single detections speaks for a link by no more than this. Otherwise detections
+            of one person with and without features would rather make two tracks.
         most_learnt: learnt costs count for no more than this, either way.
         reach: differences of centres in x and in y that are considered, longer sides of the earlier box.
         speed: what is added to them every second.
@@ -53,6 +55,7 @@ class LinkCost:
     appearance: tuple[float, float] = (14.0, 18.0)
     neutral: tuple[float, float] = (0.27, 0.24)
     action: ActionCost | None = None
+    most_alike: float = 3.0
     most_learnt: float = 5.0
     reach: tuple[float, float] = (0.3, 0.3)
     speed: tuple[float, float] = (2.1, 1.2)
@@ -68,6 +71,22 @@ class LinkCost:
                 f"expected reach above 0, speed, doubt and lost from 0, got {self.reach}, {self.speed}"
                 f", {self.doubt} and {self.lost}"
             )
+
+    def at_speed(self, speed: float) -> LinkCost:
+        """The same where targets move at ``speed``, longer sides a second, as `TypicalSpeed` tells it.
+
+        Velocities differ by as much. Their changes, and how far links reach, are no smaller than at the speed of these
+        costs, since who stands may walk on.
+        """
+        times = speed / self.motion.velocity[0]
+        more = max(times, 1.0)
+        (vx, vw, vh), (qx, qw, qh), root = self.motion.velocity, self.motion.acceleration, float(np.sqrt(more))
+        motion = replace(
+            self.motion,
+            velocity=(vx * times, vw * times, vh * times),
+            acceleration=(qx * root, qw * root, qh * root),
+        )
+        return replace(self, motion=motion, speed=(self.speed[0] * more, self.speed[1] * more))
 
     def limits(self, sides: FloatArray, seconds: float | FloatArray) -> FloatArray:
         """``(N, 2)`` largest differences of centres in pixels for boxes of ``(N,)`` longer sides.
@@ -85,7 +104,8 @@ class LinkCost:
     def appearance_cost(self, distance: FloatArray, *, averaged: bool) -> FloatArray:
         """``(P,)`` what cosine distances of single, or of averaged features say; NaN where one is not known."""
         weight, neutral = self.appearance[averaged], self.neutral[averaged]
-        return np.asarray(weight * np.nan_to_num(distance - neutral))
+        cost = np.asarray(weight * np.nan_to_num(distance - neutral))
+        return cost if averaged else np.maximum(cost, -self.most_alike)
 
     def learnt(self, cost: FloatArray) -> FloatArray:
         """``(P,)`` what learnt costs -log P say: -logit P, within bounds, since no single pair is beyond doubt."""

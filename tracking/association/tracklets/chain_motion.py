@@ -41,7 +41,7 @@ class MotionNoise:
 
     measurement: tuple[float, float, float] = (0.03, 0.14, 0.05)
     acceleration: tuple[float, float, float] = (0.246, 0.49, 0.099)
-    velocity: tuple[float, float, float] = (0.75, 0.06, 0.09)
+    velocity: tuple[float, float, float] = (0.75, 0.15, 0.11)
     unsure: float = 1.5
     hidden: float = 0.75
 

@@ -130,6 +130,9 @@ def people(
                 print(said_of_camera([frame + 1 for frame in tracker.camera.unknown]))
             if tracker.duplicates:
                 print(f"{count(tracker.duplicates, 'box', 'boxes')} left out that lay on another")
+            rejected, given = tracker.rejected
+            if 2 * rejected > given:
+                print(f"{rejected} of {given} detections belong to no track: too rarely found again")
         if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:
             run.facts["view"] = inputs.detect.summary
             print(f"looked at {inputs.detect.summary}; --view says how many")

@@ -23,7 +23,9 @@ import numpy as np
 
 from tsuiseki.tracking.association.flow.flow_window import CONTEXT, FlowWindow
 from tsuiseki.tracking.association.nearby import Pairs
+from tsuiseki.tracking.association.tracklets.interpolation import SmoothingSettings
 from tsuiseki.tracking.association.tracklets.joining import join
+from tsuiseki.tracking.association.tracklets.smoothness import fit_smoothing
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.trackers.people.flow_output import long_tracks, reported
 from tsuiseki.tracking.trackers.people.flow_settings import FlowSettings
@@ -33,6 +35,8 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray,
 DECISIONS = 4
 # Rounds of prices in every decision but the first; prices are kept from one to the next.
 ROUNDS = 2
+# Seconds between two choices of how far boxes are smoothed.
+FIT_EVERY = 5.0
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,8 @@ class DelayedFlow:
         self._people = People()
         self._ids = self.clutter = 0
         self._answers: list[Answer] = []
+        self._smoothing: SmoothingSettings | None = None
+        self._fitted = 0
 
     def update(self, found: Detections) -> Targets | None:
         """Take the next frame; the people of the frame ``delay`` before, None as long as there is none."""
@@ -133,6 +139,7 @@ class DelayedFlow:
             return
         seen, scores = self.input.rows(self._waiting)
         self._waiting = ()
+        self.window.costs = self.input.flow_costs(self.settings.costs)
         self.window.add(seen)
         self._scores = np.append(self._scores, scores)
         self._owner = np.append(self._owner, np.full(len(seen), -1))
@@ -147,7 +154,7 @@ class DelayedFlow:
             return labels
         known = self._known(labels, (self._owner < 0) & (labels >= 0))
         features = None if seen.features is None else mean_of(known.sums[:, 3:])
-        return join(seen, labels, features, settings.costs.link, settings.join, self.window.changes, known.ids > 0)
+        return join(seen, labels, features, self.window.costs.link, settings.join, self.window.changes, known.ids > 0)
 
     def _known(self, tracks: IntArray, rows: BoolArray) -> People:
         """What is known of M tracks: what is settled of the people in them, and detections besides."""
@@ -210,14 +217,28 @@ class DelayedFlow:
         """Answer the frames up to one that are not answered yet."""
         seen, settings = self.window.seen, self.settings
         longest = round(settings.fill * self.input.frame_rate)
-        parts = []
+        found, images = [], []
         for rows in long_tracks(tracks):
             number = int(ids[tracks[rows[0]]])
             if number and seen.frames[rows[-1]] >= self._answered:
                 track = Track(number, seen.frames[rows], seen.boxes[rows], np.nan_to_num(self._scores[rows]))
-                camera = self.input.camera
-                parts.append(reported(track, seen.image[rows], camera, longest, settings.smoothing, self._answered))
+                found.append(track)
+                images.append(seen.image[rows])
+        smoothing, camera = self._strength(found), self.input.camera
+        parts = [
+            reported(track, image, camera, longest, smoothing, self._answered)
+            for track, image in zip(found, images, strict=True)
+        ]
         self._answers = [*self._answers, *answers_of(parts, self._answered, before)]
+
+    def _strength(self, tracks: list[Track]) -> SmoothingSettings | None:
+        """How far these tracks are smoothed: chosen anew every few seconds."""
+        settings, rate = self.settings.smoothing, self.input.frame_rate
+        if settings is None:
+            return None
+        if self._smoothing is None or self._frame >= self._fitted + FIT_EVERY * rate:
+            self._smoothing, self._fitted = fit_smoothing(tracks, rate, settings), self._frame
+        return self._smoothing
 
     def _forget(self, joins: Pairs, before: int) -> None:
         """Let go of what no later frame can ask for."""

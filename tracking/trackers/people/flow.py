@@ -79,6 +79,7 @@ class FlowTracker:
         else:
             self._flow = DelayedFlow(settings, given, window, round(delay * frame_rate))
         self._looked_at = self._flow
+        self._given = self._used = 0
 
     @property
     def exact(self) -> bool:
@@ -106,6 +107,11 @@ class FlowTracker:
             raise RequestError("expected a flow without a delay, which forgets what people do; leave `delay` out")
         return self._looked_at.actions
 
+    @property
+    def rejected(self) -> tuple[int, int]:
+        """Detections that no track used when the tracks were last asked for, and all that were given."""
+        return self._given - self._used, self._given
+
     def facts(self) -> dict[str, Any]:
         """What ``run.json`` tells of the tracker, as of the last time that the tracks were asked for."""
         camera = self.camera
@@ -115,17 +121,24 @@ class FlowTracker:
             "camera_from": camera.source,
             "camera_unknown": [frame + 1 for frame in camera.unknown],
             "duplicates": self.duplicates,
+            "detections": self._given,
+            "detections_rejected": self._given - self._used,
+            "typical_speed": round(self._looked_at.input.speed(), 3),
             "clutter_tracks": self._looked_at.clutter,
         }
 
     def update(self, detections: DetectionsLike) -> Targets | None:
         """Take the detections of the next frame; with a delay, the people of the frame so long before."""
-        return self._flow.update(as_detections(detections))
+        found = as_detections(detections)
+        self._given += len(found)
+        return self._flow.update(found)
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, by id; what was not answered is as it is if the video ends here."""
         self._looked_at = self._flow.ended()
-        return self._looked_at.tracks()
+        tracks = self._looked_at.tracks()
+        self._used = sum(int(track.observed.sum()) for track in tracks)
+        return tracks
 
     def forget(self) -> None:
         """With a delay: drop what was answered from ``tracks()``; see `OnlineTracker`.

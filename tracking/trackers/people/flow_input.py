@@ -10,12 +10,13 @@ import numpy as np
 
 from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
 from tsuiseki.tracking.association.costs import ObservationCost
-from tsuiseki.tracking.association.flow.flow_window import FlowWindow
+from tsuiseki.tracking.association.flow.flow_window import FlowCosts, FlowWindow
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.association.occlusion import hidden_parts
+from tsuiseki.tracking.association.recurrence import TypicalSpeed, found_again
 from tsuiseki.tracking.association.rows import DetectionRows, rows_of
-from tsuiseki.tracking.association.score_calibration import DetectionCost, ScoreCalibration, borne_out
+from tsuiseki.tracking.association.score_calibration import DetectionCost, ScoreCalibration
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, MotionNoise
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
@@ -36,6 +37,7 @@ class InputSettings:
         lost: deviation of the camera's place, in heights of a box, after a step that its images do not tell.
         unscored: cost of a detection without a score, such as a filter's, where others have one; None takes what the
             video says of such detections, too.
+        any_speed: links are priced for targets as fast as those of the video; otherwise for those of the settings.
         duplicate: of two boxes of a frame that overlap by more (intersection over union), the one of the lower score
             is left out.
     """
@@ -44,6 +46,7 @@ class InputSettings:
     camera: CameraFromBoxes | None = field(default_factory=CameraFromBoxes)
     lost: float = 3.0
     unscored: float | None = None
+    any_speed: bool = True
     duplicate: float = 0.95
 
     def __post_init__(self) -> None:
@@ -66,6 +69,7 @@ class FlowInput:
         observation: learnt prices of scores, taken for their calibration; None lets the video calibrate them.
         camera: the trajectory so far.
         calibration: of the scores so far.
+        speed: of the targets so far.
         duplicates: boxes left out so far.
     """
 
@@ -77,18 +81,20 @@ class FlowInput:
     observation: ObservationCost | None = None
     duplicates: int = 0
     _last: Detections = field(default_factory=Detections.empty)
+    _recent: Recent = field(default_factory=lambda: Recent())
     _count: int = 0
     _scored: bool = False
 
     def __post_init__(self) -> None:
         self.camera = CameraTrajectory("boxes" if self.path is None else "images")
         self.calibration = ScoreCalibration(self.settings.detection)
+        self.speed = TypicalSpeed(memory=self.settings.detection.memory)
         self._shifts: list[float] = []
 
     def copy(self) -> FlowInput:
         """A copy that goes on by itself."""
         other = copy(self)
-        other.camera, other.calibration = self.camera.copy(), copy(self.calibration)
+        other.camera, other.calibration, other.speed = self.camera.copy(), copy(self.calibration), copy(self.speed)
         return other
 
     def rows(self, found: Sequence[Detections]) -> tuple[Seen, FloatArray]:
@@ -105,10 +111,9 @@ class FlowInput:
         rows = replace(rows, numbers=self._count + np.arange(len(rows)))
         self._count += len(rows)
         self._scored = self._scored or not np.isnan(rows.scores).all()
-        before = self._last
         self._follow_camera(rows, first, len(found))
         boxes = self.camera.to_first(rows.boxes, rows.frames)
-        self._calibrate(rows, boxes, before, first)
+        self._calibrate(rows, boxes)
         last = rows.frames == len(self.camera) - 1
         self._last = Detections(rows.boxes[last], rows.scores[last])
         measured = Measurements(
@@ -149,6 +154,12 @@ class FlowInput:
         if self.settings.unscored is None or not self._scored:
             return costs
         return np.where(np.isnan(scores), self.settings.unscored, costs)
+
+    def flow_costs(self, costs: FlowCosts) -> FlowCosts:
+        """What the flow costs where targets move as fast as in this video."""
+        if not self.settings.any_speed:
+            return costs
+        return replace(costs, link=costs.link.at_speed(self.speed()))
 
     def _noise(self, rows: DetectionRows) -> FloatArray:
         """``(N,)`` by how much more than r each measurement deviates."""
@@ -198,16 +209,47 @@ class FlowInput:
         """By how much the camera moved from frame to frame over the last second, heights of a box."""
         return float(np.median(self._shifts)) if self._shifts else 0.0
 
-    def _calibrate(self, rows: DetectionRows, boxes: FloatArray, before: Detections, first: int) -> None:
-        """Take in which detections were found again; those of the newest frame only look back."""
-        earlier = self.camera.to_first(before.boxes, np.full(len(before), first - 1)) if len(before) else before.boxes
-        frames = np.append(np.full(len(before), first - 1), rows.frames)
-        scores = np.append(before.scores, rows.scores)
-        back, ahead = borne_out(frames, np.concatenate([earlier, boxes]), self.settings.detection, self.frame_rate)
-        looks_back, looks_ahead = frames > max(first - 1, 0), frames < len(self.camera) - 1
-        self.calibration.add(
-            np.append(scores[looks_back], scores[looks_ahead]), np.append(back[looks_back], ahead[looks_ahead])
+    def _calibrate(self, rows: DetectionRows, boxes: FloatArray) -> None:
+        """Take in which detections were found again, of those whose later frame has come."""
+        again = self.settings.detection.again
+        gap, last = again.frames(self.frame_rate), len(self.camera) - 1
+        recent = self._recent.joined(rows.frames, boxes, rows.scores)
+        found, speed = found_again(recent.frames, recent.boxes, self.frame_rate, again)
+        told = (recent.frames >= max(self._recent.told, gap)) & (recent.frames <= last - gap)
+        self.calibration.add(recent.scores[told], found[told])
+        self.speed.add(speed[told])
+        self._recent = recent.since(last - 2 * gap + 1, max(self._recent.told, last - gap + 1))
+
+
+@dataclass(frozen=True)
+class Recent:
+    """The detections of the last frames.
+
+    Attributes:
+        frames: ``(N,)``.
+        boxes: ``(N, 4)`` as if the camera stood still, pixels.
+        scores: ``(N,)``.
+        told: the frame from which on it is not said yet what was found again.
+    """
+
+    frames: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    boxes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    scores: FloatArray = field(default_factory=lambda: np.empty(0))
+    told: int = 0
+
+    def joined(self, frames: IntArray, boxes: FloatArray, scores: FloatArray) -> Recent:
+        """With the detections of the next frames."""
+        return Recent(
+            np.append(self.frames, frames),
+            np.concatenate([self.boxes, boxes]),
+            np.append(self.scores, scores),
+            self.told,
         )
+
+    def since(self, frame: int, told: int) -> Recent:
+        """Those from a frame on."""
+        kept = self.frames >= frame
+        return Recent(self.frames[kept], self.boxes[kept], self.scores[kept], told)
 
 
 def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, rounds: int | None = None) -> None:

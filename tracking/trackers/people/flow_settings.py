@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tsuiseki.tracking.association.flow.flow_window import FlowCosts
-from tsuiseki.tracking.association.tracklets.interpolation import SmoothingSettings
 from tsuiseki.tracking.association.tracklets.joining import JoinSettings
+from tsuiseki.tracking.association.tracklets.smoothness import FittedSmoothing
 from tsuiseki.tracking.trackers.people.flow_input import InputSettings
 
 
@@ -23,7 +23,7 @@ class FlowSettings:
         least: mean logit of the probability of a track's detections, under which it is taken for clutter; only where
             learnt prices say what scores are worth.
         fill: longest gap that is filled, on a straight line.
-        smoothing: how far boxes are smoothed; None reports them as detected.
+        smoothing: how it is chosen how far boxes are smoothed; None reports them as detected.
         chunk: least time between two decisions; None solves all frames at once in the end.
         settle: time that stays undecided beyond the longest link, for the motion on both sides of what is decided.
         longest: most time that may stay undecided; None lets it grow until every decision is exact.
@@ -36,7 +36,7 @@ class FlowSettings:
     min_time: float = 0.16
     least: float = 1.0
     fill: float = 2.0
-    smoothing: SmoothingSettings | None = field(default_factory=lambda: SmoothingSettings(60.0, 5000.0))
+    smoothing: FittedSmoothing | None = field(default_factory=FittedSmoothing)
     chunk: float | None = 20.0
     settle: float = 0.7
     longest: float | None = None

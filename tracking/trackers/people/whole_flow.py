@@ -11,6 +11,7 @@ from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.association.flow.seen import Seen, joined_detections, no_detections
 from tsuiseki.tracking.association.flow.sliding_flow import Decision
 from tsuiseki.tracking.association.tracklets.joining import join
+from tsuiseki.tracking.association.tracklets.smoothness import fit_smoothing
 from tsuiseki.tracking.association.tracklets.tracklets import Chained, Tracklets
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.trackers.people.flow_output import long_tracks, reported
@@ -69,7 +70,7 @@ class WholeFlow:
         labels = tracklets.labels(len(every))
         if self.settings.join is not None and len(every):
             appearance = tracklets.appearance()
-            labels = join(every, labels, appearance, self.settings.costs.link, self.settings.join, window.changes)
+            labels = join(every, labels, appearance, window.costs.link, self.settings.join, window.changes)
         return self._finished(every, labels)
 
     def _decide(self) -> None:
@@ -88,6 +89,7 @@ class WholeFlow:
             return
         seen, scores = self.input.rows(self._waiting)
         self._waiting = []
+        self.window.costs = self.input.flow_costs(self.settings.costs)
         self.window.add(seen)
         self._parts.append(replace(seen, features=None))
         self._scores = np.append(self._scores, scores)
@@ -111,6 +113,7 @@ class WholeFlow:
         rate, settings = self.input.frame_rate, self.settings
         longest = round(settings.fill * rate)
         tracks: list[Track] = []
+        images: list[FloatArray] = []
         # A video of fast targets bears nothing out, so its own calibration judges no track.
         least = -np.inf if self.input.observation is None else settings.least
         logit = self.input.logits(self._scores[every.numbers])
@@ -120,6 +123,8 @@ class WholeFlow:
                 self.clutter += 1
                 continue
             track = Track(len(tracks) + 1, every.frames[piece], every.boxes[piece], np.nan_to_num(self._scores[piece]))
-            tracks.append(reported(track, every.image[piece], self.input.camera, longest, settings.smoothing))
             self.actions.append(None if every.actions is None else every.actions[piece])
-        return tracks
+            tracks.append(track)
+            images.append(every.image[piece])
+        smoothing = None if settings.smoothing is None else fit_smoothing(tracks, rate, settings.smoothing)
+        return [reported(*one, self.input.camera, longest, smoothing) for one in zip(tracks, images, strict=True)]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tsuiseki.tracking.association.occlusion import hidden_between, hidden_parts
-from tsuiseki.tracking.association.score_calibration import DetectionCost, ScoreCalibration, borne_out
+from tsuiseki.tracking.association.recurrence import Recurrence, found_again
+from tsuiseki.tracking.association.score_calibration import ScoreCalibration
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, MotionNoise, beliefs_along
 
 NOISE = MotionNoise()
@@ -64,7 +65,7 @@ def test_hidden_parts_are_those_behind_lower_boxes() -> None:
     np.testing.assert_allclose(hidden_between(tails, heads, frames, boxes, (100, 100)), [0.5])
 
 
-def test_scores_are_worth_how_often_they_are_borne_out() -> None:
+def test_scores_are_worth_how_often_they_are_found_again() -> None:
     rng = np.random.default_rng(2)
     frames = np.repeat(np.arange(200), 4)
     still = np.tile([[0.0, 0, 30, 80], [100, 0, 130, 80]], (200, 1, 1))
@@ -72,10 +73,10 @@ def test_scores_are_worth_how_often_they_are_borne_out() -> None:
     false = np.concatenate([corner, corner + np.array([30, 80])], axis=2)
     boxes = np.concatenate([still, false], axis=1).reshape(-1, 4)
     scores = np.tile([40.0, 40.0, 7.0, 7.0], 200)
-    before, after = borne_out(frames, boxes, DetectionCost(), 30.0)
+    found, _ = found_again(frames, boxes, 30.0, Recurrence())
+    told = (frames >= 3) & (frames < 197)
     calibration = ScoreCalibration()
-    calibration.add(scores[frames > 0], before[frames > 0])
-    calibration.add(scores[frames < 199], after[frames < 199])
+    calibration.add(scores[told], found[told])
     low, high = calibration(np.array([7.0, 40.0]))
-    assert low < 0.05
-    assert high > 0.95
+    assert low == calibration.settings.least
+    assert high == 1 - calibration.settings.least

@@ -303,3 +303,18 @@ def test_a_video_shorter_than_the_shortest_track_has_people_too(frames):
     for k in range(frames):
         tracker.update(np.array([[10 + k, 10, 50 + k, 110, 0.9], [200 + k, 10, 240 + k, 110, 0.9]]))
     assert [len(track) for track in tracker.tracks()] == [frames, frames]
+
+
+def test_the_flow_tells_what_it_rejects_and_how_fast_targets_are() -> None:
+    video, _ = crowd(np.random.default_rng(3), 2, 40)
+    stray = []
+    for t, found in enumerate(video):
+        false = [[20.0 * t, 900.0 - 20 * t, 20.0 * t + 30, 930.0 - 20 * t]] if t % 13 == 0 else np.empty((0, 4))
+        boxes = np.vstack([found.boxes, false])
+        stray.append(Detections(boxes, np.full(len(boxes), 0.9)))
+    tracker = FlowTracker()
+    run_tracker(stray, tracker)
+    facts = tracker.facts()
+    assert tracker.rejected == (4, 84)
+    assert (facts["detections"], facts["detections_rejected"]) == (84, 4)
+    assert facts["typical_speed"] > 0

@@ -1,0 +1,80 @@
+"""What is found again on a line, how fast it moves, and how far the tracks of a video are smoothed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.recurrence import Recurrence, TypicalSpeed, found_again
+from tsuiseki.tracking.association.tracklets.smoothness import FittedSmoothing, fit_smoothing
+from tsuiseki.tracking.types import FloatArray, Track
+
+
+def moving(speed: float, frames: int, rate: float, side: float = 80.0) -> FloatArray:
+    """Boxes of one target that moves at ``speed`` sides a second."""
+    x = np.arange(frames) * speed * side / rate
+    return np.stack([x, np.zeros(frames), x + side, np.full(frames, side / 2)], axis=1)
+
+
+@pytest.mark.parametrize(("rate", "speed"), [(10.0, 0.0), (10.0, 5.0), (30.0, 0.5), (30.0, 5.0), (5.0, 3.0)])
+def test_a_target_is_found_again_at_any_speed_and_its_speed_is_told(rate: float, speed: float) -> None:
+    found, told = found_again(np.arange(30), moving(speed, 30, rate), rate, Recurrence())
+    gap = Recurrence().frames(rate)
+    assert found[gap : 30 - gap].all()
+    assert not found[:gap].any()
+    assert not found[30 - gap :].any()
+    np.testing.assert_allclose(told[gap : 30 - gap], speed, atol=1e-9)
+
+
+def test_a_box_off_the_line_is_not_found_again() -> None:
+    boxes = moving(1.0, 3, 10.0)
+    boxes[1, [1, 3]] += 40
+    found, speed = found_again(np.arange(3), boxes, 10.0, Recurrence())
+    assert not found.any()
+    assert np.isnan(speed).all()
+
+
+def test_nothing_is_found_in_nothing() -> None:
+    found, speed = found_again(np.empty(0, np.int64), np.empty((0, 4)), 25.0, Recurrence())
+    assert len(found) == len(speed) == 0
+
+
+def test_the_typical_speed_starts_at_what_is_expected_and_follows_the_video() -> None:
+    typical = TypicalSpeed()
+    assert typical() == 0.75
+    typical.add(np.append(np.full(500, 3.0), np.nan))
+    assert typical() == 3.0
+
+
+def test_links_reach_further_where_targets_are_fast_and_no_less_where_they_are_slow() -> None:
+    cost = LinkCost()
+    fast, slow = cost.at_speed(3.0), cost.at_speed(0.5)
+    np.testing.assert_allclose(fast.motion.velocity, np.array(cost.motion.velocity) * 4)
+    np.testing.assert_allclose(fast.motion.acceleration, np.array(cost.motion.acceleration) * 2)
+    np.testing.assert_allclose(fast.speed, np.array(cost.speed) * 4)
+    assert slow.speed == cost.speed
+    assert slow.motion.acceleration == cost.motion.acceleration
+
+
+def noisy(noise: float, bend: float) -> list[Track]:
+    """Tracks of targets that swing every 2 seconds, by ``bend`` sides, detected with errors of ``noise`` sides."""
+    rng = np.random.default_rng(4)
+    times, tracks = np.arange(120), []
+    for number in range(8):
+        x = 1000 * number + bend * 80 * np.sin(times * np.pi / 10)
+        boxes = np.stack([x, np.zeros(120), x + 30, np.full(120, 80.0)], axis=1) + rng.normal(0, noise * 80, (120, 4))
+        tracks.append(Track(number + 1, times, boxes, np.ones(120)))
+    return tracks
+
+
+def test_noisy_boxes_are_smoothed_more_than_targets_that_turn() -> None:
+    still = fit_smoothing(noisy(0.05, 0.0), 10.0, FittedSmoothing())
+    turning = fit_smoothing(noisy(0.01, 0.5), 10.0, FittedSmoothing())
+    assert still.position > 100 * turning.position
+
+
+def test_short_tracks_are_smoothed_as_by_default_whatever_the_rate() -> None:
+    track = Track(1, np.arange(5), moving(1.0, 5, 30.0), np.ones(5))
+    assert fit_smoothing([track], 30.0, FittedSmoothing()) == FittedSmoothing().otherwise
+    assert fit_smoothing([], 60.0, FittedSmoothing()).position == pytest.approx(480.0)

@@ -1,0 +1,118 @@
+"""Which detections are found again where they should be, and how fast they move: learnt from the video, without labels.
+
+A person is found again a little later, and was found a little earlier, on one line: of boxes b₋, b, b₊ a time apart the
+mean of the outer two lies on the middle one. A false detection mostly has no such neighbours. Nothing is assumed about
+how fast targets move, so a car that passes its own width between two frames is borne out as a person who stands is.
+
+The same triples tell the speed of what is found, (centre₊ − centre₋) / 2τ in longer sides a second, which scales what
+the flow expects of velocities, of their changes and of how far links reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
+from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Recurrence:
+    """What counts as found again.
+
+    Attributes:
+        interval: seconds to the earlier and to the later box, at least a frame.
+        overlap: intersection over union of a box with the mean of the two.
+        reach: how far a box may move at any rate, longer sides.
+        speed: what is added to that every second.
+        size: largest difference of log widths and of log heights.
+    """
+
+    interval: float = 0.1
+    overlap: float = 0.6
+    reach: float = 0.3
+    speed: float = 6.0
+    size: float = 0.7
+
+    def __post_init__(self) -> None:
+        if not (self.interval > 0 and 0 < self.overlap < 1 and self.reach > 0 and self.speed >= 0 and self.size > 0):
+            raise ValueError("expected overlap in (0, 1), speed from 0, and interval, reach and size above 0")
+
+    def frames(self, frame_rate: float) -> int:
+        """The interval in frames."""
+        return max(1, round(self.interval * frame_rate))
+
+
+def found_again(
+    frames: IntArray, boxes: FloatArray, frame_rate: float, settings: Recurrence
+) -> tuple[BoolArray, FloatArray]:
+    """Which detections lie between an earlier and a later one, and how fast those that do move.
+
+    Args:
+        frames: ``(N,)`` increasing.
+        boxes: ``(N, 4)`` pixels, as if the camera stood still.
+        frame_rate: frames a second.
+        settings: what counts as found again.
+
+    Returns:
+        ``(N,)`` whether it is, and ``(N,)`` speed of its best triple in longer sides a second, NaN where there is none.
+    """
+    found, speed = np.zeros(len(frames), dtype=np.bool_), np.full(len(frames), np.nan)
+    if len(frames) == 0:
+        return found, speed
+    every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
+    gap = settings.frames(frame_rate)
+    side = size.max(axis=1)
+    reach = np.repeat((settings.reach + settings.speed * gap / frame_rate) * side[:, None], 2, axis=1)
+    i, j = near_pairs(frames, centre, reach, gap, every, every)
+    alike = (np.abs(np.log(size[j] / size[i])) < settings.size).all(axis=1)
+    before, middle, after = _triples(i[alike], j[alike], len(frames))
+    fit = iou_pairs((boxes[before] + boxes[after]) / 2, boxes[middle])
+    good = fit > settings.overlap
+    before, middle, after, fit = before[good], middle[good], after[good], fit[good]
+    found[middle] = True
+    # Ascending, so that the best triple of a box is written last.
+    order = np.argsort(fit, kind="stable")
+    before, middle, after = before[order], middle[order], after[order]
+    speed[middle] = np.hypot(*(centre[after] - centre[before]).T) * frame_rate / (2 * gap) / side[middle]
+    return found, speed
+
+
+def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Pairs that follow each other: the head of the first is the tail of the second."""
+    order = np.argsort(i, kind="stable")
+    start = np.searchsorted(i[order], np.arange(count + 1))
+    following = np.diff(start)[j]
+    first = np.repeat(np.arange(len(j)), following)
+    second = np.arange(len(first)) - np.repeat(np.cumsum(following) - following - start[j], following)
+    return i[first], j[first], j[order[second]]
+
+
+@dataclass
+class TypicalSpeed:
+    """How fast the targets of a video move: the speed that nine of ten detections stay below.
+
+    Attributes:
+        expected: what is taken for it before anything is known, longer sides a second.
+        weight: detections that count as much as that.
+        least: no speed below is reported.
+        memory: detections that it is taken from, the latest.
+    """
+
+    expected: float = 0.75
+    weight: int = 20
+    least: float = 0.5
+    memory: int = 30_000
+    _speeds: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def add(self, speeds: FloatArray) -> None:
+        """Take ``(N,)`` speeds, longer sides a second; NaN where not known."""
+        self._speeds = np.append(self._speeds, speeds[~np.isnan(speeds)])[-self.memory :]
+
+    def __call__(self) -> float:
+        """The speed, longer sides a second."""
+        known = np.append(self._speeds, np.full(self.weight, self.expected))
+        return max(self.least, float(np.quantile(known, 0.9)))
