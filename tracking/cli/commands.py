@@ -132,6 +132,7 @@ COMMANDS: Tree = {
             "blobs": Command("objects of a colour, or measured points"),
             "points": Command("targets from the measurements of a sensor"),
             "deformable": Command("bodies that bend, such as fish from above"),
+            "animals": Command("several animals before a fixed camera"),
             "fisheye": Command("people under ceiling cameras, and where on the floor"),
         },
     ),
@@ -154,6 +155,9 @@ COMMANDS: Tree = {
             ),
             "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets.phd"),
             "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish.pca_particle_filter"),
+            "goldfish-correlation": Experiment(
+                "whether shape and motion drawn together help few particles", "goldfish.fair_test"
+            ),
             "drone-action-features": Experiment(
                 "tracks and actions from a drone improve each other", "drone.action_features"
             ),

@@ -1,0 +1,164 @@
+"""Animals drawn as ellipses with exact places: what stands out, who is who through contact, sizes and heads."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.background_difference import learn_background
+from tsuiseki.tracking.trackers.animals.identity import contacts, exchanged_after_contacts
+from tsuiseki.tracking.trackers.animals.linking import AnimalSettings
+from tsuiseki.tracking.trackers.animals.pose import AnimalPose, pose_of
+from tsuiseki.tracking.trackers.animals.tracker import AnimalTracker
+from tsuiseki.tracking.types import Frame
+
+SIZE = (240, 160)
+SHIFT = 4
+
+
+def scene(animals, back=40, colour=200, noise=3.0, seed=0):
+    """An image with animals ``x, y, theta, length, width`` whose head ends are brighter."""
+    rng = np.random.default_rng(seed)
+    image = np.full((SIZE[1], SIZE[0], 3), back, np.uint8)
+    cv2.rectangle(image, (20, 20), (60, 50), (back + 6,) * 3, -1)
+    for x, y, theta, length, width in animals:
+        along = np.array([np.cos(theta), np.sin(theta)])
+        for part, share, value in ((0.0, 1.0, colour - (colour - back) // 3), (0.15, 0.7, colour)):
+            centre = np.array([x, y]) + part * length * along
+            fixed = tuple(int(v) for v in np.round(centre * 2**SHIFT))
+            axes = (round(share * length / 2 * 2**SHIFT), round(width / 2 * 2**SHIFT))
+            cv2.ellipse(image, fixed, axes, float(np.degrees(theta)), 0, 360, (value,) * 3, -1, cv2.LINE_AA, SHIFT)
+    return np.clip(image + rng.normal(0, noise, image.shape), 0, 255).astype(np.uint8)
+
+
+def followed(paths, settings=None, **look):
+    """Tracks of animals ``(T, K, 5)``; those with a NaN are not there."""
+    images = [scene([a for a in row if np.isfinite(a).all()], seed=t, **look) for t, row in enumerate(paths)]
+    background = learn_background(images[:: max(1, len(images) // 24)])
+    tracker = AnimalTracker(background, settings, 25.0)
+    for t, image in enumerate(images):
+        tracker.update(Frame(t, t / 25, image))
+    return background, [animal.track for animal in tracker.animals()]
+
+
+def crossing(frames=60):
+    """A large and a small one meet, lie against each other for a while, and part by where they came from."""
+    paths = np.zeros((frames, 2, 5))
+    way = 60 * np.abs(np.linspace(-1, 1, frames)) ** 1.5
+    paths[:, 0] = np.stack([120 - 14 - way, *np.array([[80, 0, 40, 16]] * frames).T], axis=1)
+    paths[:, 1] = np.stack([120 + 14 + way, *np.array([[84, np.pi, 28, 11]] * frames).T], axis=1)
+    return paths
+
+
+def nearest(tracks, paths):
+    """For each animal the track on it in every frame, and the distance."""
+    out = []
+    for k in range(paths.shape[1]):
+        ids, away = [], []
+        for t in range(len(paths)):
+            own = [
+                (np.linalg.norm(track.states[track.frames == t][0, :2] - paths[t, k, :2]), track.id)
+                for track in tracks
+                if (track.frames == t).any()
+            ]
+            best = min(own, default=(np.inf, 0))
+            ids.append(best[1])
+            away.append(best[0])
+        out.append((ids, np.array(away)))
+    return out
+
+
+@pytest.mark.parametrize(("back", "colour", "contrast"), [(40, 200, "bright"), (210, 60, "dark")])
+def test_any_contrast_is_found_and_identities_stay_through_contact(back, colour, contrast):
+    paths = crossing()
+    background, tracks = followed(paths, back=back, colour=colour)
+    assert background.contrast == contrast
+    assert [len(track) for track in tracks] == [60, 60]
+    for ids, away in nearest(tracks, paths):
+        assert len(set(ids)) == 1
+        # The drawn head shifts the core of an animal by up to an eighth of its length.
+        assert away.max() < 5.0
+    lengths = sorted(float(np.median(track.states[:, 3])) for track in tracks)
+    np.testing.assert_allclose(lengths, [28, 40], atol=4.0)
+
+
+def test_the_head_is_where_they_walk_and_stays_when_they_back_off():
+    paths = crossing()
+    _, tracks = followed(paths)
+    large = max(tracks, key=lambda track: np.median(track.states[:, 3]))
+    small = min(tracks, key=lambda track: np.median(track.states[:, 3]))
+    # Both walk forwards in the first half and backwards, without turning, in the second.
+    assert len({round(float(np.cos(h))) for h in large.states[:, 2]}) == 1
+    assert len({round(float(np.cos(h))) for h in small.states[:, 2]}) == 1
+
+
+def test_entering_and_leaving():
+    paths = np.full((60, 2, 5), np.nan)
+    paths[:, 0] = [60, 40, 0, 36, 14]
+    paths[:, 0, 0] += np.linspace(0, 90, 60)
+    paths[20:45, 1] = [150, 120, 1.2, 36, 14]
+    _, tracks = followed(paths)
+    assert [(int(track.frames[0]), int(track.frames[-1])) for track in tracks] == [(0, 59), (20, 44)]
+
+
+def test_one_that_never_moves_is_seen_beside_one_that_does():
+    paths = np.zeros((50, 2, 5))
+    paths[:, 0] = [60, 40, 0.3, 36, 14]
+    paths[:, 1] = [60, 120, 0, 36, 14]
+    paths[:, 1, 0] += np.linspace(0, 120, 50)
+    _, tracks = followed(paths)
+    assert len(tracks) == 2
+    assert all(len(track) == 50 for track in tracks)
+
+
+def test_an_empty_arena_has_no_animals():
+    background, tracks = followed(np.full((12, 1, 5), np.nan))
+    assert tracks == []
+    assert background.area == 0 or background.threshold >= 8
+
+
+def pose(x, length, contact=False):
+    core = np.array([x, 0.0])
+    return AnimalPose(core, 0.0, length, length / 3, core, np.array([8.0, 3.0]), 100.0, np.zeros(2), contact)
+
+
+def test_looks_exchange_two_that_the_flow_confused():
+    rng = np.random.default_rng(0)
+    frames, met = 60, range(28, 32)
+    poses, labels = [], []
+    for t in range(frames):
+        large, small = 30 + rng.normal(0, 0.3), 20 + rng.normal(0, 0.3)
+        poses.append([pose(0.0, large, t in met), pose(12.0, small, t in met)])
+        # The flow hands the ids over in the contact.
+        labels.append(np.array([1, 2] if t < 30 else [2, 1]))
+    assert contacts(labels, poses)[0][:2] == (28, 31)
+    mended, count = exchanged_after_contacts(labels, poses)
+    assert count == 1
+    assert all((row == [1, 2]).all() for t, row in enumerate(mended) if t not in met)
+    # Animals that look alike are left to the flow.
+    alike = [[pose(0.0, 25.0, t in met), pose(12.0, 25.0, t in met)] for t in range(frames)]
+    assert exchanged_after_contacts(labels, alike)[1] == 0
+
+
+def test_a_wing_held_out_moves_neither_axis_nor_place():
+    y, x = np.mgrid[-20:21, -40:41]
+    body = (x / 30) ** 2 + (y / 9) ** 2 <= 1
+    wing = (np.abs(x + 15) < 5) & (y > 0) & ~body
+    values = np.where(body, 200.0, 50.0)
+    points = lambda mask: np.stack([x[mask], y[mask]], axis=1).astype(float)  # noqa: E731
+    alone = pose_of(points(body), values[body])
+    held = pose_of(points(body | wing), values[body | wing])
+    assert np.linalg.norm(held.place - alone.place) < 1.0
+    assert abs(np.sin(held.axis - alone.axis)) < 0.01
+
+
+def test_wrong_settings_are_refused():
+    with pytest.raises(ValueError, match="smallest in"):
+        AnimalSettings(smallest=1.0)
+    with pytest.raises(RequestError, match="at least one frame"):
+        learn_background([])
+    background = learn_background([scene([])])
+    with pytest.raises(RequestError, match="expected a frame of 240x160"):
+        background.difference(np.zeros((10, 10, 3), np.uint8))

@@ -1,0 +1,93 @@
+"""`tsuiseki track animals`: several animals before a fixed camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tsuiseki.tracking.cli.options import Output, Video
+from tsuiseki.tracking.features.background_difference import Contrast
+from tsuiseki.tracking.trackers.animals.linking import AnimalSettings
+
+SETTINGS = AnimalSettings()
+
+
+def animals(
+    video: Video,
+    output: Output,
+    contrast: Contrast = "auto",
+    threshold: float | None = None,
+    points: Path | None = None,
+    labels: Path | None = None,
+    line: tuple[str, str] | None = None,
+    centre: str | None = None,
+    scale: float | None = None,
+    animals: AnimalSettings = SETTINGS,
+) -> int:
+    """Track several animals before a fixed camera: place, heading and size of each, through contact, entering, leaving.
+
+    DIR gets states.csv (frame, id, a,b,theta,length,width in pixels and radians, score, status), run.json and, with
+    --overlay, overlay.webm; with --points or --labels also points.sleap.csv and points.dlc.csv.
+
+    Args:
+        contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.
+        threshold: difference in grey levels from which a pixel belongs to an animal; by default found in the video.
+        points: points seen in every frame, as SLEAP's analysis CSV or DeepLabCut's CSV; the image is not looked at.
+        labels: points that you marked in a few frames of this video, likewise; they teach where on the body each lies.
+        line: names of a point at the back and one at the front of the body, such as tail,nose; by default found.
+        centre: name of the point whose place is reported; by default the middle of the body.
+        scale: millimetres of a pixel; adds a_mm,b_mm,length_mm,width_mm,speed_mm_s.
+        animals: settings of the tracker.
+    """
+    from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.formats.poses import write_deeplabcut, write_sleap
+    from tsuiseki.tracking.formats.states import write_states
+    from tsuiseki.tracking.pipelines.animals import (
+        SkeletonSettings,
+        finished,
+        in_millimetres,
+        poses_by_points,
+        video_background,
+    )
+    from tsuiseki.tracking.report.animals import write_animals
+    from tsuiseki.tracking.trackers.animals.linking import FIELDS
+    from tsuiseki.tracking.trackers.animals.tracker import AnimalTracker
+
+    source = video.open(images=True, replayable=True, timed=True)
+    skeleton = SkeletonSettings(points, labels, line, centre)
+    table = skeleton.table()
+    if scale is not None:
+        in_millimetres([], scale, source.frame_rate)
+    with output.run() as run:
+        run.facts["frame_rate"] = source.frame_rate
+        tracker = None
+        if points is None:
+            with run.times.measure("background"):
+                background = video_background(source, contrast, threshold)
+            run.facts |= {"contrast": background.contrast, "threshold": background.threshold, "area": background.area}
+            tracker = AnimalTracker(background, animals, source.frame_rate)
+        size, numbers = (0, 0), []
+        for frame in run.steps(run.frames(source, record=video.overlay), total=frames_expected(source)):
+            size = (frame.image.shape[1], frame.image.shape[0])
+            numbers.append(frame.index)
+            if tracker is not None:
+                with run.times.measure("poses"):
+                    tracker.update(frame)
+        with run.times.measure("identities"):
+            seen = tracker.poses if tracker else poses_by_points(table, skeleton, numbers) if table else []
+            found, placed = finished(seen, numbers, animals, source.frame_rate, size, skeleton, table)
+        tracks, fields = [one.track for one in found], list(FIELDS)
+        if scale is not None:
+            tracks, fields = in_millimetres(tracks, scale, source.frame_rate)
+        run.columns = {"frame": [n + 1 for n in numbers], "animals": [len(poses) for poses in seen]}
+        run.write("states.csv", lambda path: write_states(path, tracks, fields))
+        if placed is not None:
+            run.write("points.sleap.csv", lambda path: write_sleap(path, placed))
+            run.write("points.dlc.csv", lambda path: write_deeplabcut(path, placed, numbers[-1] + 1))
+        if video.overlay:
+            run.draw(
+                video.overlay_file,
+                lambda path: write_animals(path, run.replay(source), tracks, placed, source.frame_rate),
+            )
+        hint = "" if tracks else "; nothing stands out, give `threshold` or another `contrast`"
+        run.done(f"{count(len(tracks), 'animal', 'animals')} in {run.count} frames: {output.out / 'states.csv'}{hint}")
+    return run.status

@@ -1,0 +1,180 @@
+"""What stands out from a background that a fixed camera sees behind animals: any colour, brighter or darker.
+
+The background of each pixel is a quantile of its values over the video: the middle one where animals differ in any
+way, a low one where they are brighter and a high one where they are darker, so that an animal that rests for most of
+the video still stands out. What rests all the time is part of that quantile; where the background itself holds regions
+as large and as distinct as the animals, they are painted over from their surroundings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import ImageArray
+
+Contrast = Literal["auto", "bright", "dark", "any"]
+Grey: TypeAlias = NDArray[np.uint8]
+
+# A quantile of the values of a pixel: what lies behind animals that are brighter, darker, or different.
+QUANTILES = {"bright": 0.05, "dark": 0.95, "any": 0.5}
+# One sign of difference is taken for the animals' where it makes up this share of all that stands out.
+ONE_SIDED = 0.75
+FEWEST = 20
+# Deviations of the noise of a difference, and grey levels, below which nothing stands out.
+NOISE, LEAST = 6.0, 8.0
+# Sides of the surroundings that a background is compared with, as a share of the image's shorter side.
+SURROUNDINGS = 0.25
+# A resting animal is a region of the background from this share of the usual area up to so many times.
+RESTING = (0.15, 3.0)
+# Share of the contrast of animals from which a pixel is of a core.
+CORE = 0.5
+
+
+@dataclass(frozen=True)
+class Background:
+    """What a fixed camera sees behind the animals.
+
+    Attributes:
+        image: ``(H, W, 3)`` uint8 RGB.
+        contrast: how animals differ from it: ``bright``, ``dark`` or ``any``.
+        threshold: difference in grey levels from which a pixel belongs to an animal.
+        core: difference from which it belongs to its core; legs and wings are fainter.
+        area: usual pixels of the core of one animal; 0 where none was found.
+    """
+
+    image: ImageArray
+    contrast: Contrast
+    threshold: float
+    core: float
+    area: float
+
+    def difference(self, image: ImageArray) -> Grey:
+        """``(H, W)`` how far an RGB image stands out, grey levels, smoothed over about a pixel.
+
+        Raises:
+            RequestError: the image has another size.
+        """
+        if image.shape != self.image.shape:
+            (height, width), (high, wide) = image.shape[:2], self.image.shape[:2]
+            raise RequestError(f"expected a frame of {wide}x{high} like the background, got {width}x{height}")
+        return _difference(image, self.image, self.contrast)
+
+
+def learn_background(
+    images: Sequence[ImageArray], contrast: Contrast = "auto", share: float = 0.1, threshold: float | None = None
+) -> Background:
+    """The background of some frames spread over a video.
+
+    Args:
+        images: ``(H, W, 3)`` uint8 RGB, at least one; some twenty are enough.
+        contrast: how animals differ from it; ``auto`` finds out.
+        share: of the animals' own contrast, from which a pixel belongs to one; in (0, 1).
+        threshold: the same in grey levels; by default found by ``share``.
+
+    Raises:
+        RequestError: there is no image, a share out of range, or a threshold not above 0.
+    """
+    if not len(images):
+        raise RequestError("expected at least one frame to learn the background from, got none")
+    if not 0 < share < 1 or (threshold is not None and not 0 < threshold < 255):
+        raise RequestError(f"expected a share in (0, 1) and a threshold in (0, 255), got {share:g} and {threshold}")
+    ordered = np.sort(np.stack(images), axis=0)
+    if contrast == "auto":
+        contrast = _found_contrast(ordered)
+    back = _quantile(ordered, contrast)
+    surroundings = _surroundings(back)
+    least, peak = _noise_and_peak(images, back, surroundings, contrast)
+    level = max(least, share * peak) if threshold is None else threshold
+    core = max(level, CORE * peak)
+    area = usual_area([_difference(image, back, contrast) > core for image in images])
+    resting = _resting(back, surroundings, contrast, core, area)
+    if resting.any():
+        grown = cv2.dilate(_filled_up(resting, _difference(back, surroundings, contrast) > level), np.ones((9, 9)))
+        back = np.where(grown[..., None] > 0, surroundings, back)
+        area = usual_area([_difference(image, back, contrast) > core for image in images])
+    return Background(np.ascontiguousarray(back), contrast, float(level), float(core), area)
+
+
+def usual_area(masks: Sequence[NDArray[np.bool_]]) -> float:
+    """Area of the region in which a pixel of ``masks`` ``(H, W)`` usually lies; specks hardly count. 0 without any."""
+    areas = [
+        cv2.connectedComponentsWithStats(mask.astype(np.uint8))[2][1:, cv2.CC_STAT_AREA] for mask in masks if mask.any()
+    ]
+    if not areas:
+        return 0.0
+    every = np.sort(np.concatenate(areas)).astype(np.float64)
+    return float(every[np.searchsorted(np.cumsum(every), every.sum() / 2)])
+
+
+def _quantile(ordered: NDArray[np.uint8], contrast: Contrast) -> ImageArray:
+    return np.asarray(ordered[round(QUANTILES[contrast] * (len(ordered) - 1))], dtype=np.uint8)
+
+
+def _difference(image: ImageArray, back: ImageArray, contrast: Contrast) -> Grey:
+    if contrast == "any":
+        different = cv2.absdiff(image, back).max(axis=2)
+    else:
+        one, other = (cv2.cvtColor(part, cv2.COLOR_RGB2GRAY) for part in (image, back))
+        different = cv2.subtract(one, other) if contrast == "bright" else cv2.subtract(other, one)
+    return np.asarray(cv2.GaussianBlur(different, (0, 0), 1.0), dtype=np.uint8)
+
+
+def _found_contrast(ordered: NDArray[np.uint8]) -> Contrast:
+    """Whether animals are brighter or darker than what surrounds them.
+
+    Where something moved, the brightest and the darkest value of a pixel are the animal and what lies behind it; what
+    lies behind it is the one that is like its surroundings. Where nothing moved, every pixel is looked at.
+    """
+    around = _surroundings(_quantile(ordered, "any"))
+    moved = _difference(ordered[-1], ordered[0], "bright") > 3 * LEAST
+    if moved.sum() < FEWEST:
+        moved[:] = True
+    bright, dark = _difference(ordered[-1], around, "bright"), _difference(ordered[0], around, "dark")
+    sums = [float(part[moved & (part > 3 * LEAST)].sum(dtype=np.float64)) for part in (bright, dark)]
+    if max(sums) < ONE_SIDED * sum(sums) or not sum(sums):
+        return "any"
+    return "bright" if sums[0] > sums[1] else "dark"
+
+
+def _noise_and_peak(
+    images: Sequence[ImageArray], back: ImageArray, surroundings: ImageArray, contrast: Contrast
+) -> tuple[float, float]:
+    """A difference above the noise, and the contrast of the animals, grey levels."""
+    found = [_difference(image, back, contrast) for image in images] + [_difference(back, surroundings, contrast)]
+    noise = max(float(np.median(part)) * 1.4826 for part in found[:-1])
+    least = max(LEAST, NOISE * noise)
+    peaks = [float(np.quantile(part[part > least], 0.9)) for part in found if (part > least).sum() >= FEWEST]
+    return least, max(float(np.median(peaks)), peaks[-1]) if peaks else least
+
+
+def _surroundings(back: ImageArray) -> ImageArray:
+    """The median about each pixel of the background, over an area larger than animals."""
+    height, width = back.shape[:2]
+    scale = 96 / min(height, width)
+    small = cv2.resize(back, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else back
+    side = 2 * round(SURROUNDINGS * min(small.shape[:2]) / 2) + 1
+    return np.asarray(cv2.resize(cv2.medianBlur(small, max(side, 3)), (width, height)), dtype=np.uint8)
+
+
+def _resting(back: ImageArray, surroundings: ImageArray, contrast: Contrast, core: float, area: float) -> Grey:
+    """``(H, W)`` 1 where the background holds regions as distinct and large as the cores of animals."""
+    mask = (_difference(back, surroundings, contrast) > core).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
+    usual = area or usual_area([mask > 0])
+    low, high = RESTING[0] * usual, RESTING[1] * usual
+    chosen = [n for n in range(1, count) if low <= stats[n, cv2.CC_STAT_AREA] <= high]
+    return np.asarray(np.isin(labels, chosen), dtype=np.uint8)
+
+
+def _filled_up(cores: Grey, mask: NDArray[np.bool_]) -> Grey:
+    """``(H, W)`` 1 in the regions of ``mask`` that hold some of ``cores``."""
+    _, labels = cv2.connectedComponents(mask.astype(np.uint8))
+    held = np.unique(labels[cores > 0])
+    return np.asarray(np.isin(labels, held[held > 0]), dtype=np.uint8)

@@ -1,0 +1,172 @@
+"""Which poses of all frames are one animal: the flow, looks across contacts, and heads.
+
+The flow of `FlowTracker` links poses by motion and size, `identity` exchanges what looks contradict after a contact,
+`heading` finds the heads, and gaps of up to a second are filled on straight lines.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.trackers.animals.heading import head_signs, heads, stretches_of
+from tsuiseki.tracking.trackers.animals.identity import exchanged_after_contacts
+from tsuiseki.tracking.trackers.animals.pose import AnimalPose
+from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.trackers.people.flow_input import InputSettings
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Status
+from tsuiseki.tracking.types.tracks import BodyTrack
+
+FIELDS = ("a", "b", "theta", "length", "width")
+CONTACT_SCORE = 0.5
+
+
+@dataclass(frozen=True)
+class AnimalSettings:
+    """Settings of the tracker of animals.
+
+    Attributes:
+        smallest: share of the usual animal's core from which a region holds one, in (0, 1).
+        area: usual pixels of the core of one animal; by default found in the video.
+        shortest: seconds that an animal must be seen.
+        forward: how far ahead of the middle the reported place lies, in lengths of the animal; from -0.5 (tail) to 0.5
+            (head).
+        evidence: log-likelihood ratio of looks that exchanges two animals after a contact.
+    """
+
+    smallest: float = 0.3
+    area: float | None = None
+    shortest: float = 0.4
+    forward: float = 0.0
+    evidence: float = 4.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.smallest < 1 or not -0.5 <= self.forward <= 0.5:
+            raise ValueError(
+                f"expected smallest in (0, 1) and forward in [-0.5, 0.5], got {self.smallest:g} and {self.forward:g}"
+            )
+        if self.area is not None and not 0 < self.area < np.inf:
+            raise ValueError(f"expected an area above 0, got {self.area:g}")
+        if not (self.shortest >= 0 and self.evidence >= 0):
+            raise ValueError(f"expected shortest and evidence from 0, got {self.shortest:g} and {self.evidence:g}")
+
+
+@dataclass(frozen=True)
+class Animal:
+    """One animal through a video.
+
+    Attributes:
+        track: its states, of the columns `FIELDS`: pixels and radians.
+        poses: of each frame of the track; None where a gap was filled.
+    """
+
+    track: BodyTrack
+    poses: tuple[AnimalPose | None, ...]
+
+
+def link_animals(
+    poses: Sequence[list[AnimalPose]],
+    frames: Sequence[int],
+    settings: AnimalSettings,
+    frame_rate: float,
+    size: tuple[int, int] | None,
+) -> list[Animal]:
+    """The animals by id, numbered by their first frames.
+
+    Args:
+        poses: of each frame, in no particular order.
+        frames: their 0-based numbers, without a gap.
+        settings: see `AnimalSettings`.
+        frame_rate: frames a second.
+        size: width and height of the images; None where not known.
+    """
+    labels = _flow(poses, settings, frame_rate, size)
+    labels, _ = exchanged_after_contacts(labels, list(poses), settings.evidence)
+    rows = [
+        [[part[n] for n in stretch] for stretch in stretches_of(np.array([row for row, _ in part]), round(frame_rate))]
+        for part in _by_animal(labels).values()
+    ]
+    parts = [
+        [(np.array([poses[t][n].place for t, n in part]), [poses[t][n] for t, n in part]) for part in several]
+        for several in rows
+    ]
+    signs = head_signs([part for several in parts for part in several], frame_rate)
+    found = []
+    for number, (several, stretches) in enumerate(zip(parts, rows, strict=True), start=1):
+        headings = np.concatenate([heads(places, own, signs, frame_rate) for places, own in several])
+        at = np.array([t for part in stretches for t, _ in part])
+        own = [pose for _, poses_of_part in several for pose in poses_of_part]
+        found.append(_animal(number, at, own, headings, settings.forward, np.asarray(frames), round(frame_rate)))
+    return found
+
+
+def _flow(
+    poses: Sequence[list[AnimalPose]], settings: AnimalSettings, frame_rate: float, size: tuple[int, int] | None
+) -> list[IntArray]:
+    """For each frame the track of each pose, 0 for none."""
+    flow = FlowTracker(
+        FlowSettings(input=InputSettings(camera=None), smoothing=None, min_time=settings.shortest, fill=0.0),
+        frame_rate=frame_rate,
+        size=size,
+    )
+    for found in poses:
+        flow.update(_detections(found))
+    labels = [np.zeros(len(found), dtype=np.int64) for found in poses]
+    for track in flow.tracks():
+        centres = (track.boxes[:, :2] + track.boxes[:, 2:]) / 2
+        for row, centre, observed in zip(track.frames.tolist(), centres, track.observed, strict=True):
+            if observed:
+                away = [float(np.linalg.norm(pose.place - centre)) for pose in poses[row]]
+                labels[row][int(np.argmin(away))] = track.id
+    return labels
+
+
+def _detections(poses: list[AnimalPose]) -> Detections:
+    """Upright squares about the animals, as wide as they are long."""
+    if not poses:
+        return Detections.empty()
+    places, half = np.array([pose.place for pose in poses]), np.array([pose.length for pose in poses])[:, None] / 2
+    return Detections(np.concatenate([places - half, places + half], axis=1), np.ones(len(poses)))
+
+
+def _by_animal(labels: list[IntArray]) -> dict[int, list[tuple[int, int]]]:
+    """Rows of each track, as frame and number of the pose in it, by the first frame."""
+    found: dict[int, list[tuple[int, int]]] = {}
+    for row, own in enumerate(labels):
+        for n, identity in enumerate(own.tolist()):
+            if identity:
+                found.setdefault(identity, []).append((row, n))
+    return found
+
+
+def _animal(
+    number: int,
+    at: IntArray,
+    poses: list[AnimalPose],
+    headings: FloatArray,
+    forward: float,
+    frames: IntArray,
+    longest: int,
+) -> Animal:
+    """One animal, its gaps of up to ``longest`` frames filled on straight lines, which nothing supports."""
+    states = np.array([[*p.place, heading, p.length, p.width] for p, heading in zip(poses, headings, strict=True)])
+    # A wing or leg that lengthens one frame must not move the place: the animal's own usual length.
+    ahead = forward * float(np.median(states[:, 3]))
+    states[:, 0] += ahead * np.cos(headings)
+    states[:, 1] += ahead * np.sin(headings)
+    scores = np.array([CONTACT_SCORE if pose.contact else 1.0 for pose in poses])
+    gaps = [np.arange(first, last) for first, last in itertools.pairwise(at.tolist()) if last - first <= longest]
+    every = np.unique(np.concatenate([at, *gaps]))
+    observed = np.isin(every, at)
+    states[:, 2] = np.unwrap(states[:, 2])
+    full = np.stack([np.interp(every, at, column) for column in states.T], axis=1)
+    full[:, 2] = np.angle(np.exp(1j * full[:, 2]))
+    full_scores = np.zeros(len(every))
+    full_scores[observed] = scores
+    statuses: list[Status] = ["tracking" if one else "searching" for one in observed]
+    given = iter(poses)
+    shown = tuple(next(given) if one else None for one in observed)
+    return Animal(BodyTrack(number, frames[every], full, full_scores, tuple(statuses)), shown)

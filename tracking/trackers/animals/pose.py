@@ -1,0 +1,126 @@
+"""Place, axis and size of an animal from the pixels that show it.
+
+Legs, and wings that are held out, are fainter than the body: the axis is that of the *core*, the pixels with at least
+half of the animal's own contrast. The place and the length are those of the pixels along that axis, no farther from it
+than the core is wide, so that a tail as faint as a wing counts and a wing held out does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.types import FloatArray
+
+CORE = 0.5
+"""Share of an animal's contrast from which a pixel is its core."""
+PEAK = 0.98
+"""Quantile of the contrast of its pixels that counts as an animal's own."""
+BAND = 1.25
+"""Half the width of the band along the axis, in half widths of the core."""
+# Quantiles of the pixels along the axis between which the length lies.
+ENDS = (0.01, 0.99)
+FEWEST = 8
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An animal as the frames before showed it.
+
+    Attributes:
+        core: ``(2,)`` where the middle of its core is expected, pixels.
+        axis: radians.
+        spread: ``(2,)`` deviations of the pixels of its core along the axis and across, pixels.
+        shift: from the middle of the core to that of the body, along the axis, pixels.
+        length: of the body, pixels.
+    """
+
+    core: FloatArray
+    axis: float
+    spread: FloatArray
+    shift: float
+    length: float
+
+
+@dataclass(frozen=True)
+class AnimalPose:
+    """An animal in one frame.
+
+    Attributes:
+        place: ``(2,)`` x, y of the middle of the body, pixels.
+        axis: radians of its long axis; which end is the head is not known, unless ``headed``.
+        length: along the axis, pixels.
+        width: of the core, across, pixels.
+        core: ``(2,)`` middle of its core, pixels.
+        spread: ``(2,)`` deviations of the pixels of the core along the axis and across, pixels.
+        brightness: mean contrast, grey levels.
+        asymmetry: ``(2,)`` where the contrast lies along the axis, and where it is drawn out; of the length.
+        contact: another animal touches it, so that its pixels were told apart by a fit.
+        headed: the axis points to the head.
+        points: ``(K, 2)`` of a skeleton, pixels; None where there is none.
+        point_scores: ``(K,)`` in [0, 1].
+    """
+
+    place: FloatArray
+    axis: float
+    length: float
+    width: float
+    core: FloatArray
+    spread: FloatArray
+    brightness: float
+    asymmetry: FloatArray
+    contact: bool = False
+    headed: bool = False
+    points: FloatArray | None = None
+    point_scores: FloatArray | None = None
+
+    @property
+    def looks(self) -> FloatArray:
+        """``(3,)`` logarithms of length, width and brightness: what tells one animal from another."""
+        return np.log([max(self.length, 1.0), max(self.width, 1.0), max(self.brightness, 1.0)])
+
+    def pointing(self, axis: float) -> tuple[float, float]:
+        """Of the two directions of the axis the one nearer to ``axis``, and the shift from core to body along it."""
+        own = self.axis if np.cos(self.axis - axis) >= 0 else self.axis + np.pi
+        away = self.place - self.core
+        return own, float(away[0] * np.cos(own) + away[1] * np.sin(own))
+
+
+def pose_of(pixels: FloatArray, contrast: FloatArray, touched: Expected | None = None) -> AnimalPose:
+    """The pose of an animal.
+
+    Args:
+        pixels: ``(P, 2)`` centres x, y of its pixels.
+        contrast: ``(P,)`` how far each stands out, grey levels.
+        touched: how it was before, where another animal touches it: its ends may be the other's then, so that length
+            and place follow from the core.
+    """
+    bright = contrast >= CORE * np.quantile(contrast, PEAK)
+    core = pixels[bright] if bright.sum() >= FEWEST else pixels
+    middle = core.mean(axis=0)
+    values, vectors = np.linalg.eigh(np.cov((core - middle).T) + 1e-6 * np.eye(2))
+    along, across = vectors[:, 1], np.array([-vectors[1, 1], vectors[0, 1]])
+    spread = np.sqrt(values[::-1])
+    half = 2 * float(spread[1]) + 0.5
+    band = np.abs((pixels - middle) @ across) <= BAND * half
+    weight, along_body = contrast[band], (pixels[band] - middle) @ along
+    low, high = np.quantile(along_body, ENDS)
+    centre, length = float(along_body.mean()), float(high - low) + 1.0
+    away = along_body - centre
+    asymmetry = np.array([np.average(away, weights=weight), np.mean(away**3) / length**2]) / length
+    if touched is not None:
+        same = np.cos(touched.axis) * along[0] + np.sin(touched.axis) * along[1] >= 0
+        centre, length = touched.shift if same else -touched.shift, touched.length
+        asymmetry = np.zeros(2)
+    return AnimalPose(
+        place=middle + centre * along,
+        axis=float(np.arctan2(along[1], along[0])),
+        length=length,
+        width=2 * half,
+        core=middle,
+        spread=spread,
+        brightness=float(weight.mean()),
+        asymmetry=asymmetry,
+        contact=touched is not None,
+    )

@@ -1,0 +1,262 @@
+"""Whether the correlation of (15) helps a filter (`reproduce goldfish-correlation`).
+
+Motion is learnt from exact states, so that no measurement noise hides the correlation; particles are few, so that
+there is something to gain; each arm is widened as suits it on development clips; and beside survival stand the
+evidence, the effective sample size and the error of the position.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity
+from tsuiseki.tracking.formats.mot import read_sequence
+from tsuiseki.tracking.formats.silhouettes import centre_inside
+from tsuiseki.tracking.formats.states import read_states
+from tsuiseki.tracking.trackers.deformable import DeformableTracker
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.bodies.motion import Steps, learn_motion, pooled_steps
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.goldfish.arms import LAG, Learnt, interval
+from tsuiseki.trainers.experiments.goldfish.pieces import BODY, EXTRACTION, TRACKER, write_learning_tracks
+from tsuiseki.trainers.experiments.goldfish.runs import Clip, prepare_clip
+from tsuiseki.trainers.experiments.goldfish.step_density import learnt_densities
+from tsuiseki.trainers.experiments.store import Store
+
+PARTICLES = (25, 50, 100)
+WIDTHS = (1.0, 1.3, 1.7, 2.2)
+SPREAD = 10.0
+"""``sigma_d`` of (7), pixels squared: a contour that is 5 pixels off is then clearly worse than one that fits."""
+FLOOR = -20.0
+"""Least log-evidence that a frame counts: a fish that is lost would otherwise be all that is seen."""
+FARTHEST = 28.0
+"""Largest error of the position that a frame counts, half a fish, pixels; tuned by the mean of this."""
+# Fish of the clips, and seeds of their scenes: apart from each other and from those of section 5.
+LEARNING, DEVELOPMENT, TEST = (2, 3, 2), (2, 2, 3), (2, 3, 2, 2, 3, 2)
+SEEDS = {"learning": 4_000_000, "development": 5_000_000, "test": 6_000_000}
+LEARNING_PARTICLES = 3000
+NATS = (
+    "learnt from",
+    "correlation of sideways change and bend",
+    "independent",
+    "together (15) − independent",
+    "bend and turn of the frame before − together",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One arm on one clip.
+
+    Attributes:
+        survival: share of the frames of its fish before the estimated centre left the silhouette.
+        error: mean distance of centres, at most `FARTHEST` a frame, pixels.
+        evidence: mean log-evidence of a frame, at least `FLOOR` each.
+        effective: mean effective sample size, as a share of the particles.
+    """
+
+    survival: float
+    error: float
+    evidence: float
+    effective: float
+
+
+def uncorrelated_lag(learnt: Learnt) -> BodyFixedVelocity:
+    """The lag, and what it leaves drawn independently."""
+    motion = learnt.depending_on(LAG)
+    return replace(motion, noise=motion.noise.without_correlation())
+
+
+def with_lag(learnt: Learnt) -> BodyFixedVelocity:
+    """The lag, and what it leaves along its principal components."""
+    return learnt.depending_on(LAG)
+
+
+def independent(learnt: Learnt) -> BodyFixedVelocity:
+    """(16)-(17)."""
+    return learnt.motion.independent()
+
+
+def correlated(learnt: Learnt) -> BodyFixedVelocity:
+    """(16)-(18)."""
+    return learnt.motion.proposal()
+
+
+def conditional(learnt: Learnt) -> BodyFixedVelocity:
+    """The preset ``conditional``."""
+    return learnt.motion.conditional()
+
+
+ARMS: Mapping[str, tuple[str, Callable[[Learnt], BodyFixedVelocity]]] = {
+    "B": ("B: (16)-(17), independent", independent),
+    "C": ("C: (16)-(18), learnt together", correlated),
+    "B lag": ("B + bend and turn of the frame before", uncorrelated_lag),
+    "C lag": ("C + bend and turn of the frame before", with_lag),
+    "conditional": ("conditional: + velocity and bend", conditional),
+}
+
+
+def reproduce(bench: Bench, seeds: int = 2, clips: int = 6, minutes: float = 1000.0) -> Outcome:
+    """Whether few particles gain by drawing changes of shape and motion together, as the goldfish paper does.
+
+    Generates 3 clips to learn from, 3 to choose each arm's widening on and 6 to test on. DIR gets results.json and
+    tables.md: nats of a step, then survival, position error, log-evidence and effective sample size of the arms.
+
+    Args:
+        bench: where it works.
+        seeds: of the particles.
+        clips: test clips, from 2 to 6.
+        minutes: begin no new run after so many; run it again to go on.
+
+    Raises:
+        RequestError: no seed, too few clips, or no time.
+    """
+    started = time.monotonic()
+    at_least_one(seeds=seeds)
+    if not 2 <= clips <= len(TEST):
+        raise RequestError(f"`clips`: expected 2 to {len(TEST)}, got {clips}")
+    if not minutes > 0:
+        raise RequestError(f"`minutes`: expected a number above 0, got {minutes:g}")
+    folders = {part: _clips(bench.store, part) for part in SEEDS}
+    test = folders["test"][:clips]
+    steps, learnt = learn_exactly(folders["learning"])
+    wide = _wide_steps(bench.store, folders["learning"])
+    nats = learnt_densities(steps, wide, [learn_exactly([folder])[0] for folder in test])
+    asked = [(name, number) for name in ARMS for number in PARTICLES]
+    results: dict[tuple[str, int], tuple[float, list[Row]]] = {}
+    for name, number in bench.watch.over(asked, "arms", len(asked)):
+        if time.monotonic() - started > 60 * minutes:
+            break
+        tuning = {
+            width: [
+                bench.store.recall(run_arm, folder, name, learnt, number, width, 100)
+                for folder in folders["development"]
+            ]
+            for width in WIDTHS
+        }
+        width = min(WIDTHS, key=lambda one: float(np.mean([row.error for row in tuning[one]])))
+        rows = [
+            _mean([bench.store.recall(run_arm, folder, name, learnt, number, width, seed) for seed in range(seeds)])
+            for folder in test
+        ]
+        results[name, number] = width, rows
+    if len(results) < len(asked):
+        line = f"{len(results)} of {len(asked)} arms are done; run the same command again to go on"
+        return Outcome(notes=[line], finished=False)
+    return _outcome(nats, results, seeds)
+
+
+def learn_exactly(folders: Sequence[Path]) -> tuple[Steps, Learnt]:
+    """Steps of the exact states of clips, and the motion learnt from them."""
+    states = [fish.states for folder in folders for fish in read_states(folder / "states.csv", BODY.fields)]
+    motion = learn_motion(states, BODY.name, BODY.fields, BODY.angles, read_sequence(folders[0]).frame_rate)
+    steps = pooled_steps(states, BODY.angles)
+    return steps, Learnt(motion, steps)
+
+
+def run_arm(folder: Path, arm: str, learnt: Learnt, particles: int, width: float, seed: int) -> Row:
+    """All fish of a clip from their exact first states.
+
+    Args:
+        folder: of the clip.
+        arm: key of `ARMS`.
+        learnt: what it draws from.
+        particles: of each fish.
+        width: times the learnt deviations.
+        seed: of the particles.
+    """
+    clip = _prepared(folder)
+    moves = ARMS[arm][1](learnt)
+    moves = replace(moves, noise=moves.noise.widened(width))
+    settings = replace(TRACKER, particles=particles, spread=SPREAD)
+    starts = np.array([fish.states[0] for fish in clip.fish])
+    tracker = DeformableTracker(BODY, moves, None, settings, starts, seed)
+    frames, fish = len(clip.edges), len(clip.fish)
+    inside = np.ones((frames, fish), dtype=np.bool_)
+    away, evidence, effective = np.zeros((3, frames, fish))
+    for index, edges in enumerate(clip.edges):
+        tracker.update_edges(index, edges)
+        for row, target in enumerate(tracker.targets):
+            place = target.estimate[:2]
+            inside[index, row] = centre_inside(clip.silhouettes[index : index + 1], target.id, place[None])[0]
+            away[index, row] = np.linalg.norm(place - clip.fish[row].states[index, :2])
+            evidence[index, row] = target.log_evidence
+            effective[index, row] = target.effective_sample_size / particles
+    survived = np.logical_and.accumulate(inside, axis=0)
+    return Row(
+        float(survived.mean()),
+        float(np.minimum(away, FARTHEST)[1:].mean()),
+        float(np.maximum(evidence, FLOOR)[1:].mean()),
+        float(effective[1:].mean()),
+    )
+
+
+_READY: dict[Path, Clip] = {}
+
+
+def _prepared(folder: Path) -> Clip:
+    """The clip, once for all runs on it."""
+    if folder not in _READY:
+        _READY[folder] = prepare_clip(folder, BODY, EXTRACTION)
+    return _READY[folder]
+
+
+def _clips(store: Store, part: str) -> list[Path]:
+    counts = {"learning": LEARNING, "development": DEVELOPMENT, "test": TEST}[part]
+    return [
+        store.made(f"{part}-{n + 1:02d}", write_goldfish, GoldfishSettings(fish=count), SEEDS[part] + n)
+        for n, count in enumerate(counts)
+    ]
+
+
+def _wide_steps(store: Store, folders: Sequence[Path]) -> Steps:
+    """What the paper's learning run with wide noise sees of the same clips."""
+    files = [store.made(f"{f.name}.csv", write_learning_tracks, f, LEARNING_PARTICLES) for f in folders]
+    tracks = [track for file in files for track in read_states(file, BODY.fields)]
+    return pooled_steps([part for track in tracks for part in track.stretches()], BODY.angles)
+
+
+def _mean(rows: Sequence[Row]) -> Row:
+    return Row(*(float(np.mean([getattr(row, name) for row in rows])) for name in Row.__dataclass_fields__))
+
+
+def _outcome(
+    nats: Sequence[Sequence[str]], results: Mapping[tuple[str, int], tuple[float, list[Row]]], seeds: int
+) -> Outcome:
+    columns = ["arm", "particles", "widened", "survival, %", "error, px", "log-evidence", "effective, %"]
+    lines, differences, values = [], [], []
+    for (name, number), (width, rows) in results.items():
+        parts = {key: np.array([getattr(row, key) for row in rows]) for key in Row.__dataclass_fields__}
+        values.append({"arm": name, "particles": number, "widened": width, **{k: v.tolist() for k, v in parts.items()}})
+        shown = [_shown(parts["survival"], 100, 1), _shown(parts["error"], 1, 2), _shown(parts["evidence"], 1, 2)]
+        lines.append([ARMS[name][0], str(number), f"{width:g}", *shown, f"{100 * parts['effective'].mean():.0f}"])
+    for first, second in (("C", "B"), ("C lag", "B lag"), ("B lag", "B"), ("C lag", "C"), ("conditional", "C lag")):
+        for number in PARTICLES:
+            one, two = results[first, number][1], results[second, number][1]
+            cells = []
+            for key, factor, digits in (("survival", 100, 1), ("error", 1, 2), ("evidence", 1, 2)):
+                gap = np.array([getattr(a, key) - getattr(b, key) for a, b in zip(one, two, strict=True)])
+                cells.append(_shown(gap, factor, digits, sign="+"))
+            differences.append([f"{first} − {second}", str(number), *cells])
+    clips = len(next(iter(results.values()))[1])
+    return Outcome(
+        {"nats": [list(row) for row in nats], "arms": values},
+        [
+            Table("Nats of a step of the test clips", NATS, nats),
+            Table("Arms", columns, lines),
+            Table("Differences", ["arms", "particles", "survival, %", "error, px", "log-evidence"], differences),
+        ],
+        notes=[f"{clips} test clips, {seeds} seeds; 95 % by Student's t over clips; sigma_d {SPREAD:g}"],
+    )
+
+
+def _shown(values: FloatArray, factor: float, digits: int, sign: str = "") -> str:
+    mean, low, high = (f"{factor * one:{sign}.{digits}f}" for one in interval(values))
+    return f"{mean} [{low}, {high}]"
