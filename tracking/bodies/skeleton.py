@@ -61,9 +61,10 @@ class Skeleton:
         Args:
             points: ``(N, K, 2)`` pixels, NaN where not seen; at least two of each animal.
         """
-        seen = np.isfinite(points).all(axis=2)
+        seen = np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
         given = np.where(seen, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
-        weights, bends = seen.astype(np.float64), np.zeros((len(points), len(self.modes)))
+        weights: FloatArray = np.asarray(seen, dtype=np.float64)
+        bends: FloatArray = np.zeros((len(points), len(self.modes)))
         place, turn = _similarity(np.tile(self.mean, (len(points), 1)), given, weights)
         # Cauchy's weights, with a scale of three deviations in the end. It begins wide, and stiff, so that a point that
         # is far off is found out before bends follow it.
@@ -74,7 +75,7 @@ class Skeleton:
             if len(self.modes) and number >= ROUNDS // 2:
                 bends = self._bends(local, weights)
             away = np.abs(local - self.mean - bends @ self.modes)
-            weights = seen / (1 + (away / scale) ** 2)
+            weights = np.asarray(seen / (1 + (away / scale) ** 2), dtype=np.float64)
         return place, turn, bends, weights
 
     def _bends(self, local: Complex, weights: FloatArray) -> FloatArray:
@@ -100,9 +101,9 @@ def learn_skeleton(
         RequestError: no point is known to be front or back, or a point is never seen with others.
     """
     back, front = line_of(nodes, line)
-    seen = np.isfinite(points).all(axis=2)
-    if not seen.any(axis=0).all():
-        never = nodes[int(np.argmin(seen.any(axis=0)))]
+    seen = np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
+    if seen.sum(axis=0).min() == 0:
+        never = nodes[int(seen.sum(axis=0).argmin())]
         raise RequestError(f"expected every point to be seen in some frame, but {never} never is")
     good = seen.sum(axis=1) >= 2
     if not good.any():
@@ -110,7 +111,7 @@ def learn_skeleton(
     points, seen = points[good], seen[good]
     given = np.where(seen, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
     mean = given[int(seen.sum(axis=1).argmax())].copy()
-    weights = seen.astype(np.float64)
+    weights = np.asarray(seen, dtype=np.float64)
     for _ in range(ROUNDS):
         place, turn = _similarity(np.tile(mean, (len(given), 1)), given, weights)
         local = (given - place[:, None]) / turn[:, None]

@@ -85,7 +85,7 @@ def read_poses_file(path: Path) -> PointTable:
             f"{path}: expected SLEAP's analysis CSV (track,frame_idx,…), DeepLabCut's (scorer,…) or frame,id,head_x,…, "
             f"got {','.join(first)[:60]}"
         )
-    seen = np.isfinite(table.points).all(axis=2).any(axis=1)
+    seen = np.isfinite(table.points).all(axis=2).sum(axis=1) > 0
     if not seen.any():
         raise RequestError(f"{path}: expected at least one point, got none")
     tracks = tuple(name for name, one in zip(table.tracks, seen, strict=True) if one)

@@ -31,7 +31,7 @@ def draw_animals(frame: Frame, tracks: Sequence[BodyTrack], points: PointTable |
         cv2.arrowedLine(image, centre, tip, colour, thickness, cv2.LINE_AA, tipLength=0.3)
         draw_label(image, str(track.id), (centre[0] + axes[1], centre[1] - axes[1]), colour)
     if points is not None:
-        for row in np.flatnonzero(points.frames == frame.index):
+        for row in np.flatnonzero(points.frames == frame.index).tolist():
             for x, y in points.points[row][np.isfinite(points.points[row]).all(axis=1)].round().astype(int).tolist():
                 cv2.circle(image, (x, y), 2, (255, 255, 255), cv2.FILLED, cv2.LINE_AA)
     draw_label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))

@@ -83,6 +83,9 @@ def _gain(looks: list[FloatArray]) -> float:
     spread = np.concatenate([part - centre for part, centre in zip(looks, middle, strict=True)])
     deviation = np.maximum(1.4826 * np.median(np.abs(spread), axis=0), 0.02)
     # Frames that follow each other look alike: each side counts as one observation.
-    away = lambda a, b: float((np.minimum(np.abs(a - b) / deviation, FARTHEST) ** 2).sum())  # noqa: E731
+
+    def away(a: FloatArray, b: FloatArray) -> float:
+        return float((np.minimum(np.abs(a - b) / deviation, FARTHEST) ** 2).sum())
+
     one, other, then_one, then_other = middle
     return 0.5 * (away(one, then_one) + away(other, then_other) - away(one, then_other) - away(other, then_one))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from tsuiseki.tracking.trackers.animals.heading import head_signs, heads, stretches_of
 from tsuiseki.tracking.trackers.animals.identity import exchanged_after_contacts
@@ -22,6 +23,8 @@ from tsuiseki.tracking.types.tracks import BodyTrack
 
 FIELDS = ("a", "b", "theta", "length", "width")
 CONTACT_SCORE = 0.5
+STEADY = 0.4
+"""Seconds over which the ends of a body, seen by region, are taken together."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,8 @@ def _animal(
 ) -> Animal:
     """One animal, its gaps of up to ``longest`` frames filled on straight lines, which nothing supports."""
     states = np.array([[*p.place, heading, p.length, p.width] for p, heading in zip(poses, headings, strict=True)])
+    if poses[0].points is None:
+        _steadied(states, poses, round(STEADY * longest))
     # A wing or leg that lengthens one frame must not move the place: the animal's own usual length.
     ahead = forward * float(np.median(states[:, 3]))
     states[:, 0] += ahead * np.cos(headings)
@@ -170,3 +175,18 @@ def _animal(
     given = iter(poses)
     shown = tuple(next(given) if one else None for one in observed)
     return Animal(BodyTrack(number, frames[every], full, full_scores, tuple(statuses)), shown)
+
+
+def _steadied(states: FloatArray, poses: list[AnimalPose], window: int) -> None:
+    """Length, and the way from core to middle, as medians over ``window`` frames: legs and wings come and go.
+
+    Args:
+        states: ``(T, 5)``, changed in place.
+        poses: of the same frames.
+        window: frames.
+    """
+    heading = np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=1)
+    cores = np.array([pose.core for pose in poses])
+    shift = ((states[:, :2] - cores) * heading).sum(axis=1)
+    states[:, :2] = cores + median_filter(shift, max(window, 1), mode="nearest")[:, None] * heading
+    states[:, 3] = median_filter(states[:, 3], max(window, 1), mode="nearest")

@@ -34,16 +34,19 @@ def find_animals(
         smallest: share of that from which a region holds one.
         expected: animals of the frames before.
     """
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((difference > background.threshold).astype(np.uint8))
+    count, found_labels, stats, _ = cv2.connectedComponentsWithStats(
+        (difference > background.threshold).astype(np.uint8)
+    )
+    labels = np.asarray(found_labels, dtype=np.int32)
     cores = np.bincount(labels[difference > background.core], minlength=count)
     kept = [n for n in range(1, count) if cores[n] >= max(smallest * usual, FEWEST)]
-    where = {n: _pixels(labels, stats[n], n) for n in kept}
+    where = {n: _pixels(labels, np.asarray(stats[n], dtype=np.int32), n) for n in kept}
     inside = _regions_of(where, labels, expected)
     found: list[AnimalPose] = []
     for n, pixels in where.items():
         own = [one for one, region in zip(expected, inside, strict=True) if region == n]
-        contrast = difference[pixels[:, 1], pixels[:, 0]].astype(np.float64)
-        points = pixels + 0.5
+        contrast = np.asarray(difference[pixels[:, 1], pixels[:, 0]], dtype=np.float64)
+        points = np.asarray(pixels + 0.5, dtype=np.float64)
         if not own and cores[n] > SEVERAL * usual:
             own = _apart(points, round(cores[n] / usual))
         if len(own) < 2:

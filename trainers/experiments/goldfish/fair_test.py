@@ -103,7 +103,9 @@ ARMS: Mapping[str, tuple[str, Callable[[Learnt], BodyFixedVelocity]]] = {
 }
 
 
-def reproduce(bench: Bench, seeds: int = 2, clips: int = 6, minutes: float = 1000.0) -> Outcome:
+def reproduce(
+    bench: Bench, particles: tuple[int, ...] = PARTICLES, seeds: int = 2, clips: int = 6, minutes: float = 1000.0
+) -> Outcome:
     """Whether few particles gain by drawing changes of shape and motion together, as the goldfish paper does.
 
     Generates 3 clips to learn from, 3 to choose each arm's widening on and 6 to test on. DIR gets results.json and
@@ -111,6 +113,7 @@ def reproduce(bench: Bench, seeds: int = 2, clips: int = 6, minutes: float = 100
 
     Args:
         bench: where it works.
+        particles: numbers of them.
         seeds: of the particles.
         clips: test clips, from 2 to 6.
         minutes: begin no new run after so many; run it again to go on.
@@ -119,7 +122,7 @@ def reproduce(bench: Bench, seeds: int = 2, clips: int = 6, minutes: float = 100
         RequestError: no seed, too few clips, or no time.
     """
     started = time.monotonic()
-    at_least_one(seeds=seeds)
+    at_least_one(seeds=seeds, particles=min(particles, default=0))
     if not 2 <= clips <= len(TEST):
         raise RequestError(f"`clips`: expected 2 to {len(TEST)}, got {clips}")
     if not minutes > 0:
@@ -129,7 +132,7 @@ def reproduce(bench: Bench, seeds: int = 2, clips: int = 6, minutes: float = 100
     steps, learnt = learn_exactly(folders["learning"])
     wide = _wide_steps(bench.store, folders["learning"])
     nats = learnt_densities(steps, wide, [learn_exactly([folder])[0] for folder in test])
-    asked = [(name, number) for name in ARMS for number in PARTICLES]
+    asked = [(name, number) for name in ARMS for number in particles]
     results: dict[tuple[str, int], tuple[float, list[Row]]] = {}
     for name, number in bench.watch.over(asked, "arms", len(asked)):
         if time.monotonic() - started > 60 * minutes:
@@ -238,7 +241,7 @@ def _outcome(
         shown = [_shown(parts["survival"], 100, 1), _shown(parts["error"], 1, 2), _shown(parts["evidence"], 1, 2)]
         lines.append([ARMS[name][0], str(number), f"{width:g}", *shown, f"{100 * parts['effective'].mean():.0f}"])
     for first, second in (("C", "B"), ("C lag", "B lag"), ("B lag", "B"), ("C lag", "C"), ("conditional", "C lag")):
-        for number in PARTICLES:
+        for number in dict.fromkeys(number for _, number in results):
             one, two = results[first, number][1], results[second, number][1]
             cells = []
             for key, factor, digits in (("survival", 100, 1), ("error", 1, 2), ("evidence", 1, 2)):

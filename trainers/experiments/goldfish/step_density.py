@@ -25,7 +25,7 @@ def learnt_densities(exact: Steps, wide: Steps, test: Sequence[Steps]) -> list[l
             np.array([density(steps, clip, correlated, lag) for clip in test])
             for correlated, lag in ((False, False), (True, False), (True, True))
         )
-        correlation = np.corrcoef(steps.increments.T)[1, 3]
+        correlation = np.asarray(np.corrcoef(steps.increments.T))[1, 3]
         rows.append([title, f"{correlation:+.2f}", _shown(free), _shown(own - free, "+"), _shown(lagged - own, "+")])
     return rows
 

@@ -1,0 +1,101 @@
+"""`tsuiseki track animals`, from a film of drawn animals to the files of SLEAP and DeepLabCut, and wrong requests."""
+
+from __future__ import annotations
+
+import csv
+
+import cv2
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.formats.poses import read_poses_file
+
+FRAMES = 30
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory):
+    """Images of a dark animal that walks to the right, and its points as ours."""
+    folder = tmp_path_factory.mktemp("film") / "arena"
+    folder.mkdir()
+    rows = ["frame,id,x,y,head_x,head_y,tail_x,tail_y"]
+    for t in range(FRAMES):
+        image, x = np.full((120, 200, 3), 190, np.uint8), 40 + 4 * t
+        cv2.ellipse(image, (x, 60), (18, 7), 0, 0, 360, (40, 40, 40), -1)
+        cv2.imwrite(str(folder / f"{t + 1:04d}.png"), image)
+        rows.append(f"{t + 1},1,{x},60,{x + 18},60,{x - 18},60")
+    (folder.parent / "labels.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def states(folder):
+    with (folder / "states.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_film_is_tracked_in_millimetres_and_evaluated(film, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["track", "animals", str(film), "--fps", "10", "--scale", "0.5", "--overlay", "--out", str(out)]
+    assert main(words) == 0
+    assert {path.name for path in out.iterdir()} == {"states.csv", "run.json", "overlay.webm"}
+    rows = states(out)
+    assert len(rows) == FRAMES
+    assert {row["id"] for row in rows} == {"1"}
+    middle = rows[FRAMES // 2]
+    # Four pixels a frame of half a millimetre, ten frames a second.
+    assert float(middle["speed_mm_s"]) == pytest.approx(20.0, abs=2.0)
+    assert float(middle["a_mm"]) == pytest.approx(float(middle["a"]) / 2, abs=1e-3)
+    assert abs(float(middle["theta"])) < 0.1
+    assert main(["evaluate", "states", str(film.parent / "labels.csv"), str(out), "--distance", "3"]) == 0
+    assert "1.000" in capsys.readouterr().out
+
+
+def test_a_few_labels_place_the_points_in_every_frame(film, tmp_path):
+    few = tmp_path / "few.csv"
+    lines = (film.parent / "labels.csv").read_text().splitlines()
+    few.write_text("\n".join([lines[0], lines[5], lines[20]]) + "\n")
+    out = tmp_path / "out"
+    words = ["track", "animals", str(film), "--fps", "10", "--labels", str(few), "--centre", "head"]
+    assert main([*words, "--out", str(out)]) == 0
+    assert max(abs(float(row["a"]) - (58 + 4 * t)) for t, row in enumerate(states(out))) < 3.0
+    placed = read_poses_file(out / "points.dlc.csv")
+    assert placed.nodes == ("head", "tail")
+    np.testing.assert_allclose(placed.points[:, 1, 0], 22 + 4 * np.arange(FRAMES), atol=3.0)
+
+
+def test_points_of_sleap_are_observations(film, tmp_path):
+    rng = np.random.default_rng(0)
+    rows = ["track,frame_idx,head.x,head.y,mid.x,mid.y,tail.x,tail.y"]
+    for t in range(FRAMES):
+        x = 40 + 4 * t
+        values = np.array([x + 18, 60, x, 60, x - 18, 60]) + rng.normal(0, 0.3, 6)
+        cells = [f"{value:.2f}" for value in values]
+        if t == 10:
+            cells[4:] = ["", ""]
+        rows.append(",".join([f"guess{t}", str(t), *cells]))
+    (tmp_path / "sleap.csv").write_text("\n".join(rows) + "\n")
+    out = tmp_path / "out"
+    words = ["track", "animals", str(film), "--fps", "10", "--points", str(tmp_path / "sleap.csv"), "--centre", "mid"]
+    assert main([*words, "--out", str(out)]) == 0
+    placed = read_poses_file(out / "points.sleap.csv")
+    assert set(placed.tracks) == {"track_1"}
+    assert len(placed) == FRAMES
+    # The tail that was not seen is where head and middle put it.
+    assert np.linalg.norm(placed.points[10, 2] - [40 + 40 - 18, 60]) < 3.0
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--scale", "0"], "--scale: expected millimetres a pixel above 0"),
+        (["--centre", "head"], "give --points or --labels"),
+        (["--labels", "none.csv"], "found no file"),
+        (["--animals.smallest", "2"], "smallest in (0, 1)"),
+        (["--threshold", "400"], "threshold in (0, 255)"),
+        (["--contrast", "red"], "contrast"),
+    ],
+)
+def test_wrong_requests(film, tmp_path, capsys, words, expected):
+    assert main(["track", "animals", str(film), "--fps", "10", "--out", str(tmp_path / "out"), *words]) == 2
+    assert expected in capsys.readouterr().err
