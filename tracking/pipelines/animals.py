@@ -11,7 +11,7 @@ import numpy as np
 from tsuiseki.tracking.bodies.skeleton import learn_skeleton
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Background, Contrast, learn_background
-from tsuiseki.tracking.formats.poses import PointTable, read_poses_file
+from tsuiseki.tracking.formats.bodies.points import PointTable, read_poses_file
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.trackers.animals.linking import FIELDS, Animal, AnimalSettings, link_animals
 from tsuiseki.tracking.trackers.animals.pose import AnimalPose

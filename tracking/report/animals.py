@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.formats.poses import PointTable
+from tsuiseki.tracking.formats.bodies.points import PointTable
 from tsuiseki.tracking.report.overlay import draw_label, track_colour, without_flicker
 from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import Frame, ImageArray

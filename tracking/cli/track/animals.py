@@ -39,8 +39,8 @@ def animals(
         animals: settings of the tracker.
     """
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.formats.poses import write_deeplabcut, write_sleap
-    from tsuiseki.tracking.formats.states import write_states
+    from tsuiseki.tracking.formats.bodies.points import write_deeplabcut, write_sleap
+    from tsuiseki.tracking.formats.bodies.states import write_states
     from tsuiseki.tracking.pipelines.animals import (
         SkeletonSettings,
         finished,

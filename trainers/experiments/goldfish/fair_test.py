@@ -17,17 +17,17 @@ import numpy as np
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity
+from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
+from tsuiseki.tracking.formats.bodies.states import read_states
 from tsuiseki.tracking.formats.mot import read_sequence
-from tsuiseki.tracking.formats.silhouettes import centre_inside
-from tsuiseki.tracking.formats.states import read_states
 from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.bodies.motion import Steps, learn_motion, pooled_steps
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.goldfish.arms import LAG, Learnt, interval
-from tsuiseki.trainers.experiments.goldfish.pieces import BODY, EXTRACTION, TRACKER, write_learning_tracks
 from tsuiseki.trainers.experiments.goldfish.runs import Clip, prepare_clip
 from tsuiseki.trainers.experiments.goldfish.step_density import learnt_densities
+from tsuiseki.trainers.experiments.goldfish.trials import BODY, EXTRACTION, TRACKER, write_learning_tracks
 from tsuiseki.trainers.experiments.store import Store
 
 PARTICLES = (25, 50, 100)

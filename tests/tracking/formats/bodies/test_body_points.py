@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.poses import PointTable, read_poses_file, write_deeplabcut, write_sleap
+from tsuiseki.tracking.formats.bodies.points import PointTable, read_poses_file, write_deeplabcut, write_sleap
 
 
 @pytest.fixture
