@@ -240,7 +240,14 @@ def _outcome(
         values.append({"arm": name, "particles": number, "widened": width, **{k: v.tolist() for k, v in parts.items()}})
         shown = [_shown(parts["survival"], 100, 1), _shown(parts["error"], 1, 2), _shown(parts["evidence"], 1, 2)]
         lines.append([ARMS[name][0], str(number), f"{width:g}", *shown, f"{100 * parts['effective'].mean():.0f}"])
-    for first, second in (("C", "B"), ("C lag", "B lag"), ("B lag", "B"), ("C lag", "C"), ("conditional", "C lag")):
+    for first, second in (
+        ("C", "B"),
+        ("C lag", "B lag"),
+        ("B lag", "B"),
+        ("C lag", "C"),
+        ("conditional", "C lag"),
+        ("conditional", "B"),
+    ):
         for number in dict.fromkeys(number for _, number in results):
             one, two = results[first, number][1], results[second, number][1]
             cells = []
