@@ -15,6 +15,9 @@ from scipy.optimize import isotonic_regression
 from tsuiseki.tracking.association.recurrence import Recurrence
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
+# What a detection is taken to be before the video has told, and how many detections that counts as much as.
+EXPECTED, IN_ADVANCE = 0.9, 20
+
 
 @dataclass(frozen=True)
 class DetectionCost:
@@ -66,11 +69,13 @@ class ScoreCalibration:
 
     def __call__(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` probabilities of ``(N,)`` scores; those without a score share one."""
-        probability = np.full(len(scores), 0.9)
+        probability = np.full(len(scores), EXPECTED)
         for known in (True, False):
             ours, asked = np.isnan(self._scores) != known, np.isnan(scores) != known
             if ours.any() and asked.any():
                 probability[asked] = self._fit(np.nan_to_num(self._scores[ours]), self._found[ours])(scores[asked])
+        known = len(self._scores)
+        probability = (known * probability + IN_ADVANCE * EXPECTED) / (known + IN_ADVANCE)
         return np.asarray(np.clip(probability, self.settings.least, 1 - self.settings.least))
 
     def _fit(self, scores: FloatArray, found: FloatArray) -> Interpolation:
