@@ -74,8 +74,8 @@ class ScoreCalibration:
             ours, asked = np.isnan(self._scores) != known, np.isnan(scores) != known
             if ours.any() and asked.any():
                 probability[asked] = self._fit(np.nan_to_num(self._scores[ours]), self._found[ours])(scores[asked])
-        known = len(self._scores)
-        probability = (known * probability + IN_ADVANCE * EXPECTED) / (known + IN_ADVANCE)
+        count = len(self._scores)
+        probability = (count * probability + IN_ADVANCE * EXPECTED) / (count + IN_ADVANCE)
         return np.asarray(np.clip(probability, self.settings.least, 1 - self.settings.least))
 
     def _fit(self, scores: FloatArray, found: FloatArray) -> Interpolation:
