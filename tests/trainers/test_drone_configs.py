@@ -92,7 +92,12 @@ def test_action_networks_train_on_okutamas_layout(name, streams, acting_clips, t
 
 def track(source, out, method, *options):
     """The people that `tsuiseki track drone` writes; tracks of a few detections count, too."""
-    short = ["--drone.refinement.entry=1", "--drone.refinement.exit=1", "--drone.min_detections=2"]
+    short = [
+        "--drone.flow.costs.entry=0",
+        "--drone.flow.costs.exit=0",
+        "--drone.flow.min-detections=2",
+        "--drone.flow.min-time=0",
+    ]
     assert main(["track", "drone", str(source), "--method", method, "--out", str(out), *options, *short]) == 0
     return json.loads((out / "tracks.json").read_text())["tracks"]
 
