@@ -265,7 +265,7 @@ def test_every_command_has_help(words: list[str], capsys: pytest.CaptureFixture[
     assert "--config" in text
 
 
-TRACKED = "people, single, sphere, drone, blobs, deformable, fisheye"
+TRACKED = "people, single, sphere, drone, blobs, points, deformable, animals, fisheye"
 
 
 @pytest.mark.parametrize(
