@@ -49,7 +49,7 @@ def commands(clip: Path, streams: Path) -> dict[str, tuple[list[str], str]]:
         "single": (["track", "single", str(clip), *box], "boxes.txt"),
         "blobs": (["track", "blobs", str(clip), "--colour", "red", "--particles", "50"], "tracks.txt"),
         "deformable": (["track", "deformable", str(clip), "--deformable.particles", "50"], "states.csv"),
-        "drone": (["track", "drone", str(clip), *given, "--actions", actions, "--batch-size", "1"], "tracks.json"),
+        "drone": (["track", "drone", str(clip), *given[:-2], "--actions", actions, "--batch-size", "1"], "tracks.json"),
     }
 
 

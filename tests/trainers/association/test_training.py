@@ -138,7 +138,9 @@ def test_the_gradient_of_a_step_reaches_all_that_makes_costs(walk: Path, loss: s
     assert module.network.links.linear.weight.grad is not None
     assert module.network.links.linear.weight.grad.any()
     assert module.network.detections.linear.weight.grad is not None
-    assert (module.network.detections.linear.weight.grad.abs().sum(dim=1) > 0).all()
+    reached = module.network.detections.linear.weight.grad.abs().sum(dim=1) > 0
+    # The hinge has no gradient in the costs that its one cheaper flow shares with the labelled one; noise reaches all.
+    assert reached.all() if loss == "fenchel_young" else reached.any()
 
 
 def test_windows_are_drawn_anew_every_epoch(walk: Path) -> None:

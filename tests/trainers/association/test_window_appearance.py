@@ -138,7 +138,8 @@ def test_trains_and_exports_both(street: Path, siamese: tuple[Path, Path], tmp_p
     out = tmp_path / "out"
     words = [f"--data.train=[{street}]", f"--data.appearance={siamese[1]}", f"--model.appearance={siamese[0]}",
              "--data.windows=2", "--data.seconds=1", "--trainer.max_epochs=1", "--trainer.accelerator=cpu",
-             "--trainer.num_sanity_val_steps=0", "--model.warmup_steps=1", f"--out={out}"]  # fmt: skip
+             "--trainer.num_sanity_val_steps=0", "--model.warmup_steps=1", "--model.epsilon=3",
+             f"--out={out}"]  # fmt: skip
     fit_association(words)
     assert (out / "association.onnx").is_file()
     crop, box = np.full((40, 20, 3), 90, np.uint8), np.array([[0, 0, 20.0, 40]])

@@ -175,7 +175,7 @@ def test_what_is_no_checkpoint(tmp_path: Path, content: object, message: str) ->
 
 def test_checkpoint_or_weights_but_not_both(tmp_path: Path) -> None:
     for checkpoint, weights in ((None, None), (tmp_path / "x.ckpt", "coco")):
-        with pytest.raises(RequestError, match="either --checkpoint FILE or --weights coco"):
+        with pytest.raises(RequestError, match="either one of `checkpoint` and `weights`"):
             export_detector(checkpoint, weights, "ssdlite320", tmp_path / "x.onnx")  # type: ignore[arg-type]
 
 
