@@ -43,7 +43,7 @@ OURS: dict[PeopleMethod, str] = {
     "sort": "PETS 1–300, TUD, generated",
     "bytetrack": "paper",
     "ocsort": "paper",
-    "flow": "MOT17 here, looks at PETS and KITTI cars",
+    "flow": "all sets here",
 }
 RATES = (30.0, 15.0, 10.0, 5.0)
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
