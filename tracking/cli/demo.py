@@ -141,6 +141,9 @@ def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]
 def show_scores(scores: Mapping[str, PeopleEvaluation], out: Path, what: str) -> None:
     """Print the scores of all methods, and where the report is; ``what`` it shows."""
     from tsuiseki.tracking.evaluation.table import people_table, show
+    from tsuiseki.tracking.report.demo import why_not_best
 
     show(people_table(scores))
+    for line in why_not_best(scores):
+        print(line)
     print(f"report with {what}: {out / REPORT_FILE}")
