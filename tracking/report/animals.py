@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.formats.bodies.points import PointTable
-from tsuiseki.tracking.report.overlay import draw_label, track_colour, without_flicker
-from tsuiseki.tracking.report.webm import VideoWriter
+from tsuiseki.tracking.report.overlay import draw_label, track_colour, write_drawn
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack
 
@@ -46,8 +45,4 @@ def write_animals(
     Raises:
         RunError: the video breaks off, or WebM cannot be written.
     """
-    shown: ImageArray | None = None
-    with VideoWriter(path, frame_rate) as writer:
-        for frame in frames:
-            shown = without_flicker(frame.image, shown)
-            writer.write(draw_animals(Frame(frame.index, frame.time, shown), tracks, points))
+    write_drawn(path, frames, frame_rate, lambda frame: draw_animals(frame, tracks, points))

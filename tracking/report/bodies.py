@@ -10,8 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.likelihoods.contour import Points
-from tsuiseki.tracking.report.overlay import Colour, draw_label, track_colour, without_flicker
-from tsuiseki.tracking.report.webm import VideoWriter
+from tsuiseki.tracking.report.overlay import Colour, draw_label, track_colour, write_drawn
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack
 
@@ -72,9 +71,4 @@ def write_contours(
     Raises:
         RunError: the video breaks off, or WebM cannot be written.
     """
-    overlay = BodyOverlay(body, tracks)
-    shown: ImageArray | None = None
-    with VideoWriter(path, frame_rate) as writer:
-        for frame in frames:
-            shown = without_flicker(frame.image, shown)
-            writer.write(overlay.draw(Frame(frame.index, frame.time, shown)))
+    write_drawn(path, frames, frame_rate, BodyOverlay(body, tracks).draw)

@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from tsuiseki.tracking.report.overlay import draw_label, track_colour, without_flicker
+from tsuiseki.tracking.report.overlay import draw_label, track_colour, write_drawn
 from tsuiseki.tracking.report.page import embedded_video, html_page, listing, section
 from tsuiseki.tracking.report.plots import inline_svg
-from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -127,11 +126,8 @@ def write_floor_overlay(path: Path, frames: Iterable[Frame], tracks: Sequence[Fl
     Raises:
         RunError: the video breaks off, or WebM cannot be written.
     """
-    shown: ImageArray | None = None
-    with VideoWriter(path, frame_rate) as writer:
-        for frame in frames:
-            shown = without_flicker(frame.image, shown)
-            writer.write(draw_floor_tracks(shown, tracks, frame.index, max(1, round(TRAIL_SECONDS * frame_rate))))
+    trail = max(1, round(TRAIL_SECONDS * frame_rate))
+    write_drawn(path, frames, frame_rate, lambda frame: draw_floor_tracks(frame.image, tracks, frame.index, trail))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -95,11 +95,20 @@ def write_overlay(
         RunError: the video breaks off, or WebM cannot be written.
     """
     overlay = Overlay(tracks, frame_rate, captions, trail_seconds)
+    write_drawn(path, frames, frame_rate, overlay.draw)
+
+
+def write_drawn(path: Path, frames: Iterable[Frame], frame_rate: float, draw: Callable[[Frame], ImageArray]) -> None:
+    """Write what ``draw`` makes of each frame, freed of flicker, as a video.
+
+    Raises:
+        RunError: the video breaks off, or cannot be written.
+    """
     shown: ImageArray | None = None
     with VideoWriter(path, frame_rate) as writer:
         for frame in frames:
             shown = without_flicker(frame.image, shown)
-            writer.write(overlay.draw(Frame(frame.index, frame.time, shown)))
+            writer.write(draw(Frame(frame.index, frame.time, shown)))
 
 
 def without_flicker(image: ImageArray, shown: ImageArray | None) -> ImageArray:

@@ -9,7 +9,7 @@ import logging
 import pickle
 import tempfile
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -278,14 +278,33 @@ def store_float16(model: onnx.ModelProto) -> None:
 def _convert(module: nn.Module, example: Tensor, name: str, outputs: Sequence[str]) -> onnx.ModelProto:
     # A batch of one would be taken for a constant.
     several = torch.cat((example, example)) if len(example) == 1 else example
+    return convert_module(module, (several,), (name,), outputs, ({0: torch.export.Dim("batch")},))
+
+
+def convert_module(
+    module: nn.Module,
+    inputs: tuple[Tensor, ...],
+    names: Sequence[str],
+    outputs: Sequence[str],
+    dynamic: tuple[Mapping[int, Any], ...],
+) -> onnx.ModelProto:
+    """``module`` as an ONNX model without the traces of the machine that made it.
+
+    Args:
+        module: takes ``inputs``.
+        inputs: examples.
+        names: of the inputs.
+        outputs: names of what comes out.
+        dynamic: for each input the axes whose length may vary.
+    """
     with quiet_exporter():
         program = torch.onnx.export(
             module,
-            (several,),
+            inputs,
             dynamo=True,
-            input_names=[name],
+            input_names=list(names),
             output_names=list(outputs),
-            dynamic_shapes=({0: torch.export.Dim("batch")},),
+            dynamic_shapes=dynamic,
             verbose=False,
         )
     assert program is not None

@@ -16,7 +16,7 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
 from tsuiseki.trainers.association.training import AssociationTraining
-from tsuiseki.trainers.exporting.export import export_onnx, load_module, quiet_exporter
+from tsuiseki.trainers.exporting.export import convert_module, export_onnx, load_module
 
 # Costs, absolute: float32 sums in another order differ by about 1e-6 of a cost of up to 8.
 TOLERANCE = 1e-4
@@ -121,20 +121,6 @@ def check_parity(network: AssociationNetwork, path: Path) -> float:
 
 def _converted(network: AssociationNetwork) -> onnx.ModelProto:
     sizes = [len(getattr(network, part).mean) for part in INPUTS]
-    with quiet_exporter():
-        program = torch.onnx.export(
-            network,
-            tuple(torch.zeros(3 + k, size) for k, size in enumerate(sizes)),
-            dynamo=True,
-            input_names=list(INPUTS),
-            output_names=list(OUTPUTS),
-            dynamic_shapes=tuple({0: torch.export.Dim(f"{part}_rows", min=0)} for part in INPUTS),
-            verbose=False,
-        )
-    assert program is not None
-    model: onnx.ModelProto = program.model_proto
-    for node in model.graph.node:
-        # The exporter leaves the Python stack of every node, with the paths of this machine.
-        del node.metadata_props[:]
-        node.doc_string = ""
-    return model
+    examples = tuple(torch.zeros(3 + k, size) for k, size in enumerate(sizes))
+    rows = tuple({0: torch.export.Dim(f"{part}_rows", min=0)} for part in INPUTS)
+    return convert_module(network, examples, INPUTS, OUTPUTS, rows)

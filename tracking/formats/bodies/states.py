@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.columns import finite_number
 from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.types import STATUSES, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
@@ -87,7 +88,7 @@ def _track(path: Path, identity: int, rows: list[Row]) -> BodyTrack:
 
 
 def _row(path: Path, line: int, row: dict[str, str], fields: Sequence[str]) -> Row:
-    frame, identity = (_number(path, line, name, row[name]) for name in ("frame", "id"))
+    frame, identity = (finite_number(path, line, name, row[name]) for name in ("frame", "id"))
     for name, value in (("frame", frame), ("id", identity)):
         if not 1 <= value <= LAST_FRAME or value != int(value):
             expected = f"a whole number from 1 to {LAST_FRAME} in column {name}"
@@ -95,16 +96,6 @@ def _row(path: Path, line: int, row: dict[str, str], fields: Sequence[str]) -> R
     status = row.get("status") or "tracking"
     if status not in STATUSES:
         raise RequestError(f"{path}:{line}: expected a status of {', '.join(STATUSES)}, got {status!r}")
-    values = [_number(path, line, name, row[name]) for name in fields]
-    score = _number(path, line, "score", row.get("score") or "1")
+    values = [finite_number(path, line, name, row[name]) for name in fields]
+    score = finite_number(path, line, "score", row.get("score") or "1")
     return int(frame) - 1, int(identity), values, score, status
-
-
-def _number(path: Path, line: int, name: str, text: str | None) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise RequestError(f"{path}:{line}: expected a finite number in column {name}, got {text!r}")
-    return value

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.columns import finite_number
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import Scan, SensedTrack
 
@@ -40,7 +41,7 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
     found: list[FloatArray] = []
     spreads: list[FloatArray] = []
     for line, row in rows:
-        time = _number(path, line, clock, row)
+        time = finite_number(path, line, clock, row.get(clock))
         if times and time < times[-1]:
             raise RequestError(
                 f"{path}:{line}: expected rows in order of {clock}, got {time:g} after {times[-1]:g}; sort it"
@@ -50,7 +51,7 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
             found.append(np.full(len(names), np.nan))
             spreads.append(np.eye(len(names)))
             continue
-        found.append(np.array([_number(path, line, name, row) for name in names]))
+        found.append(np.array([finite_number(path, line, name, row.get(name)) for name in names]))
         spreads.append(_covariance(path, line, row, names, errors))
     scans = _scans(np.array(times), np.array(found).reshape(-1, len(names)), np.array(spreads), bool(errors))
     if clock == "time":
@@ -97,7 +98,7 @@ def _error_columns(path: Path, header: Sequence[str], names: Sequence[str]) -> l
 def _covariance(
     path: Path, line: int, row: dict[str, str | None], names: Sequence[str], errors: Sequence[str]
 ) -> FloatArray:
-    values = [_number(path, line, column, row) for column in errors]
+    values = [finite_number(path, line, column, row.get(column)) for column in errors]
     if not values:
         return np.eye(len(names))
     if len(values) == len(names) and errors[0].startswith("sd_"):
@@ -130,17 +131,6 @@ def _need(path: Path, header: Sequence[str], columns: Sequence[str]) -> None:
     missing = [column for column in columns if column not in header]
     if missing:
         raise RequestError(f"{path}: expected the columns {','.join(columns)} in its first line, found no {missing[0]}")
-
-
-def _number(path: Path, line: int, name: str, row: dict[str, str | None]) -> float:
-    text = row.get(name)
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise RequestError(f"{path}:{line}: expected a finite number in column {name}, got {text!r}")
-    return value
 
 
 def write_sensed_tracks(path: Path, tracks: Sequence[SensedTrack], dimensions: int) -> None:

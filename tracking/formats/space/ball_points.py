@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.columns import finite_number
 from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.types import FloatArray
 
@@ -40,7 +41,7 @@ def read_ball_points(path: Path) -> FloatArray:
     first, shift = (1, 0.0) if visible is None else (0, HALF_PIXEL)
     found: dict[int, tuple[float, float]] = {}
     for line, row in enumerate(rows, start=2):
-        frame = _number(path, line, "frame", row) - first
+        frame = finite_number(path, line, "frame", row["frame"]) - first
         if frame != int(frame) or not 0 <= frame <= LAST_FRAME:
             raise RequestError(
                 f"{path}:{line}: expected a whole number from {first} in column frame, got {row['frame']}"
@@ -48,21 +49,11 @@ def read_ball_points(path: Path) -> FloatArray:
         if int(frame) in found:
             raise RequestError(f"{path}:{line}: expected each frame once, got {row['frame']} again")
         empty = not (row["x"] or "").strip() and not (row["y"] or "").strip()
-        hidden = empty or (visible is not None and _number(path, line, visible, row) == 0)
-        place = (np.nan, np.nan) if hidden else (_number(path, line, "x", row), _number(path, line, "y", row))
+        hidden = empty or (visible is not None and finite_number(path, line, visible, row[visible]) == 0)
+        place = (np.nan, np.nan) if hidden else tuple(finite_number(path, line, name, row[name]) for name in ("x", "y"))
         found[int(frame)] = (place[0] + shift, place[1] + shift)
     if not any(np.isfinite(place[0]) for place in found.values()):
         raise RequestError(f"{path}: expected at least one frame that shows the ball, got none")
     pixels = np.full((max(found) + 1, 2), np.nan)
     pixels[list(found)] = list(found.values())
     return pixels
-
-
-def _number(path: Path, line: int, name: str, row: dict[str, str]) -> float:
-    try:
-        value = float(row[name] or "")
-    except (TypeError, ValueError):
-        value = np.nan
-    if not np.isfinite(value):
-        raise RequestError(f"{path}:{line}: expected a finite number in column {name}, got {row[name]!r}")
-    return value
