@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -76,9 +76,15 @@ def watch(clip: Clip, entrant: Entrant, seed: int) -> list[list[float]]:
     return [[float(o), float(s.status == "lost")] for o, s in zip(overlaps, states, strict=True)]
 
 
+@cache
+def _chases(count: int) -> list[Clip]:
+    """The generated clips, drawn once for the passes and the table."""
+    return generated_clips(count)
+
+
 def passes(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Iterator[partial[list[list[float]]]]:
     """Every pass that `lost_status` asks for."""
-    everything = [*clips, *generated_clips(CHASES)]
+    everything = [*clips, *_chases(CHASES)]
     for entrant in TRACKERS.values():
         for clip in everything:
             for seed in seeds_of(entrant, seeds):
@@ -88,7 +94,7 @@ def passes(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Iterato
 def lost_status(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
     """A row a tracker and kind of clip: the given ones, and generated chases."""
     rows, values = [], {}
-    groups = {"given clips": clips, f"{CHASES} generated chases": generated_clips(CHASES)}
+    groups = {"given clips": clips, f"{CHASES} generated chases": _chases(CHASES)}
     for name, entrant in TRACKERS.items():
         for kind, group in groups.items():
             counts = LostCounts()
