@@ -19,15 +19,16 @@ ALLOWED = {
     "tracking": {"tracking"},
     "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
                     "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output",
-                    "tracking.processes", "tracking.features.action_inputs", "tracking.features.motion.optical_flow"},
+                    "tracking.processes", "tracking.options", "tracking.features.action_inputs",
+                    "tracking.features.motion.optical_flow"},
     "trainers": {"trainers", "models", "datamodules", "tracking"},
     "configs": set(),
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here.
 LAYERS = ("errors", "opencv", "weights", "types", "frame_range", "coded_size", "geometry", "timing", "output",
-          "processes", "onnx", "preprocessing", "interchange", "formats", "video", "synchronise", "cameras", "bodies",
-          "likelihoods", "filters", "features", "association", "trackers", "evaluation", "report", "pipelines", "front",
-          "cli")  # fmt: skip
+          "options", "processes", "onnx", "preprocessing", "interchange", "formats", "video", "synchronise", "cameras",
+          "bodies", "likelihoods", "filters", "features", "association", "trackers", "evaluation", "report",
+          "pipelines", "front", "cli")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/readers", "datamodules/scenes")
 
 

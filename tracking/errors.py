@@ -31,3 +31,8 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, number: int = signal.SIGINT, kept: str = "nothing was written") -> None:
         super().__init__(number)
         self.number, self.kept = int(number), kept
+
+
+def signal_of(error: KeyboardInterrupt) -> int:
+    """The signal that ``error`` stands for."""
+    return error.number if isinstance(error, Interrupted) else int(signal.SIGINT)

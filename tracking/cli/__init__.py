@@ -45,11 +45,9 @@ def _run(command: Command, typed: list[str], words: list[str]) -> int:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     function = command.load(typed)
-    if command.forwarded:
-        return function(words) or DONE
     from tsuiseki.tracking.cli.parser import call
 
-    status = call(" ".join([PROGRAM, *typed]), function, words)
+    status = function(words) if command.forwarded else call(" ".join([PROGRAM, *typed]), function, words)
     return status if isinstance(status, int) else DONE
 
 

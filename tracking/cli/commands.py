@@ -24,7 +24,8 @@ class Command:
 
     Attributes:
         summary: one line for the list of commands.
-        place: ``module:function`` inside of `tsuiseki`, where it is not the file of the command's name.
+        place: ``module:function`` inside of `tsuiseki`, or ``module`` where both have one name; by default the file of
+            the command's name. What trains or exports stands where the work is done.
         forwarded: the function takes the words as they are, for a parser of its own.
     """
 
@@ -38,11 +39,11 @@ class Command:
         Raises:
             RequestError: it needs the `train` extra, which is missing.
         """
-        names = [word.replace("-", "_") for word in words]
-        module, _, function = self.place.partition(":")
+        default = ".".join(["tracking.cli", *words]).replace("-", "_")
+        module, _, function = (self.place or default).partition(":")
         with needs_train_extra():
-            found = importlib.import_module(f"tsuiseki.{module or '.'.join(['tracking.cli', *names])}")
-        return getattr(found, function or names[-1])  # type: ignore[no-any-return]
+            found = importlib.import_module(f"tsuiseki.{module}")
+        return getattr(found, function or module.split(".")[-1])  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
@@ -84,9 +85,9 @@ COMMANDS: Tree = {
     "train": Group(
         "fit a model to labelled video (all but body and motion need the train extra)",
         {
-            "detector": Command("where people are", "tracking.cli.train.networks:detector", forwarded=True),
-            "appearance": Command("what they look like", "tracking.cli.train.networks:appearance", forwarded=True),
-            "action": Command("what they do", "tracking.cli.train.networks:action", forwarded=True),
+            "detector": Command("where people are", forwarded=True),
+            "appearance": Command("what they look like", "trainers.networks.fit:fit_appearance", forwarded=True),
+            "action": Command("what they do", "trainers.networks.fit:fit_action", forwarded=True),
             "affinity": Command(
                 "whether two detections are the same person", "trainers.affinity.affinity:fit_affinity"
             ),
@@ -94,20 +95,23 @@ COMMANDS: Tree = {
                 "what differences of actions cost, seen from a drone", "trainers.affinity.action_cost:fit_action_costs"
             ),
             "association": Command(
-                "who follows whom, by whole tracks", "tracking.cli.train.networks:association", forwarded=True
+                "who follows whom, by whole tracks", "trainers.networks.fit:fit_association", forwarded=True
             ),
-            "objectness": Command("which boxes look like an object"),
-            "body": Command("a body that bends, from silhouettes"),
-            "motion": Command("how a body that bends moves, from its tracks"),
+            "objectness": Command("which boxes look like an object", "trainers.objectness.train_objectness"),
+            "body": Command("a body that bends, from silhouettes", "trainers.bodies.train_body"),
+            "motion": Command("how a body that bends moves, from its tracks", "trainers.bodies.train_motion"),
         },
     ),
     "adapt": Command("learn a camera from its unlabelled video (needs the train extra)"),
     "export": Group(
         "turn a trained model into ONNX (needs the train extra)",
         {
-            "detector": Command("from a checkpoint, or from torchvision's COCO weights"),
-            "appearance": Command("from a checkpoint"),
-            "action": Command("from a checkpoint, one file a stream"),
+            "detector": Command(
+                "from a checkpoint, or from torchvision's COCO weights",
+                "trainers.exporting.export_detector",
+            ),
+            "appearance": Command("from a checkpoint", "trainers.exporting.export_appearance"),
+            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_action"),
             "association": Command(
                 "costs of the flow, from a checkpoint", "trainers.exporting.export_association:export_trained"
             ),

@@ -12,16 +12,11 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from tsuiseki.tracking.errors import InputWarning, Interrupted, RequestError, RunError
+from tsuiseki.tracking.errors import InputWarning, Interrupted, RequestError, RunError, signal_of
 
 DONE, FAILED, WRONG_REQUEST = 0, 1, 2
 # Ways to ask a run to end, as far as the system knows them.
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-
-
-def signal_of(error: KeyboardInterrupt) -> int:
-    """The signal that ``error`` stands for."""
-    return error.number if isinstance(error, Interrupted) else int(signal.SIGINT)
 
 
 def ended(command: Callable[[], int | None]) -> int:

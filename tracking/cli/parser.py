@@ -18,9 +18,10 @@ from jsonargparse import ArgumentError, ArgumentParser, Namespace
 from jsonargparse._actions import ActionConfigFile, _ActionConfigLoad
 
 from tsuiseki.tracking.cli.config import config_text
-from tsuiseki.tracking.cli.options import Given, Output, Shared
+from tsuiseki.tracking.cli.options import Given, Output
 from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, parts_of, shown_value
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import Shared
 
 CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
 PRINT_HELP = "print all options as YAML, as a start for --config, and exit"

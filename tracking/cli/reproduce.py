@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.cli.ending import signal_of
 from tsuiseki.tracking.cli.options import Output
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.errors import Interrupted
+from tsuiseki.tracking.errors import Interrupted, signal_of
 
 if TYPE_CHECKING:
     from tsuiseki.trainers.experiments.experiment import Outcome

@@ -37,9 +37,9 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, on_signals, signal_of
+from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, on_signals
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.errors import Interrupted, RequestError, RunError
+from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal_of
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.timing import StageTimes

@@ -27,7 +27,8 @@ from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
-from tsuiseki.trainers.exporting.export import RawHeads, export_onnx, load_module
+from tsuiseki.trainers.exporting.export import export_onnx, load_module
+from tsuiseki.trainers.exporting.export_detector import RawHeads
 from tsuiseki.trainers.networks.calibration import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 

@@ -1,4 +1,4 @@
-"""`tsuiseki export`: from a trained network to an ONNX file that runs without torch, and the proof that both agree."""
+"""From a trained network to an ONNX file that runs without torch, and the proof that both agree."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ import dataclasses
 import io
 import logging
 import pickle
-import tempfile
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import lightning
 import numpy as np
@@ -22,14 +21,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from tsuiseki.models.detector import Detector, OneClass
-from tsuiseki.models.pretrained import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
-from tsuiseki.tracking.output import check_output_file, output_file
-from tsuiseki.trainers.networks.appearance import AppearanceTraining
-from tsuiseki.trainers.networks.calibration import calibration_of
-from tsuiseki.trainers.networks.detector import COCO_NORMALISATIONS, FIXED_SIDES, DetectorTraining, detector_card
+from tsuiseki.tracking.output import output_file
 
 # Largest difference to torch, relative to the largest value of an output. Float32 sums in another order differ by a
 # few 1e-6 a layer; weights rounded to float16 by 5e-4 each, which some sixty layers add up to.
@@ -85,114 +79,6 @@ def export_onnx(
         return check_parity(module, work, example, FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE, spread)
 
 
-class RawHeads(nn.Module):
-    """A detector with its anchors as a third output, as the exported file has it.
-
-    Args:
-        detector: of one class.
-        calibration: scale and shift of the logit of its score.
-    """
-
-    def __init__(self, detector: Detector | OneClass, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
-        super().__init__()
-        self.detector = detector
-        self.calibration = calibration
-
-    def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """``(B, 3, H, W)`` to logits ``(B, A, 2)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
-        logits, offsets = self.detector(images)
-        scale, shift = self.calibration
-        if self.calibration != (1.0, 0.0):
-            logits = logits * scale + torch.tensor([0.0, shift])
-        return logits, offsets, self.detector.anchors
-
-
-def export_detector(
-    checkpoint: Path | None,
-    weights: Literal["coco"] | None,
-    architecture: CocoArchitecture,
-    out: Path,
-    training_data: str = "",
-    float16: bool = False,
-    overwrite: bool = False,
-    state: Path | None = None,
-    calibrate: Path | None = None,
-    size: tuple[int, int] | None = None,
-) -> float:
-    """Write a trained detector, or torchvision's COCO-trained one reduced to people, as ONNX.
-
-    Args:
-        checkpoint: of `tsuiseki train detector`; or None with ``weights``.
-        weights: ``coco``; or None with ``checkpoint``.
-        architecture: of the COCO weights.
-        out: the file to write.
-        training_data: for the card, in words.
-        float16: store weights as float16.
-        overwrite: replace an existing file.
-        state: file of torchvision's state dict, for a machine that cannot download it.
-        calibrate: labelled pictures in the MOTChallenge layout; the scores become probabilities there.
-        size: height and width of the input, where another than in training; only ``people`` takes any.
-
-    Returns:
-        The largest relative difference to torch that the parity check saw.
-
-    Raises:
-        RequestError: not exactly one of checkpoint and weights, a missing or foreign file, no connection.
-        RunError: the exported file does not give what torch gives.
-    """
-    if (checkpoint is None) == (weights is None):
-        raise RequestError("expected either one of `checkpoint` and `weights`")
-    network: Detector | OneClass
-    if checkpoint is not None:
-        try:
-            module = load_module(DetectorTraining, checkpoint, size)
-        except ValueError as error:  # the network does not take this size
-            raise RequestError(str(error)) from error
-        network, card = module.network, module.card
-    else:
-        network, card = _coco(architecture, state)
-        training_data = training_data or "COCO 2017, torchvision's weights"
-    card = dataclasses.replace(card, training_data=training_data)
-    network.to(memory_format=torch.contiguous_format)
-    example = torch.zeros(2, 3, card.input_height, card.input_width)
-    outputs = ("logits", "offsets", "anchors")
-    if calibrate is None:
-        return export_onnx(RawHeads(network), card, out, example, outputs, float16, overwrite)
-    check_output_file(out, overwrite)
-    with tempfile.TemporaryDirectory() as folder:
-        raw = Path(folder) / "raw.onnx"
-        export_onnx(RawHeads(network), card, raw, example, outputs)
-        calibration = calibration_of(raw, calibrate)
-    card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
-    return export_onnx(RawHeads(network, calibration), card, out, example, outputs, float16, overwrite)
-
-
-def export_appearance(
-    checkpoint: Path, out: Path, training_data: str = "", float16: bool = False, overwrite: bool = False
-) -> float:
-    """Write a trained appearance network as ONNX.
-
-    Args:
-        checkpoint: of `tsuiseki train appearance`.
-        out: the file to write.
-        training_data: for the card, in words.
-        float16: store weights as float16.
-        overwrite: replace an existing file.
-
-    Returns:
-        The largest relative difference to torch that the parity check saw.
-
-    Raises:
-        RequestError: a missing or foreign file.
-        RunError: the exported file does not give what torch gives.
-    """
-    module = load_module(AppearanceTraining, checkpoint)
-    card = dataclasses.replace(module.card, training_data=training_data)
-    network = module.network.to(memory_format=torch.contiguous_format)
-    example = torch.zeros(2, 3, card.input_height, card.input_width)
-    return export_onnx(network, card, out, example, ("features",), float16, overwrite)
-
-
 def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | None = None) -> Module:
     """The LightningModule in ``checkpoint``; nothing but tensors and plain values is unpickled.
 
@@ -216,18 +102,6 @@ def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | No
         reason = " ".join(str(error).split())[:200]
         raise RequestError(f"{checkpoint}: expected a checkpoint of {kind.__name__}, got: {reason}") from error
     return module.eval()
-
-
-def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[OneClass, ModelCard]:
-    if state is not None and not state.is_file():
-        raise RequestError(f"expected a state dict at {state}, found none")
-    try:
-        network = coco_person_detector(architecture, state)
-    except (ConnectionError, ValueError, pickle.UnpicklingError) as error:
-        raise RequestError(str(error)) from error
-    side = FIXED_SIDES[architecture]
-    card = detector_card(f"{architecture}-coco", (side, side), "stretch", COCO_NORMALISATIONS[architecture])
-    return network.eval(), card
 
 
 def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float, spread: float = 1.0) -> float:

@@ -22,6 +22,7 @@ from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.preprocessing import normalise
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
+from tsuiseki.trainers.exporting.model_file import ModelFiles
 from tsuiseki.trainers.exporting.quantisation import quantise_file, write_card
 from tsuiseki.trainers.networks.action import ActionTraining, mean_average_precision
 
@@ -46,53 +47,48 @@ class ExportedStream:
     map_int8: float | None = None
 
 
-def export_action(
-    checkpoint: Path,
-    out: Path,
-    training_data: str = "",
-    float16: bool = False,
-    int8: Sequence[Path] = (),
-    overwrite: bool = False,
-) -> list[ExportedStream]:
-    """Write the streams of a trained action network as ONNX, ``out-STREAM.onnx`` each for ``out`` without its ending.
+def export_action(output: ModelFiles, checkpoint: Path, int8: list[Path] | None = None) -> list[ExportedStream]:
+    """Write the streams of an action network as ONNX, a file each, and check that they give what torch gives.
 
     Args:
-        checkpoint: of `tsuiseki train action`.
-        out: name of the files, such as ``action.onnx`` for ``action_rgb_local.onnx`` and so on.
-        training_data: for the cards, in words.
-        float16: store weights as float16.
-        int8: labelled clips, or folders of them: weights and activations become 8-bit numbers whose ranges are
-            calibrated there, and the mAP there is measured before and after.
-        overwrite: replace existing files.
+        out: ONNX file to write; action.onnx becomes action_rgb_local.onnx, action_rgb_global.onnx and so on.
+        checkpoint: best.ckpt of tsuiseki train action.
+        int8: folders of labelled clips; the network computes with 8-bit numbers calibrated there, and says what mean
+            average precision that costs there.
 
     Raises:
         RequestError: a missing or foreign file, clips with other actions.
         RunError: an exported file does not give what torch gives.
     """
-    if float16 and int8:
-        raise RequestError("expected float16 or int8, got both")
+    if output.float16 and int8:
+        raise RequestError("expected `float16` or `int8`, got both")
     module = load_module(ActionTraining, checkpoint)
-    paths = {name: out.with_name(f"{out.stem}_{name}.onnx") for name in module.inputs}
+    paths = {name: output.out.with_name(f"{output.out.stem}_{name}.onnx") for name in module.inputs}
     for path in paths.values():
-        check_output_file(path, overwrite)
+        check_output_file(path, output.overwrite)
     crops = labelled_crops(int8, module) if int8 else None
     module.network.to(memory_format=torch.contiguous_format)
     written = []
     for name, path in paths.items():
         stream = module.network.streams[name]
-        card = dataclasses.replace(module.card(name), training_data=training_data)
+        card = dataclasses.replace(module.card(name), training_data=output.training_data)
         example = torch.zeros(2, module.inputs[name].channels, card.input_height, card.input_width)
         # Flow is nearly nothing nearly everywhere; noise as strong as in colours would saturate every sigmoid.
         spread = 0.1 if module.inputs[name].is_flow else 1.0
         probability = StreamProbability(stream)  # type: ignore[arg-type]
         if crops is None:
-            worst = export_onnx(probability, card, path, example, ("probability",), float16, overwrite, spread)
+            how = output.float16, output.overwrite, spread
+            worst = export_onnx(probability, card, path, example, ("probability",), *how)
             written.append(ExportedStream(path, worst))
             continue
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / "float32.onnx"
             worst = export_onnx(probability, card, whole, example, ("probability",), spread=spread)
-            written.append(ExportedStream(path, worst, *quantise(whole, path, crops, name, overwrite)))
+            written.append(ExportedStream(path, worst, *quantise(whole, path, crops, name, output.overwrite)))
+    for one in written:
+        output.report(one.path, one.difference)
+        if one.map_float32 is not None and one.map_int8 is not None:
+            print(f"  mAP {one.map_float32:.4f} in float32, {one.map_int8:.4f} in int8")
     return written
 
 

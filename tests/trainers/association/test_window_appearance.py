@@ -19,7 +19,8 @@ from tsuiseki.tracking.formats.mot import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow
 from tsuiseki.trainers.association.training import AssociationTraining, contrast_within
 from tsuiseki.trainers.association.window_appearance import averaged, distances, repriced
-from tsuiseki.trainers.exporting.export import export_appearance
+from tsuiseki.trainers.exporting.export_appearance import export_appearance
+from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.fit import fit_association
 
@@ -58,7 +59,7 @@ def siamese(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     trainer = lightning.Trainer(max_epochs=0, accelerator="cpu", logger=False, enable_progress_bar=False)
     trainer.strategy.connect(module)
     trainer.save_checkpoint(folder / "best.ckpt")
-    export_appearance(folder / "best.ckpt", folder / "appearance.onnx")
+    export_appearance(ModelFile(out=folder / "appearance.onnx"), folder / "best.ckpt")
     return folder / "best.ckpt", folder / "appearance.onnx"
 
 

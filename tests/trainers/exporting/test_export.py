@@ -18,7 +18,9 @@ from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.trainers.exporting import export
-from tsuiseki.trainers.exporting.export import export_detector, export_onnx
+from tsuiseki.trainers.exporting.export import export_onnx
+from tsuiseki.trainers.exporting.export_detector import export_detector
+from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 
 CARD = ModelCard("appearance", "tiny", input_height=8, input_width=8, feature_length=6)
@@ -120,7 +122,7 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
         checkpoint,
     )
     path = tmp_path / "detector.onnx"
-    export_detector(checkpoint, None, "ssdlite320", path, training_data="noise")
+    export_detector(ModelFile(out=path, training_data="noise"), checkpoint)
     detector = Detector(path, score_threshold=0.0, threads=1)
     assert detector.model.card.training_data == "noise"
     assert detector.model.card.settings == {"variances": [0.1, 0.2]}
@@ -145,7 +147,7 @@ def test_coco_weights_become_a_person_detector(tmp_path: Path) -> None:
         nn.init.normal_(head[-1].weight, std=2.0)
     torch.save(model.state_dict(), tmp_path / "coco.pth")
     path = tmp_path / "coco.onnx"
-    export_detector(None, "coco", "ssdlite320", path, state=tmp_path / "coco.pth")
+    export_detector(ModelFile(out=path), weights="coco", state=tmp_path / "coco.pth")
     card = OnnxModel(path, "detector", threads=1).card
     assert (card.input_height, card.input_width, card.resize) == (320, 320, "stretch")
     assert (card.mean, card.std) == ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
@@ -169,14 +171,14 @@ def test_what_is_no_checkpoint(tmp_path: Path, content: object, message: str) ->
     elif content is not None:
         torch.save(content, checkpoint)
     with pytest.raises(RequestError, match=message):
-        export_detector(checkpoint, None, "ssdlite320", tmp_path / "x.onnx")
+        export_detector(ModelFile(out=tmp_path / "x.onnx"), checkpoint)
     assert not (tmp_path / "x.onnx").exists()
 
 
 def test_checkpoint_or_weights_but_not_both(tmp_path: Path) -> None:
     for checkpoint, weights in ((None, None), (tmp_path / "x.ckpt", "coco")):
         with pytest.raises(RequestError, match="either one of `checkpoint` and `weights`"):
-            export_detector(checkpoint, weights, "ssdlite320", tmp_path / "x.onnx")  # type: ignore[arg-type]
+            export_detector(ModelFile(out=tmp_path / "x.onnx"), checkpoint, weights)  # type: ignore[arg-type]
 
 
 def test_coco_without_a_connection(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,4 +189,4 @@ def test_coco_without_a_connection(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr("torchvision.models._api.load_state_dict_from_url", unreachable)
     with pytest.raises(RequestError, match=r"expected to download .*no route to host"):
-        export_detector(None, "coco", "ssdlite320", tmp_path / "x.onnx")
+        export_detector(ModelFile(out=tmp_path / "x.onnx"), weights="coco")

@@ -10,7 +10,8 @@ from tsuiseki.models.backbones import build_trunk
 from tsuiseki.models.detector import people_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import OnnxModel
-from tsuiseki.trainers.exporting.export import RawHeads, export_onnx
+from tsuiseki.trainers.exporting.export import export_onnx
+from tsuiseki.trainers.exporting.export_detector import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, restore_normalisations
 from tsuiseki.trainers.networks.detector import detector_card, take_over
 

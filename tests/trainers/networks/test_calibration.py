@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.exporting.export import RawHeads
+from tsuiseki.trainers.exporting.export_detector import RawHeads
 from tsuiseki.trainers.networks.calibration import fit_calibration
 
 

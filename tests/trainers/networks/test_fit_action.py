@@ -20,6 +20,7 @@ from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_action import export_action, labelled_crops, quantise
+from tsuiseki.trainers.exporting.model_file import ModelFiles
 from tsuiseki.trainers.networks.action import ActionTraining
 from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_action
 
@@ -58,7 +59,9 @@ def trained(acting_clips: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
 @pytest.fixture(scope="module")
 def exported(trained: Path) -> list[Path]:
     """The files of its streams."""
-    done = export_action(trained / "out/checkpoints/last.ckpt", trained / "action.onnx", "coloured boxes")
+    done = export_action(
+        ModelFiles(out=trained / "action.onnx", training_data="coloured boxes"), trained / "out/checkpoints/last.ckpt"
+    )
     return [stream.path for stream in done]
 
 
@@ -171,7 +174,7 @@ def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="12: Handshaking"):
         fit_action(options(acting_clips, tmp_path, f"--out={tmp_path / 'o'}", "--model.actions=5"))
     with pytest.raises(RequestError, match="expected a checkpoint at"):
-        export_action(tmp_path / "none.ckpt", tmp_path / "a.onnx")
+        export_action(ModelFiles(out=tmp_path / "a.onnx"), tmp_path / "none.ckpt")
 
 
 @pytest.mark.thesis_size

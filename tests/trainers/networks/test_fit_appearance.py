@@ -17,7 +17,9 @@ from tsuiseki.models import appearance
 from tsuiseki.models.backbones import Trunk
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance, crop_boxes
-from tsuiseki.trainers.exporting.export import export_appearance, load_module
+from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.exporting.export_appearance import export_appearance
+from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_appearance
 
@@ -77,7 +79,7 @@ def test_training_learns_and_logs(trained: Path) -> None:
 def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: Path) -> None:
     checkpoint = trained / "out" / "checkpoints" / "best.ckpt"
     path = tmp_path / "a.onnx"
-    export_appearance(checkpoint, path, "rendered people")
+    export_appearance(ModelFile(out=path, training_data="rendered people"), checkpoint)
     exported = Appearance(path, threads=1)
     card = exported.model.card
     assert (card.input_height, card.input_width, card.feature_length) == (64, 32, 32)
@@ -111,8 +113,8 @@ def test_request_errors(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="trunk"):
         fit_appearance(options(tmp_path, f"--out={tmp_path / 'o'}", "--model.trunk=alexnet"))
     with pytest.raises(RequestError, match="expected a checkpoint at"):
-        export_appearance(tmp_path / "none.ckpt", tmp_path / "a.onnx")
+        export_appearance(ModelFile(out=tmp_path / "a.onnx"), tmp_path / "none.ckpt")
     (tmp_path / "foreign.ckpt").write_bytes(b"not a checkpoint")
     with pytest.raises(RequestError, match=r"foreign\.ckpt"):
-        export_appearance(tmp_path / "foreign.ckpt", tmp_path / "a.onnx")
+        export_appearance(ModelFile(out=tmp_path / "a.onnx"), tmp_path / "foreign.ckpt")
     assert not (tmp_path / "a.onnx").exists()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsuiseki.tracking.cameras.checkerboard import Coefficients
-from tsuiseki.tracking.cli.options import OutputFile
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import OutputFile
 
 INTRINSICS_FILE = OutputFile(out=Path("intrinsics.yaml"))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from tsuiseki.tracking.cli.calibrate.options import LensSizes
-from tsuiseki.tracking.cli.options import OutputFile
+from tsuiseki.tracking.options import OutputFile
 
 
 def convert(

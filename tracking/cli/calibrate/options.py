@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from tsuiseki.tracking.cli.options import OutputFile, Shared
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import OutputFile, Shared
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsuiseki.tracking.cli.calibrate.options import CAMERA_FILE, FrameRate, ImageSize
-from tsuiseki.tracking.cli.options import OutputFile
+from tsuiseki.tracking.options import OutputFile
 
 
 def points(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsuiseki.tracking.cli.calibrate.options import CAMERA_FILE, FrameRate, LensSizes
-from tsuiseki.tracking.cli.options import OutputFile
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import OutputFile
 
 
 def pose(

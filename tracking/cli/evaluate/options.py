@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from tsuiseki.tracking.cli.options import BY_PLACE, Files, Shared
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.result_names import result_names
 from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
+from tsuiseki.tracking.options import BY_PLACE, Files, Shared
 
 if TYPE_CHECKING:
     from rich.table import Table

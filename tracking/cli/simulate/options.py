@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from tsuiseki.tracking.cli.options import SeededOutput, Shared
+from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import Shared
 
 T = TypeVar("T")
 LARGEST, LONGEST = 16_384, 1_000_000

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsuiseki.tracking.cli.options import Shared
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
+from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsuiseki.tracking.cli.options import SeededOutput, Shared, Video
+from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.pipelines.single_choice import SingleChoice
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsuiseki.tracking.cli.options import Overlay, SeededOutput, Shared
+from tsuiseki.tracking.cli.options import Overlay, SeededOutput
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.pipelines.sphere import SphereSettings
 
 if TYPE_CHECKING:

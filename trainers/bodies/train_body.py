@@ -1,14 +1,20 @@
-"""`tsuiseki train body`."""
+"""`tsuiseki train body`: a body from silhouettes, into a file."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tsuiseki.tracking.cli.options import PlottedFile
+from tsuiseki.tracking.bodies.learnt import write_body
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.likelihoods.colour_region import parse_colour
+from tsuiseki.tracking.likelihoods.contour import Extraction
+from tsuiseki.tracking.options import PlottedFile
+from tsuiseki.trainers.bodies.body import learn_body
+from tsuiseki.trainers.bodies.body_plot import plot_body
+from tsuiseki.trainers.bodies.outlines import outlines_of
 
 
-def body(
+def train_body(
     clips: list[Path],
     /,
     output: PlottedFile,
@@ -32,13 +38,6 @@ def body(
         points: of the contour.
         plot: also draw the mean outline and the modes into this file (PNG, SVG or PDF).
     """
-    from tsuiseki.tracking.bodies.learnt import write_body
-    from tsuiseki.tracking.likelihoods.colour_region import parse_colour
-    from tsuiseki.tracking.likelihoods.contour import Extraction
-    from tsuiseki.trainers.bodies.body import learn_body
-    from tsuiseki.trainers.bodies.body_plot import plot_body
-    from tsuiseki.trainers.bodies.outlines import outlines_of
-
     if modes < 1 or points < 8:
         raise RequestError(f"expected at least 1 of `modes` and 8 `points`, got {modes} and {points}")
     if smooth < 1 or smooth % 2 == 0:

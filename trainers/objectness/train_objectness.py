@@ -1,15 +1,16 @@
-"""`tsuiseki train objectness`."""
+"""`tsuiseki train objectness`: binarised normed gradients, into a file."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tsuiseki.tracking.cli.commands import needs_train_extra
-from tsuiseki.tracking.cli.options import PlottedFile, Seed
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import PlottedFile, Seed
+from tsuiseki.trainers.objectness.objectness import ObjectnessSettings, fit_objectness
+from tsuiseki.trainers.objectness.objectness_data import plot_recall, recall_by_windows, some_images
 
 
-def objectness(
+def train_objectness(
     output: PlottedFile,
     chance: Seed,
     data: list[Path] | None = None,
@@ -30,10 +31,6 @@ def objectness(
     """
     if interval < 1 or images < 1:
         raise RequestError(f"expected `interval` and `images` of at least 1, got {interval} and {images}")
-    with needs_train_extra():
-        from tsuiseki.trainers.objectness.objectness import ObjectnessSettings, fit_objectness
-        from tsuiseki.trainers.objectness.objectness_data import plot_recall, recall_by_windows, some_images
-
     training, described = some_images(data, interval, images, chance.seed)
     model = fit_objectness(training, ObjectnessSettings(seed=chance.seed), described)
     held_out, _ = some_images(test, interval, max(1, images // 4), chance.seed + 1)

@@ -1,4 +1,4 @@
-"""Options that the commands of `tsuiseki export` share."""
+"""The ONNX file that an export writes: what all of `tsuiseki export` take."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from tsuiseki.tracking.cli.options import OutputFile
+from tsuiseki.tracking.options import OutputFile
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,1 +1,0 @@
-"""`tsuiseki export`: a file for each of its commands."""

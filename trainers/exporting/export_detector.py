@@ -1,0 +1,136 @@
+"""`tsuiseki export detector`: a person detector as ONNX, from a checkpoint or from torchvision's COCO weights."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+import tempfile
+from pathlib import Path
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from tsuiseki.models.detector import Detector, OneClass
+from tsuiseki.models.pretrained import CocoArchitecture, coco_person_detector
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.output import check_output_file
+from tsuiseki.trainers.exporting.export import export_onnx, load_module
+from tsuiseki.trainers.exporting.export_int8 import quantise_detector
+from tsuiseki.trainers.exporting.model_file import ModelFile
+from tsuiseki.trainers.networks.calibration import calibration_of
+from tsuiseki.trainers.networks.detector import COCO_NORMALISATIONS, FIXED_SIDES, DetectorTraining, detector_card
+
+OUTPUTS = ("logits", "offsets", "anchors")
+
+
+class RawHeads(nn.Module):
+    """A detector with its anchors as a third output, as the exported file has it.
+
+    Args:
+        detector: of one class.
+        calibration: scale and shift of the logit of its score.
+    """
+
+    def __init__(self, detector: Detector | OneClass, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
+        super().__init__()
+        self.detector = detector
+        self.calibration = calibration
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """``(B, 3, H, W)`` to logits ``(B, A, 2)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
+        logits, offsets = self.detector(images)
+        scale, shift = self.calibration
+        if self.calibration != (1.0, 0.0):
+            logits = logits * scale + torch.tensor([0.0, shift])
+        return logits, offsets, self.detector.anchors
+
+
+def export_detector(
+    output: ModelFile,
+    checkpoint: Path | None = None,
+    weights: Literal["coco"] | None = None,
+    architecture: CocoArchitecture = "ssdlite320",
+    state: Path | None = None,
+    calibrate: Path | None = None,
+    int8: Path | None = None,
+    height: int | None = None,
+    width: int | None = None,
+) -> float:
+    """Write a person detector as ONNX, and check that it gives what torch gives.
+
+    Either from a checkpoint of your own, or from torchvision's COCO-trained weights, of which the person class is kept:
+    with those, your own street video works on the first day.
+
+    Args:
+        checkpoint: best.ckpt of tsuiseki train detector.
+        weights: coco downloads torchvision's weights.
+        architecture: of the COCO weights.
+        state: file of those weights, for a machine that cannot download them.
+        calibrate: MOTChallenge folder of labelled pictures; scores become probabilities of a person there.
+        int8: MOTChallenge folder of labelled pictures; weights and activations become 8-bit numbers whose ranges are
+            taken there, and the average precision before and after is measured there.
+        height: of the input, pixels, where another than in training; with --width.
+        width: likewise; a larger input finds smaller people and takes longer.
+
+    Returns:
+        The largest relative difference to torch that the parity check saw, of the float weights.
+
+    Raises:
+        RequestError: not exactly one of checkpoint and weights, a missing or foreign file, no connection.
+        RunError: the exported file does not give what torch gives.
+    """
+    if (height is None) != (width is None):
+        raise RequestError("expected `height` and `width` together, got one of them")
+    if output.float16 and int8:
+        raise RequestError("expected `float16` or `int8`, got both")
+    if (checkpoint is None) == (weights is None):
+        raise RequestError("expected either one of `checkpoint` and `weights`")
+    size = None if height is None or width is None else (height, width)
+    network, card = _coco(architecture, state) if checkpoint is None else _trained(checkpoint, size)
+    card = dataclasses.replace(card, training_data=output.training_data or card.training_data)
+    with tempfile.TemporaryDirectory() as folder:
+        whole = dataclasses.replace(output, out=output.out if int8 is None else Path(folder) / "whole.onnx")
+        difference = _written(network, card, whole, calibrate)
+        if int8 is not None:
+            before, after = quantise_detector(whole.out, output.out, int8, output.overwrite)
+            print(f"AP50 on {int8}: {before:.3f} with float weights, {after:.3f} with 8-bit ones")
+    output.report(output.out, difference)
+    return difference
+
+
+def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[Detector | OneClass, ModelCard]:
+    try:
+        module = load_module(DetectorTraining, checkpoint, size)
+    except ValueError as error:  # the network does not take this size
+        raise RequestError(str(error)) from error
+    return module.network, module.card
+
+
+def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[Detector | OneClass, ModelCard]:
+    if state is not None and not state.is_file():
+        raise RequestError(f"expected a state dict at {state}, found none")
+    try:
+        network = coco_person_detector(architecture, state)
+    except (ConnectionError, ValueError, pickle.UnpicklingError) as error:
+        raise RequestError(str(error)) from error
+    side = FIXED_SIDES[architecture]
+    card = detector_card(f"{architecture}-coco", (side, side), "stretch", COCO_NORMALISATIONS[architecture])
+    return network.eval(), dataclasses.replace(card, training_data="COCO 2017, torchvision's weights")
+
+
+def _written(network: Detector | OneClass, card: ModelCard, output: ModelFile, calibrate: Path | None) -> float:
+    """Write the file, its scores calibrated on labelled pictures where there are some."""
+    network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    calibration = (1.0, 0.0)
+    if calibrate is not None:
+        check_output_file(output.out, output.overwrite)
+        with tempfile.TemporaryDirectory() as folder:
+            raw = Path(folder) / "raw.onnx"
+            export_onnx(RawHeads(network), card, raw, example, OUTPUTS)
+            calibration = calibration_of(raw, calibrate)
+        card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
+    heads = RawHeads(network, calibration)
+    return export_onnx(heads, card, output.out, example, OUTPUTS, output.float16, output.overwrite)
