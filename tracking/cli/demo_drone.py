@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
+
+from tsuiseki.tracking.cli.demo import OVERLAY_FILE, REPORT_FILE, record_method, show_scores
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -11,51 +13,41 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import SeededOutput
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.pipelines.drone import DroneResult
-    from tsuiseki.tracking.pipelines.drone_models import DroneModels
     from tsuiseki.tracking.report.demo import DemoResult
 
-METHODS: Mapping[Literal["flow", "flow-saf", "flow-maf"], str] = {
-    "flow": "flow",
-    "flow-saf": "flow, single-frame actions",
-    "flow-maf": "flow, multi-frame actions",
-}
-CLIP_FOLDER, REPORT_FILE, OVERLAY_FILE, THRESHOLD = "drone", "report.html", "overlay.webm", 0.4
+CLIP_FOLDER, THRESHOLD = "drone", 0.4
 
 
 def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
     from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
     from tsuiseki.datamodules.scenes.drone.files import write_drone
-    from tsuiseki.tracking.cli.demo import show_scores
     from tsuiseki.tracking.cli.track.drone_run import follow
-    from tsuiseki.tracking.cli.track.finding import Finding
-    from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
     from tsuiseki.tracking.formats.mot import read_ground_truth
+    from tsuiseki.tracking.pipelines.demo import DRONE_METHODS, scored
     from tsuiseki.tracking.pipelines.drone_models import DroneModels
+    from tsuiseki.tracking.pipelines.finding_options import Finding
     from tsuiseki.tracking.report.demo import DemoResult
     from tsuiseki.tracking.trackers.drone import DroneSettings
     from tsuiseki.tracking.video import open_source
 
     with output.run() as run:
         with run.times.measure("generate the clip"):
-            scene = DroneSceneSettings(frames=frames)
             clip = write_drone(
                 run.work / CLIP_FOLDER,
-                scene,
+                DroneSceneSettings(frames=frames),
                 output.seed,
                 watch=lambda drawn: run.watched(drawn, "generating", frames),
             )
         source = open_source(clip)
-        finding = Finding(threads=threads)
-        models: DroneModels = DroneModels.choose(source, "flow-maf", finding, bridging=None)
+        models = DroneModels.choose(source, "flow-maf", Finding(threads=threads), bridging=None)
         truth = read_ground_truth(clip / "gt" / "gt.txt")
-        settings = DroneSettings()
-        results, scores = {}, {}
-        for method, name in METHODS.items():
-            cache = str(clip), run.work / "observations"
-            results[name] = follow(run, source, models, method, settings, cache)
-            scores[name] = evaluate_sequences([SequencePair(CLIP_FOLDER, truth, results[name].tracks, frames)])
+        cache = str(clip), run.work / "observations"
+        results = {
+            name: follow(run, source, models, method, DroneSettings(), cache) for method, name in DRONE_METHODS.items()
+        }
         tracks = {name: found.tracks for name, found in results.items()}
+        scores = scored(CLIP_FOLDER, truth, tracks, frames)
         _write(run, DemoResult(source, truth, tracks, scores, frames), results)
     if run.status == 0:
         show_scores(scores, output.out, "video, actions and plots")
@@ -65,26 +57,24 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
 def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> None:
     """A folder for each method, the overlay, the report."""
     from tsuiseki.tracking.cli.track.drone_run import write_result
-    from tsuiseki.tracking.output import RunRecord
+    from tsuiseki.tracking.pipelines.demo import DRONE_METHODS
     from tsuiseki.tracking.report.actions import ActionReport, captions_of
     from tsuiseki.tracking.report.demo import drone_report
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.report.page import write_report
 
-    source, best = demo.source, results[list(METHODS.values())[-1]]
+    source, best = demo.source, results[list(results)[-1]]
     rate, captions = source.frame_rate, captions_of(best.people, best.names, THRESHOLD)
     with run.times.measure("draw the overlay"):
         overlay = run.draw(
             OVERLAY_FILE,
             lambda path: write_overlay(path, source.frames(), best.tracks, rate, captions, trail_seconds=0.0),
         )
-    given, seed = run.output.given, run.output.random_seed
-    for method, name in METHODS.items():
+    for method, name in DRONE_METHODS.items():
         write_result(run, results[name], source, THRESHOLD, f"{method}/")
-        record = RunRecord(given.command, {"frames": demo.frames, "method": method}, seed, run.times.seconds)
-        record.frames, run.columns = run.columns, {}
-        record.write(run.work / method)
+        columns, run.columns = run.columns, {}
+        record_method(run, {"frames": demo.frames, "method": method}, run.times.seconds, columns)
     actions = ActionReport(source.name, best.people, best.names, best.log.frames, THRESHOLD, rate)
-    shown = replace(demo, overlay=overlay, seconds=run.times.seconds, facts={"seed": str(seed)})
-    report = drone_report(shown, actions)
+    facts = {"seed": str(run.output.random_seed)}
+    report = drone_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts), actions)
     run.write(REPORT_FILE, lambda path: write_report(path, report))

@@ -69,9 +69,9 @@ def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict
         found = parser.parse_args(_normalised(words, parser, prog.split()))
     except ArgumentError as error:
         raise RequestError(friendly(str(error), parser.option_names())) from error
-    for name, kind in inspect.get_annotations(function, eval_str=True).items():
-        if dataclasses.is_dataclass(kind) and not is_shared(kind) and not isinstance(found[name], Namespace):
-            raise RequestError(f"{name}: expected options of its own below it, got {found[name]!r}")
+    for option in options_of(function):
+        if option.grouped and not isinstance(found[option.name], Namespace):
+            raise RequestError(f"{option.name}: expected options of its own below it, got {found[option.name]!r}")
     try:
         values = parser.instantiate(found)
     except ValueError as error:  # a settings dataclass refuses a value
@@ -79,24 +79,90 @@ def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict
     return _arguments(function, values, prog)
 
 
+@dataclasses.dataclass(frozen=True)
+class Option:
+    """A parameter of a command, or a field of a `Shared` one.
+
+    Attributes:
+        name: with underscores.
+        kind: its type.
+        text: for the help.
+        default: `dataclasses.MISSING` where it must be given.
+        by_place: without its name.
+    """
+
+    name: str
+    kind: Any
+    text: str
+    default: Any
+    by_place: bool
+
+    @property
+    def many(self) -> bool:
+        """Whether several words may be given by place."""
+        return getattr(self.kind, "__origin__", None) is list
+
+    @property
+    def grouped(self) -> bool:
+        """Whether it is a group of options below its name."""
+        return dataclasses.is_dataclass(self.kind)
+
+    @property
+    def required(self) -> bool:
+        """Whether it must be given."""
+        return self.default is dataclasses.MISSING
+
+
+def options_of(function: Callable[..., Any]) -> list[Option]:
+    """The options of ``function``, those of its `Shared` parameters last, worded and with defaults as it says."""
+    texts, own, shared = _documentation(function)[1], [], []
+    for one in _parameters(function):
+        if not is_shared(one.annotation):
+            default = dataclasses.MISSING if one.default is one.empty else one.default
+            by_place = one.kind is one.POSITIONAL_ONLY
+            own.append(Option(one.name, one.annotation, texts.get(one.name, ""), default, by_place))
+            continue
+        inherited: dict[str, str] = {}
+        for base in reversed(one.annotation.__mro__):
+            inherited |= _documentation(base)[1] if dataclasses.is_dataclass(base) else {}
+        hints = get_type_hints(one.annotation)
+        for field in _fields_of(one.annotation):
+            text = texts.get(field.name, inherited.get(field.name, ""))
+            value = _default_of(field) if one.default is one.empty else getattr(one.default, field.name)
+            by_place = field.metadata.get("positional", False)
+            shared.append(Option(field.name, hints[field.name], text, value, by_place))
+    return own + shared
+
+
+def _parameters(function: Callable[..., Any]) -> Iterable[inspect.Parameter]:
+    return inspect.signature(function, eval_str=True).parameters.values()
+
+
 def is_shared(kind: Any) -> TypeGuard[type[Shared]]:
     """Whether the parameters of type ``kind`` are options of the command itself."""
     return isinstance(kind, type) and issubclass(kind, Shared)
+
+
+def _fields_of(kind: type[Shared]) -> list[dataclasses.Field[Any]]:
+    """The fields of a shared dataclass that are options."""
+    return [field for field in dataclasses.fields(kind) if field.metadata.get("option", True)]  # type: ignore[arg-type]
+
+
+def _default_of(field: dataclasses.Field[Any]) -> Any:
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
 def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str, Any]:
     """What ``function`` is called with, from the values of all options."""
     settings: dict[str, Any] = {}
     arguments: dict[str, Any] = {}
-    for name, kind in inspect.get_annotations(function, eval_str=True).items():
-        if name == "return":
-            continue
-        if is_shared(kind):
-            own = {field.name: values[field.name] for field in _options_of(kind)}
-            arguments[name] = kind(**own)
-            settings |= own
+    for one in _parameters(function):
+        if is_shared(one.annotation):
+            fields = {field.name: values[field.name] for field in _fields_of(one.annotation)}
+            arguments[one.name] = one.annotation(**fields)
+            settings |= fields
         else:
-            arguments[name] = settings[name] = values[name]
+            arguments[one.name] = settings[one.name] = values[one.name]
     given = Given(prog.split(), {name: plain(value) for name, value in settings.items()})
     for name, value in arguments.items():
         if isinstance(value, Shared):
@@ -104,11 +170,6 @@ def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str
         if isinstance(value, Output):
             arguments[name] = dataclasses.replace(value, given=given)
     return arguments
-
-
-def _options_of(kind: type[Shared]) -> list[dataclasses.Field[Any]]:
-    """The fields of a shared dataclass that are options."""
-    return [field for field in dataclasses.fields(kind) if field.metadata.get("option", True)]  # type: ignore[arg-type]
 
 
 def plain(value: Any) -> Any:
@@ -127,92 +188,36 @@ def build_parser(prog: str, function: Callable[..., Any], every_option: bool = F
 
     The options of its dataclass parameters are shown in the help only with ``every_option``.
     """
-    description, places = _documentation(function)
+    options = options_of(function)
     parser = Parser(
         prog=prog,
-        description=description,
+        description=_documentation(function)[0],
         formatter_class=HelpFormatter,
         exit_on_error=False,
         print_config="--print_config",
         allow_abbrev=False,
     )
-    hints = inspect.get_annotations(function, eval_str=True)
-    shared = {name: kind for name, kind in hints.items() if is_shared(kind)}
-    positional = _positional(function, shared)
-    options = _shared_options(function, shared, places)
-    places = {name: option.text for name, option in options.items()} | places
-    kinds = hints | {name: option.kind for name, option in options.items()}
-    for name in positional:
-        many = getattr(kinds[name], "__origin__", None) is list
-        kind = kinds[name].__args__[0] if many else kinds[name]
-        some = {"nargs": "+"} if name in _required(function) or name in options else {"nargs": "*", "default": []}
-        number: dict[str, Any] = some if many else {}
-        parser.add_argument(name, type=kind, metavar=name.upper(), help=places.get(name), **number)
-    parser.add_function_arguments(function, as_group=False, skip={*positional, *shared}, sub_configs=False)
-    for name, option in options.items():
-        if name not in positional:
-            needed = {"required": True} if option.required else {"default": option.default}
-            parser.add_argument(f"--{name}", type=option.kind, help=option.text, **needed)
+    for option in sorted(options, key=lambda option: not option.by_place):
+        if option.by_place:
+            kind = option.kind.__args__[0] if option.many else option.kind
+            some: dict[str, Any] = {"nargs": "+"} if option.required else {"nargs": "*", "default": []}
+            number = some if option.many else {}
+            parser.add_argument(option.name, type=kind, metavar=option.name.upper(), help=option.text, **number)
+        else:
+            value = {"required": True} if option.required else {"default": option.default}
+            parser.add_argument(f"--{option.name}", type=option.kind, help=option.text, **value)
     parser.add_argument("--config", action=ActionConfigFile, metavar="FILE", help=CONFIG_HELP)
-    groups = [n for n, kind in hints.items() if dataclasses.is_dataclass(kind) and n not in shared]
-    if groups:
-        parser.add_argument(
-            "--help_all", action="help", help=f"also show {', '.join(f'--{name}.*' for name in groups)}"
-        )
+    if groups := [f"--{option.name}.*" for option in options if option.grouped]:
+        parser.add_argument("--help_all", action="help", help=f"also show {', '.join(groups)}")
     _show_as_typed(parser._actions, parser._option_string_actions)
     if not every_option:
         for action in parser._actions:
             action.help = SUPPRESS if "." in action.dest else action.help
-    missing = [n for n in _required(function) if n not in positional and n not in shared]
-    missing += [name for name, option in options.items() if option.required and name not in positional]
-    required = [f"--{name} {shown_value(name, kinds[name], places.get(name, ''))}" for name in missing]
-    several = [n.upper() + (" …" if getattr(kinds[n], "__origin__", None) is list else "") for n in positional]
+    several = [option.name.upper() + (" …" if option.many else "") for option in options if option.by_place]
+    needed = [option for option in options if option.required and not option.by_place]
+    required = [f"--{option.name} {shown_value(option.name, option.kind, option.text)}" for option in needed]
     parser.usage = " ".join([prog, *several, *required, "[options]"])
     return parser
-
-
-@dataclasses.dataclass(frozen=True)
-class _Option:
-    """An option that a shared dataclass has."""
-
-    kind: Any
-    text: str
-    default: Any
-    required: bool
-
-
-def _shared_options(
-    function: Callable[..., Any], shared: dict[str, type[Shared]], places: dict[str, str]
-) -> dict[str, _Option]:
-    """The options in the shared dataclasses of ``function``, with its own texts and defaults where it has some."""
-    options = {}
-    for name, kind in shared.items():
-        default = inspect.signature(function).parameters[name].default
-        texts: dict[str, str] = {}
-        for base in reversed(kind.__mro__):
-            texts |= _documentation(base)[1] if dataclasses.is_dataclass(base) else {}
-        hints = get_type_hints(kind)
-        for field in _options_of(kind):
-            value = field.default if default is inspect.Parameter.empty else getattr(default, field.name)
-            text = places.get(field.name, texts.get(field.name, ""))
-            options[field.name] = _Option(hints[field.name], text, value, value is dataclasses.MISSING)
-    return options
-
-
-def _parameters(function: Callable[..., Any]) -> Iterable[inspect.Parameter]:
-    return inspect.signature(function).parameters.values()
-
-
-def _positional(function: Callable[..., Any], shared: dict[str, type[Shared]]) -> list[str]:
-    """The options that are given by place, in their order."""
-    names = [p.name for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY]
-    fields = [field for kind in shared.values() for field in _options_of(kind)]
-    return names + [field.name for field in fields if field.metadata.get("positional")]
-
-
-def _required(function: Callable[..., Any]) -> list[str]:
-    """Parameters without a default."""
-    return [p.name for p in _parameters(function) if p.default is p.empty]
 
 
 def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) -> list[str]:

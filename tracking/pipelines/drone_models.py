@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -40,6 +40,8 @@ class Finds(Protocol):
     def batch_size(self) -> int: ...
     @property
     def threads(self) -> int: ...
+    @property
+    def how(self) -> Mapping[str, str]: ...
 
     def detect(self, source: Source, default: str, /) -> Detect | list[Detections]:
         """The given detections, or what finds people; ``default`` names the shipped detector to take otherwise."""
@@ -64,6 +66,11 @@ class Finding:
     score_range: tuple[float, float] | None = None
     batch_size: int = 4
     threads: int = 0
+
+    @property
+    def how(self) -> Mapping[str, str]:
+        """Nothing that a file does not tell."""
+        return {}
 
     def detect(self, source: Source, default: str) -> Detect | list[Detections]:
         """See `Finds`."""
@@ -135,15 +142,11 @@ class DroneModels:
         bridging = bridging if given is None else None
         key |= _streams_key(streams) | {"motion": repr(camera), "bridging": repr(bridging)}
         key |= {"score_threshold": str(finding.score_threshold), "score_range": str(finding.score_range)}
+        key |= finding.how
         observers = Observers(detect, describe, recognise, camera, finding.batch_size, bridging)
         spare = [] if streams else _streams("flow-maf", actions, needed=True)
         superset_key = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
         return cls(observers, recognise.names if recognise else (), key, given, superset_key)
-
-    def told_apart_by(self, more: Mapping[str, Any]) -> DroneModels:
-        """The same models whose observations also depend on ``more``, plain values."""
-        superset = None if self.superset_key is None else {**self.superset_key, **more}
-        return replace(self, key={**self.key, **more}, superset_key=superset)
 
 
 def _streams(method: DroneMethod, actions: Sequence[Path] | None, *, needed: bool) -> list[Path]:

@@ -13,6 +13,7 @@ from tsuiseki.tracking.association.flow.cost_network import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.onnx import kind_of
+from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.pipelines.finding import NONE
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.bytetrack import ByteTrack, ByteTrackSettings
@@ -32,8 +33,16 @@ LearntCosts = Affinity | CostNetwork
 
 
 @dataclass(frozen=True)
-class MethodSettings:
-    """The settings of every method."""
+class MethodSettings(Shared):
+    """The settings of every method.
+
+    Attributes:
+        sort: settings of --method sort.
+        deepsort: settings of --method deepsort.
+        bytetrack: settings of --method bytetrack.
+        ocsort: settings of --method ocsort.
+        flow: settings of --method flow.
+    """
 
     sort: SortSettings = field(default_factory=SortSettings)
     deepsort: DeepSortSettings = field(default_factory=DeepSortSettings)

@@ -12,10 +12,10 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.cli.commands import COMMANDS, Group
 from tsuiseki.tracking.cli.parser import parse
-from tsuiseki.tracking.cli.shipped_models import SHIPPED, commands
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.video import open_source
+from tsuiseki.trainers.shipped_models import SHIPPED, commands
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import count, frames_expected
-from tsuiseki.tracking.cli.track.finding import check_score_range
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.pipelines.finding_options import check_score_range
 from tsuiseki.tracking.trackers.blobs import BlobPreset
 from tsuiseki.tracking.trackers.points import PointMethod
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.cli.track.finding import Finding, Viewed
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.pipelines.drone_models import DroneMethod
+from tsuiseki.tracking.pipelines.finding_options import Finding
 from tsuiseki.tracking.trackers.drone import DroneSettings
 from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 
-DRONE, DETECTOR = DroneSettings(), DetectorOptions()
+DRONE = DroneSettings()
 
 
 def drone(
@@ -20,9 +19,6 @@ def drone(
     output: SeededOutput,
     finding: Finding,
     method: DroneMethod = "flow-maf",
-    detector_options: DetectorOptions = DETECTOR,
-    view: str = "1",
-    appearance: Path | None = None,
     actions: list[Path] | None = None,
     tracks: Path | None = None,
     keep_camera_motion: bool = False,
@@ -42,10 +38,6 @@ def drone(
             actions along the tracks, links again and repeats.
         detector: detector as ONNX; by default the shipped detector_drone.onnx. One of other projects is recognised as
             by track people.
-        detector_options: what the file of another project's detector does not tell.
-        view: in how many overlapping tiles the detector looks at a frame: 1 is the whole frame alone, tiles across
-            such as 2, across and down such as 3x2, or auto (as many as find more people in the first frames).
-        appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
         actions: exported action streams, separated by commas; by default the four shipped ones. Not used by
             method flow, which names no actions but along given --tracks.
         tracks: MOTChallenge tracks (gt.txt, tracks.txt) or an Okutama-Action label file that are right already; only
@@ -66,12 +58,16 @@ def drone(
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
     source = video.open(images=True, replayable=True)
-    viewed = Viewed(**vars(finding), options=detector_options, view=view)
     models = DroneModels.choose(
-        source, method, viewed, appearance, actions, tracks, camera_motion=not keep_camera_motion, bridging=bridging
+        source,
+        method,
+        finding,
+        finding.appearance,
+        actions,
+        tracks,
+        camera_motion=not keep_camera_motion,
+        bridging=bridging,
     )
-    if (detector_options, view) != (DETECTOR, "1"):
-        models = models.told_apart_by({"view": view, "detector_options": repr(detector_options)})
     with output.run() as run:
         kept = None if cache is None else (video.source, cache)
         found = follow(run, source, models, method, drone, kept)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.run import Run, count, frames_expected
-from tsuiseki.tracking.cli.track.finding import Detecting
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.pipelines.finding_options import Detecting
 from tsuiseki.tracking.trackers.fisheye import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.weights import shipped
 
@@ -30,7 +30,6 @@ def fisheye(
     finding: Detecting = DETECTING,
     method: Literal["hungarian", "flow"] = "hungarian",
     detections: list[Path] | None = None,
-    appearance: Path | None = None,
     crops: Literal["upright", "standing", "image"] = "upright",
     person_height: float = 1.7,
     body_radius: float = 0.25,
@@ -53,7 +52,6 @@ def fisheye(
         detections: MOTChallenge detections (det.txt) of each source, separated by commas, instead of a detector.
         detector: exported detector; by default the shipped detector_drone.onnx, which knows people from above but finds
             few of them in a fisheye picture: train one with configs/detector_ceiling.yaml, or give detections.
-        appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
         crops: what it sees: people turned upright, as on a standing screen without perspective, or as in the image.
         person_height: of the model of a person, metres.
         body_radius: of the model of a person, metres.
@@ -73,7 +71,7 @@ def fisheye(
 
     if detections is not None and (len(detections) != len(source) or finding.detector is not None):
         raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
-    network = None if str(appearance) == "none" else appearance or shipped("appearance_people")
+    network = None if str(finding.appearance) == "none" else finding.appearance or shipped("appearance_people")
     person = PersonModel(height=person_height, body_radius=body_radius)
     needs_images = detections is None or network is not None or overlay
     views = open_ceiling(source, cameras, resize, needs_images=needs_images)

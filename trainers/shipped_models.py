@@ -8,13 +8,9 @@ from importlib import resources
 from pathlib import Path
 
 from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.pipelines.demo import STREET_MODELS
 
-# What ships for people, by what it does.
-SHIPPED = {
-    "detector": "detector_street.onnx",
-    "appearance": "appearance_people.onnx",
-    "affinity": "affinity_people.onnx",
-}
+SHIPPED = {kind: f"{name}.onnx" for kind, name in STREET_MODELS.items()}
 
 # {configs}: the configurations of the package; {work}: where checkpoints and clips go; {models}: where the models go.
 COMMANDS = (
