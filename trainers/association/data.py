@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -11,24 +11,17 @@ import lightning
 import numpy as np
 from torch.utils.data import DataLoader, Dataset
 
-from tsuiseki.datamodules.identity_crops import read_image
-from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.formats.labelled import open_labelled
-from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
-from tsuiseki.tracking.formats.mot import find_sequences, list_images, read_detections
+from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.trackers.people.flow import FlowSettings
-from tsuiseki.tracking.types import Detections
-from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, sequence_graphs, window
+from tsuiseki.trainers.association.videos import described, detected_videos, stretch
 from tsuiseki.trainers.association.window_appearance import WindowCrops, crops_of
-from tsuiseki.trainers.experiments.association.oracle import owners_of
+from tsuiseki.trainers.association.window_detector import WindowFrames, frames_of
 
 # A link that costs more by default is none that training could still make worth taking.
 DEAREST = 12.0
-# Okutama-Action's videos.
-OTHER_RATE = 30.0
 
 
 @dataclass(frozen=True)
@@ -39,11 +32,32 @@ class TrainingWindow:
         detections: the network of a window.
         tracklets: the joins of its whole sequence.
         crops: what its detections look like; None where nothing looks at them.
+        frames: its images; None where no detector learns from them.
     """
 
     detections: Graph
     tracklets: Graph
     crops: WindowCrops | None = None
+    frames: WindowFrames | None = None
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What the networks that learn with the costs see of a window.
+
+    Attributes:
+        crops: height and width of crops for the Siamese network; None for none.
+        frames: how images are fitted into the detector; None for no images.
+    """
+
+    crops: tuple[int, int] | None = None
+    frames: ModelCard | None = None
+
+    def at(self, detections: Graph, tracklets: Graph) -> TrainingWindow:
+        """The window with what is seen of it."""
+        crops = None if self.crops is None else crops_of(detections, *self.crops)
+        frames = None if self.frames is None else frames_of(detections, self.frames)
+        return TrainingWindow(detections, tracklets, crops, frames)
 
 
 class RandomWindows(Dataset[TrainingWindow]):
@@ -54,7 +68,7 @@ class RandomWindows(Dataset[TrainingWindow]):
         seconds: length of a window.
         count: windows an epoch.
         seed: of the places, and of the epoch, asked anew for every window.
-        crop_size: height and width of crops; None for none.
+        looks: what is seen of a window.
     """
 
     def __init__(
@@ -63,9 +77,9 @@ class RandomWindows(Dataset[TrainingWindow]):
         seconds: float,
         count: int,
         seed: Callable[[], tuple[int, int]],
-        crop_size: tuple[int, int] | None = None,
+        looks: Looks = Looks(),
     ) -> None:
-        self.graphs, self.seconds, self.count, self.seed, self.crop_size = graphs, seconds, count, seed, crop_size
+        self.graphs, self.seconds, self.count, self.seed, self.looks = graphs, seconds, count, seed, looks
         sizes = np.array([len(one.detections) for one in graphs], dtype=np.float64)
         self.chances = sizes / sizes.sum()
 
@@ -81,14 +95,14 @@ class RandomWindows(Dataset[TrainingWindow]):
         length, last = max(2, round(self.seconds * graph.frame_rate)), int(graph.frames.max(initial=0)) + 1
         # A window may reach over either end of the sequence, so that its borders are seen as often as the rest.
         first = int(rng.integers(-length // 2, max(last - length // 2, 1)))
-        return _with_crops(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets, self.crop_size)
+        return self.looks.at(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets)
 
 
 class EveryWindow(Dataset[TrainingWindow]):
     """The sequences cut into windows end to end."""
 
-    def __init__(self, graphs: Sequence[Graphs], seconds: float, crop_size: tuple[int, int] | None = None) -> None:
-        self.crop_size = crop_size
+    def __init__(self, graphs: Sequence[Graphs], seconds: float, looks: Looks = Looks()) -> None:
+        self.looks = looks
         self.windows = [
             TrainingWindow(window(one.detections, first, first + length), one.tracklets)
             for one in graphs
@@ -101,12 +115,7 @@ class EveryWindow(Dataset[TrainingWindow]):
 
     def __getitem__(self, index: int) -> TrainingWindow:
         held = self.windows[index]
-        return _with_crops(held.detections, held.tracklets, self.crop_size)
-
-
-def _with_crops(detections: Graph, tracklets: Graph, size: tuple[int, int] | None) -> TrainingWindow:
-    crops = None if size is None else crops_of(detections, *size)
-    return TrainingWindow(detections, tracklets, crops)
+        return self.looks.at(held.detections, held.tracklets)
 
 
 class AssociationData(lightning.LightningDataModule):
@@ -120,6 +129,8 @@ class AssociationData(lightning.LightningDataModule):
         frames: first and last frame to learn from, 1-based and both included.
         detections: ``given`` takes det/det.txt of each sequence; ``simulated`` draws faulty ones from the labels.
         detector: exported detector to use in place of both.
+        score_threshold: it keeps what scores at least this, from 0 to 1; lower where its heads are to learn.
+        heads: the windows hold their images, for the detector's heads, which learn with the costs.
         appearance: exported network that describes the detections for the tracker; with it the windows hold crops.
         seconds: length of a window.
         windows: steps of an epoch.
@@ -134,17 +145,24 @@ class AssociationData(lightning.LightningDataModule):
         frames: tuple[int, int] | None = None,
         detections: Literal["given", "simulated"] = "given",
         detector: Path | None = None,
+        score_threshold: float = 0.3,
+        heads: bool = False,
         appearance: Path | None = None,
         seconds: float = 2.0,
         windows: int = 40,
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if seconds <= 0 or windows < 1 or not 0 < held_back < 1:
-            raise RequestError("expected seconds above 0, windows from 1 and held_back in (0, 1)")
+        if seconds <= 0 or windows < 1 or not 0 < held_back < 1 or not 0 <= score_threshold <= 1:
+            raise RequestError(
+                "expected seconds above 0, windows from 1, held_back in (0, 1) and score_threshold from 0 to 1"
+            )
+        if heads and detector is None:
+            raise RequestError("expected --data.detector ONNX with --data.heads, for its heads to learn; got none")
         self.train, self.validation, self.held_back, self.frames = train, validation, held_back, frames
         self.detections, self.detector, self.appearance = detections, detector, appearance
-        self.crop_size: tuple[int, int] | None = None
+        self.score_threshold, self.heads = score_threshold, heads
+        self.looks = Looks()
         self.seconds, self.windows, self.seed = seconds, windows, seed
         self.learnt: list[Graphs] = []
         self.held: list[Graphs] = []
@@ -152,29 +170,32 @@ class AssociationData(lightning.LightningDataModule):
     @property
     def described(self) -> str:
         """What is learnt from, in words."""
-        stretch = "" if self.frames is None else f", frames {self.frames[0]}-{self.frames[1]}"
-        return ", ".join(path.name for path in self.train) + stretch
+        part = "" if self.frames is None else f", frames {self.frames[0]}-{self.frames[1]}"
+        return ", ".join(path.name for path in self.train) + part
 
     def setup(self, stage: str) -> None:
         """Track every sequence once, and keep its networks."""
         del stage
         if self.learnt:
             return
-        find = self.detections if self.detector is None else Detector(self.detector)
+        detector = None if self.detector is None else Detector(self.detector, self.score_threshold)
+        find = detector or self.detections
         look = None if self.appearance is None else Appearance(self.appearance)
-        if look is not None:
-            self.crop_size = look.model.card.input_height, look.model.card.input_width
+        self.looks = Looks(
+            None if look is None else (look.model.card.input_height, look.model.card.input_width),
+            detector.model.card if detector is not None and self.heads else None,
+        )
         videos = [described(video, look) for video in detected_videos(self.train, find, self.frames, self.seed)]
         if self.validation is None:
-            held = [_stretch(video, 1 - self.held_back, 1.0) for video in videos]
-            videos = [_stretch(video, 0.0, 1 - self.held_back) for video in videos]
+            held = [stretch(video, 1 - self.held_back, 1.0) for video in videos]
+            videos = [stretch(video, 0.0, 1 - self.held_back) for video in videos]
         else:
             held = [described(video, look) for video in detected_videos(self.validation, find, None, self.seed)]
         self.learnt, self.held = graphs_of(videos), graphs_of(held, check=False)
 
     def train_dataloader(self) -> DataLoader[TrainingWindow]:
         """Windows at random places, others in every epoch."""
-        data = RandomWindows(self.learnt, self.seconds, self.windows, self._seed, self.crop_size)
+        data = RandomWindows(self.learnt, self.seconds, self.windows, self._seed, self.looks)
         return DataLoader(data, batch_size=None, collate_fn=None)
 
     def _seed(self) -> tuple[int, int]:
@@ -182,7 +203,7 @@ class AssociationData(lightning.LightningDataModule):
 
     def val_dataloader(self) -> DataLoader[TrainingWindow]:
         """All windows of what was held back."""
-        return DataLoader(EveryWindow(self.held, self.seconds, self.crop_size), batch_size=None)
+        return DataLoader(EveryWindow(self.held, self.seconds, self.looks), batch_size=None)
 
 
 def graphs_of(
@@ -215,124 +236,3 @@ def affordable(graph: Graph, most: float = DEAREST) -> Graph:
         links=graph.links[kept],
         labelled=graph.labelled[every],
     )
-
-
-def detected_videos(
-    folders: Sequence[Path],
-    find: Detector | Literal["given", "simulated"],
-    frames: tuple[int, int] | None = None,
-    seed: int = 0,
-    faults: DetectorFaults | None = None,
-) -> Iterator[DetectedVideo]:
-    """The labelled sequences of folders, with detections.
-
-    Args:
-        folders: sequences, or folders of them.
-        find: det/det.txt, detections drawn from the labels, or a detector that looks at the images.
-        frames: first and last frame, 1-based.
-        seed: of drawn detections.
-        faults: of drawn detections.
-
-    Raises:
-        RequestError: labels without detections, an id twice in a frame, nobody who counts, or detections that lie on
-            nobody.
-    """
-    rng = np.random.default_rng(seed)
-    for folder in folders:
-        for labelled in open_labelled(folder):
-            sequence = _sequence(folder, labelled.name)
-            truth = labelled.people()
-            length = labelled.length or int(truth.frames.max(initial=-1)) + 1
-            rate, size = (OTHER_RATE, None) if sequence is None else (sequence.frame_rate, _size(sequence))
-            if find == "given":
-                found = _given(folder, labelled.name, sequence, length)
-            elif find == "simulated":
-                wide, tall = size or np.ceil(truth.boxes[:, 2:].max(axis=0)).astype(int).tolist()
-                found = simulate_detections(rng, truth, length, wide, tall, faults or DetectorFaults())
-            else:
-                found = _detected(labelled.name, sequence, find)
-            images = () if sequence is None else sequence.images
-            video = DetectedVideo(labelled.name, found, truth, rate, size, images)
-            check_video(video)
-            yield video if frames is None else _between(video, frames[0] - 1, frames[1])
-
-
-def described(video: DetectedVideo, appearance: Appearance | None) -> DetectedVideo:
-    """The sequence with what its detections look like.
-
-    Raises:
-        RequestError: it has no images.
-    """
-    if appearance is None:
-        return video
-    if len(video.images) < len(video.detections):
-        raise RequestError(
-            f"{video.name}: expected an image a frame in img1/ for the appearance, got {len(video.images)}"
-        )
-    detections = [
-        found.with_features(appearance.describe(read_image(path), found.boxes))
-        for found, path in zip(video.detections, video.images, strict=False)
-    ]
-    return replace(video, detections=detections)
-
-
-def check_video(video: DetectedVideo) -> None:
-    """Refuse what would be learnt from silently and wrongly.
-
-    Raises:
-        RequestError: nobody who counts, or detections that lie on nobody.
-    """
-    truth = video.truth.select(video.truth.evaluated)
-    if not len(truth):
-        raise RequestError(
-            f"{video.name}: expected labels of people who count, got none; see columns 7 and 8 of gt.txt"
-        )
-    counts = [len(found) for found in video.detections]
-    boxes = np.concatenate([found.boxes for found in video.detections]) if sum(counts) else np.empty((0, 4))
-    owners = owners_of(np.repeat(np.arange(len(counts)), counts), boxes, truth)
-    if len(boxes) and not (owners >= 0).any():
-        raise RequestError(
-            f"{video.name}: expected detections on labelled people, but none of {len(boxes)} overlaps one by half; are "
-            "they of the same class, size and frames?"
-        )
-
-
-def _sequence(folder: Path, name: str) -> VideoSequence | None:
-    try:
-        return next((one for one in find_sequences(folder) if one.name == name), None)
-    except RequestError:
-        return None
-
-
-def _size(sequence: VideoSequence) -> tuple[int, int] | None:
-    return (sequence.width, sequence.height) if min(sequence.width, sequence.height) > 0 else None
-
-
-def _given(folder: Path, name: str, sequence: VideoSequence | None, length: int) -> list[Detections]:
-    if sequence is None or not sequence.detections_path.is_file():
-        raise RequestError(
-            f"{folder}: expected det/det.txt beside the labels of {name}, found none; give a detector, or detections "
-            "simulated"
-        )
-    return read_detections(sequence.detections_path, length)
-
-
-def _detected(name: str, sequence: VideoSequence | None, detector: Detector) -> list[Detections]:
-    images = [] if sequence is None else list_images(sequence.folder / "img1")
-    if not images:
-        raise RequestError(f"{name}: expected images for the detector in img1/, found none; give detections instead")
-    return [detector.detect([read_image(path)])[0] for path in images]
-
-
-def _stretch(video: DetectedVideo, first: float, last: float) -> DetectedVideo:
-    count = len(video.detections)
-    return _between(video, round(first * count), round(last * count))
-
-
-def _between(video: DetectedVideo, first: int, end: int) -> DetectedVideo:
-    """The frames from ``first`` to before ``end``, numbered from 0."""
-    first, end = max(first, 0), min(end, len(video.detections))
-    truth: GroundTruth = video.truth.between(first, end - 1)
-    moved = replace(truth, frames=truth.frames - first)
-    images = video.images[first:end]
-    return replace(video, detections=list(video.detections[first:end]), truth=moved, images=images)

@@ -12,11 +12,12 @@ from torch.optim import AdamW
 from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.flow.cost_network import LARGEST
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.association.data import RandomWindows
+from tsuiseki.trainers.association.data import Looks, RandomWindows
 from tsuiseki.trainers.association.flow_loss import LossName
 from tsuiseki.trainers.association.graphs import Graphs
-from tsuiseki.trainers.association.training import AssociationTraining, finite
-from tsuiseki.trainers.networks.schedule import decay_groups, warmup_cosine
+from tsuiseki.trainers.association.losses_beside import finite
+from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.networks.schedule import warmup_cosine
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Fit:
         pairs: of perturbations.
         hidden: width of the hidden layers.
         trust: share of the change of what detections cost that is taken outside of training.
+        flow: weight of the loss of the flow; 0 trains by all other losses alone, to compare with.
         steps: windows that are looked at.
         seconds: length of a window.
         joins: weight of the second level.
@@ -46,6 +48,7 @@ class Fit:
     pairs: int = 1
     hidden: int = 0
     trust: float = 0.5
+    flow: float = 1.0
     steps: int = 120
     seconds: float = 2.0
     joins: float = 0.2
@@ -72,10 +75,34 @@ def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
         length=fit.length,
         joins=fit.joins,
         pairwise=fit.pairwise,
+        learning_rate=fit.learning_rate,
+        weight_decay=fit.weight_decay,
     )
+    return fitted(module, graphs, fit).network.eval()
+
+
+def fitted(
+    module: AssociationTraining,
+    graphs: Sequence[Graphs],
+    fit: Fit,
+    looks: Looks = Looks(),  # noqa: B008
+) -> AssociationTraining:
+    """A module, whatever networks it has, after ``fit.steps`` windows.
+
+    Args:
+        module: is changed.
+        graphs: of the sequences.
+        fit: how long, how fast, on windows of what length.
+        looks: what its networks see of a window.
+
+    Raises:
+        RunError: a loss is no number; names the window.
+    """
     module.standardise(graphs)
-    windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0))
-    optimiser = AdamW(decay_groups(module, fit.weight_decay), lr=fit.learning_rate)
+    windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0), looks)
+    groups = [group for group in module.parameter_groups() if group["params"]]
+    highest = [group.get("lr", fit.learning_rate) for group in groups]
+    optimiser = AdamW(groups, lr=fit.learning_rate)
     for step in range(fit.steps):
         batch = windows[step]
         if not len(batch.detections):
@@ -83,14 +110,14 @@ def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
         loss = module.loss
         if fit.epsilon_last is not None:
             loss = loss.annealed(step / fit.steps, fit.epsilon_last)
-        for group in optimiser.param_groups:
-            group["lr"] = fit.learning_rate * warmup_cosine(step, 10, max(fit.steps, 11), 0.01)
+        for group, rate in zip(optimiser.param_groups, highest, strict=True):
+            group["lr"] = rate * warmup_cosine(step, 10, max(fit.steps, 11), 0.01)
         optimiser.zero_grad()
         objective, others = module.losses(batch, loss, np.random.default_rng([fit.seed, step]))
-        finite(objective + others, batch.detections.name).backward()  # type: ignore[no-untyped-call]
+        finite(fit.flow * objective + others, batch.detections.name).backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
         optimiser.step()
-    return module.network.eval()
+    return module
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,8 @@ from tsuiseki.trainers.experiments.association.oracle import IGNORED, NOBODY, ow
 
 # A tracklet is used whatever it costs.
 ALWAYS = 1000.0
+# Scores nearer to 0 and 1 count as this; a video that trusts all scores alike still lets a little gradient through.
+CERTAIN, FLATTEST = 1e-6, 0.1
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class DetectedVideo:
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
         images: files, one a frame; none where nothing looks at them.
+        anchors: of each frame the ``(N,)`` anchors of a detector that its detections come from; none where unknown.
     """
 
     name: str
@@ -67,6 +70,31 @@ class DetectedVideo:
     frame_rate: float
     size: tuple[int, int] | None
     images: tuple[Path, ...] = ()
+    anchors: tuple[IntArray, ...] = ()
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where the detections of a network come from, for a detector to learn.
+
+    Attributes:
+        anchors: ``(N,)`` of the detector.
+        logits: ``(N,)`` of its scores.
+        slope: of the straight line that fits the logits of the probabilities, which the tracker takes scores for, to
+            those of the scores.
+        price: by how much a detection costs more a unit of the logit of its probability; below 0.
+        truth: labels of the sequence.
+    """
+
+    anchors: IntArray
+    logits: FloatArray
+    slope: float
+    price: float
+    truth: GroundTruth
+
+    def select(self, which: BoolArray) -> Origin:
+        """That of some of the detections."""
+        return replace(self, anchors=self.anchors[which], logits=self.logits[which])
 
 
 @dataclass(frozen=True)
@@ -89,6 +117,7 @@ class Graph:
         labelled: ``(3 N + P,)`` x*.
         people: frames of the labelled boxes, those without a detection included.
         images: files of the sequence, one a frame; none where nothing looks at them.
+        origin: where the detections come from; None where not known.
     """
 
     name: str
@@ -106,6 +135,7 @@ class Graph:
     labelled: FloatArray
     people: IntArray
     images: tuple[Path, ...] = ()
+    origin: Origin | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -207,10 +237,28 @@ def _detection_graph(
         np.zeros(3 * len(seen) + len(parts.i)),
         video.truth.select(video.truth.evaluated).frames,
         tuple(video.images),
+        _origin(video, seen, logit, settings) if video.anchors else None,
     )
     graph = labelled(taken_out(graph, owners == IGNORED))
     short = _short_runs(graph, settings.fewest(video.frame_rate))
     return labelled(taken_out(graph, short))
+
+
+def _origin(video: DetectedVideo, seen: Seen, logit: FloatArray, settings: FlowSettings) -> Origin:
+    """The anchors and scores of the detections that the tracker took, which leaves out duplicates."""
+    anchors, scores = np.empty(len(seen), dtype=np.int64), np.empty(len(seen))
+    for frame in np.unique(seen.frames):
+        here, found = np.flatnonzero(seen.frames == frame), video.detections[frame]
+        which = (seen.image[here, None] == found.boxes[None]).all(axis=2).argmax(axis=1)
+        anchors[here], scores[here] = video.anchors[frame][which], found.scores[which]
+    given = np.clip(scores, CERTAIN, 1 - CERTAIN)
+    given = np.log(given / (1 - given))
+    spread = float(((given - given.mean()) ** 2).sum()) if len(given) else 0.0
+    slope = float(((given - given.mean()) * logit).sum()) / spread if spread > 0 else 0.0
+    detection = settings.input.detection
+    low, high = detection(np.array([0.4, 0.6]), video.frame_rate)
+    price = float(high - low) / (2 * np.log(1.5))
+    return Origin(anchors, given, max(slope, FLATTEST), price, video.truth)
 
 
 def _tracklet_graph(
@@ -303,6 +351,7 @@ def taken_out(graph: Graph, which: BoolArray) -> Graph:
         head=place[graph.head[links]],
         links=graph.links[links],
         labelled=graph.labelled[np.append(nodes, links)],
+        origin=None if graph.origin is None else graph.origin.select(kept),
     )
 
 

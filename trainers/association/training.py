@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -14,27 +14,38 @@ import lightning
 import numpy as np
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
-from torch import Tensor
-from torch.nn import functional
+from torch import Tensor, nn
 from torch.optim import AdamW
 
 from tsuiseki.models.association import AssociationNetwork
-from tsuiseki.models.metric_losses import softmax_contrastive_loss
 from tsuiseki.tracking.association.flow.cost_network import FeatureNames
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import AssociationData, TrainingWindow
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, LossName, Problem, Spread, cheapest
 from tsuiseki.trainers.association.graphs import Graph
-from tsuiseki.trainers.association.window_appearance import WindowCrops, distances, repriced
-from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.association.losses_beside import contrast_within, finite, link_cross_entropy
+from tsuiseki.trainers.association.starting import detector_of, heads_only, network_of, siamese_of
+from tsuiseki.trainers.association.window_appearance import distances, repriced
+from tsuiseki.trainers.association.window_detector import head_outputs, own_loss, rescored, score_logits
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
+from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
 
-# Of the softmax over the views of a window, as of those that the network was trained on.
-TEMPERATURE = 0.1
+
+@dataclass(frozen=True)
+class Seen:
+    """What the networks that learn with the costs say of a window.
+
+    Attributes:
+        features: ``(N, D)`` what its detections look like; None where nothing looks at them.
+        heads: raw heads of the detector on its images, ``(T, A, 2)`` and ``(T, A, 4)``; None where no detector learns.
+    """
+
+    features: Tensor | None = None
+    heads: tuple[Tensor, Tensor] | None = None
 
 
 class AssociationTraining(lightning.LightningModule):
@@ -52,10 +63,15 @@ class AssociationTraining(lightning.LightningModule):
         length: power of the length of an identity that Δ is multiplied with.
         joins: weight of the loss of the second level, the joins of tracklets; 0 leaves it out.
         pairwise: weight of the cross-entropy of single links, the loss that costs are learnt by apart.
-        appearance: checkpoint of a Siamese network (`tsuiseki train appearance`) that is trained on through the flow,
-            on the crops of the windows; the data then needs it exported, too. None compares no appearance.
+        appearance: checkpoint of a Siamese network (`tsuiseki train appearance`), or one that was exported, that is
+            trained on through the flow, on the crops of the windows; the data then needs it exported, too. None
+            compares no appearance.
         appearance_rate: its learning rate, a share of the others'.
         contrast: weight of its own loss, by which it is told who is who in a window.
+        detector: checkpoint of a detector (`tsuiseki train detector`), or one that was exported, whose heads are
+            trained on through the flow; the data then needs it exported, and ``heads``. None leaves scores as they are.
+        detector_rate: the learning rate of the heads, a share of the others'.
+        detection: weight of the detector's own loss, by boxes, on the frames of the windows.
         start: checkpoint whose network is gone on with; by default the tracker's own costs.
         learning_rate: at the end of the warm-up.
         weight_decay: of matrices, towards the tracker's own costs.
@@ -80,6 +96,9 @@ class AssociationTraining(lightning.LightningModule):
         appearance: Path | None = None,
         appearance_rate: float = 0.03,
         contrast: float = 0.1,
+        detector: Path | None = None,
+        detector_rate: float = 0.03,
+        detection: float = 0.3,
         start: Path | None = None,
         learning_rate: float = 3e-3,
         weight_decay: float = 1e-2,
@@ -89,7 +108,7 @@ class AssociationTraining(lightning.LightningModule):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        self.save_hyperparameters(ignore=["start", "appearance"])
+        self.save_hyperparameters(ignore=["start", "appearance", "detector"])
         names = FeatureNames()
         self.network = AssociationNetwork(len(names.links), len(names.detections), len(names.joins), hidden, trust)
         try:
@@ -105,10 +124,15 @@ class AssociationTraining(lightning.LightningModule):
         self._siamese_made_of: dict[str, Any] = {}
         self.appearance_rate, self.contrast, self.link_cost = appearance_rate, contrast, LinkCost()
         if appearance is not None:
-            self.siamese, self._siamese_made_of = _siamese_of(appearance)
+            self.siamese, self._siamese_made_of = siamese_of(appearance)
+        self.detector: DetectorTraining | None = None
+        self._detector_made_of: dict[str, Any] = {}
+        self.detector_rate, self.detection = detector_rate, detection
+        if detector is not None:
+            self.detector, self._detector_made_of = detector_of(detector)
         self.started_from = start
         if start is not None:
-            self.network.load_state_dict(_network_of(start, self.network))
+            self.network.load_state_dict(network_of(start, self.network))
         self._pool: Executor | None = None
         self._counts = Counts()
 
@@ -134,36 +158,43 @@ class AssociationTraining(lightning.LightningModule):
         ):
             part.standardise(torch.as_tensor(np.concatenate(rows), dtype=torch.float32))
 
-    def features(self, crops: WindowCrops | None) -> Tensor | None:
-        """``(N, D)`` what the detections of a window look like; None where nothing looks at them.
+    def seen(self, batch: TrainingWindow) -> Seen:
+        """What the networks that learn with the costs say of a window.
 
         The normalisations of the Siamese network keep the statistics that they were trained with: a window of one
         street is no fair sample of crops.
 
         Raises:
-            RequestError: crops without a network or a network without crops.
+            RequestError: crops without a network or frames without a detector, or the other way round.
         """
-        if (self.siamese is None) != (crops is None):
-            raise RequestError(
-                "expected --model.appearance CHECKPOINT and --data.appearance ONNX together, got one of them"
-            )
-        if self.siamese is None or crops is None:
-            return None
-        self.siamese.eval()
-        features: Tensor = self.siamese(torch.as_tensor(crops.images, device=self.device))
-        return features
+        for network, given, what in (
+            (self.siamese, batch.crops, "--model.appearance FILE and --data.appearance ONNX"),
+            (self.detector, batch.frames, "--model.detector FILE, --data.detector ONNX and --data.heads true"),
+        ):
+            if (network is None) != (given is None):
+                raise RequestError(f"expected {what} together, got one of them alone")
+        features = heads = None
+        if self.siamese is not None and batch.crops is not None:
+            self.siamese.eval()
+            features = self.siamese(torch.as_tensor(batch.crops.images, device=self.device))
+        if self.detector is not None and batch.frames is not None:
+            heads = head_outputs(self.detector, batch.frames)
+        return Seen(features, heads)
 
-    def costs(self, graph: Graph, features: Tensor | None = None, crops: WindowCrops | None = None) -> Tensor:
-        """``(3 N + P,)`` costs of the arcs of a window of detections: by default, and what the network changes."""
+    def costs(self, batch: TrainingWindow, seen: Seen | None = None) -> Tensor:
+        """``(3 N + P,)`` costs of the arcs of a window of detections: by default, and what the networks change."""
+        graph, seen = batch.detections, seen or self.seen(batch)
         count = len(graph)
-        base, rows = self._tensor(graph.costs), self._tensor(graph.links)
-        if features is not None and crops is not None:
-            rows, dearer = repriced(rows, distances(features, crops, graph), self.link_cost)
+        base, rows, links = (self._tensor(part) for part in (graph.costs, graph.detections, graph.links))
+        if seen.features is not None and batch.crops is not None:
+            links, dearer = repriced(links, distances(seen.features, batch.crops, graph), self.link_cost)
             base = base + torch.cat([base.new_zeros(3 * count), dearer])
-        changes = self.network.detections(self._tensor(graph.detections)).T.reshape(3 * count)
+        if seen.heads is not None and batch.frames is not None:
+            rows, dearer = rescored(rows, score_logits(seen.heads[0], batch.frames, graph), graph)
+            base = base + torch.cat([dearer, base.new_zeros(len(base) - count)])
+        changes = self.network.detections(rows).T.reshape(3 * count)
         changes = torch.where(torch.as_tensor(graph.fixed, device=self.device), torch.zeros_like(changes), changes)
-        links = self.network.links(rows)[:, 0]
-        return base + torch.cat([changes, links])
+        return base + torch.cat([changes, self.network.links(links)[:, 0]])
 
     def join_costs(self, graph: Graph) -> Tensor:
         """``(3 N + P,)`` costs of the arcs between tracklets, of which only those of joins change."""
@@ -186,13 +217,14 @@ class AssociationTraining(lightning.LightningModule):
 
     def losses(self, batch: TrainingWindow, loss: FlowLoss, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """The loss of the flow of a window with detections, a detection; and all others, by their weights."""
-        graph, tracklets = batch.detections, batch.tracklets
-        features = self.features(batch.crops)
-        costs = self.costs(graph, features, batch.crops)
+        graph, tracklets, seen = batch.detections, batch.tracklets, self.seen(batch)
+        costs = self.costs(batch, seen)
         objective = loss(costs.double(), graph.arcs(self.weights), rng, self._spread) / len(graph)
         others = objective.new_zeros(())
-        if features is not None and self.contrast:
-            others = others + self.contrast * contrast_within(features, graph)
+        if seen.features is not None and self.contrast:
+            others = others + self.contrast * contrast_within(seen.features, graph)
+        if self.detector is not None and seen.heads is not None and batch.frames is not None and self.detection:
+            others = others + self.detection * own_loss(self.detector, seen.heads, batch.frames)
         if self.pairwise:
             others = others + self.pairwise * link_cross_entropy(costs, graph)
         if self.joins and len(tracklets.tail):
@@ -205,7 +237,7 @@ class AssociationTraining(lightning.LightningModule):
         del batch_index
         graph = batch.detections
         with torch.no_grad():
-            costs = self.costs(graph, self.features(batch.crops), batch.crops).double().cpu().numpy()
+            costs = self.costs(batch).double().cpu().numpy()
         self._counts.add(graph, cheapest(Problem(costs, graph.tail, graph.head)))
 
     def on_validation_epoch_end(self) -> None:
@@ -218,20 +250,35 @@ class AssociationTraining(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW under a warm-up and a cosine."""
-        groups = decay_groups(self.network, self.weight_decay)
-        if self.siamese is not None:
-            slower = {"lr": self.learning_rate * self.appearance_rate}
-            groups += [{**group, **slower} for group in decay_groups(self.siamese, self.weight_decay)]
+        groups = self.parameter_groups()
         optimiser = AdamW(groups, lr=self.learning_rate)
         return scheduled(optimiser, self.trainer, self.warmup_steps, self.final_share)
 
+    def parameter_groups(self) -> list[dict[str, Any]]:
+        """What learns, and how fast."""
+        groups = decay_groups(self.network, self.weight_decay)
+        parts: list[tuple[nn.Module | None, float]] = [
+            (self.siamese, self.appearance_rate),
+            (self.detector, self.detector_rate),
+        ]
+        for part, share in parts:
+            if part is not None:
+                slower = {"lr": self.learning_rate * share}
+                groups += [{**group, **slower} for group in decay_groups(part, self.weight_decay)]
+        return groups
+
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep what the Siamese network is made of, so that it can be made again without its own checkpoint."""
+        """Keep what the other networks are made of, so that they can be made again without their own checkpoints."""
         if self.siamese is not None:
             checkpoint["siamese"] = self._siamese_made_of
+        if self.detector is not None:
+            checkpoint["detector"] = self._detector_made_of
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Make the Siamese network that the checkpoint has weights for."""
+        """Make the other networks that the checkpoint has weights for."""
+        if self.detector is None and "detector" in checkpoint:
+            self._detector_made_of = checkpoint["detector"]
+            self.detector = heads_only(DetectorTraining(**self._detector_made_of))
         if self.siamese is None and "siamese" in checkpoint:
             self._siamese_made_of = checkpoint["siamese"]
             self.siamese = AppearanceTraining(**self._siamese_made_of).eval()
@@ -264,73 +311,3 @@ class AssociationTraining(lightning.LightningModule):
 
     def _tensor(self, values: FloatArray) -> Tensor:
         return torch.as_tensor(values, dtype=torch.float32, device=self.device)
-
-
-def finite(loss: Tensor, name: str) -> Tensor:
-    """The loss of the window ``name``.
-
-    Raises:
-        RunError: it is no number.
-    """
-    if not torch.isfinite(loss):
-        raise RunError(f"the loss is {loss.item()} on {name}; lower --model.learning_rate and start again")
-    return loss
-
-
-def contrast_within(features: Tensor, graph: Graph) -> Tensor:
-    """The Siamese network's own loss, over the people of a window who have several detections in it."""
-    names, place, counts = np.unique(graph.owners, return_inverse=True, return_counts=True)
-    several = (counts > 1) & (names >= 0)
-    if several.sum() < 2:
-        return features.new_zeros(())
-    chosen = torch.as_tensor(np.flatnonzero(several[place]), device=features.device)
-    return softmax_contrastive_loss(
-        features[chosen], torch.as_tensor(place, device=features.device)[chosen], TEMPERATURE
-    )
-
-
-def link_cross_entropy(costs: Tensor, graph: Graph) -> Tensor:
-    """The loss that links are learnt by apart: each right with the probability that half a break is dearer than it."""
-    count = len(graph)
-    if not len(graph.tail):
-        return costs.new_zeros(())
-    start, end, link = costs[count : 2 * count], costs[2 * count : 3 * count], costs[3 * count :]
-    tail, head = (torch.as_tensor(part, device=costs.device) for part in (graph.tail, graph.head))
-    logit = (end.detach()[tail] + start.detach()[head]) / 2 - link
-    right = torch.as_tensor(graph.labelled[3 * count :], dtype=costs.dtype, device=costs.device)
-    return functional.binary_cross_entropy_with_logits(logit, right)
-
-
-def _siamese_of(checkpoint: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
-    """The Siamese network in a checkpoint, and the arguments that it was made with.
-
-    Raises:
-        RequestError: the file is missing or no such checkpoint.
-    """
-    siamese = load_module(AppearanceTraining, checkpoint)
-    given = torch.load(checkpoint, map_location="cpu", weights_only=True)["hyper_parameters"]
-    known = set(inspect.signature(AppearanceTraining.__init__).parameters)
-    return siamese, {**{name: value for name, value in given.items() if name in known}, "weights": None}
-
-
-def _network_of(checkpoint: Path, network: AssociationNetwork) -> dict[str, Tensor]:
-    """The weights of the network in a checkpoint of this training.
-
-    Raises:
-        RequestError: the file is missing, no such checkpoint, or of other features.
-    """
-    if not checkpoint.is_file():
-        raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
-    try:
-        state = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
-        found = {name.removeprefix("network."): value for name, value in state.items() if name.startswith("network.")}
-    except Exception as error:
-        raise RequestError(f"{checkpoint}: expected a checkpoint of `tsuiseki train association`") from error
-    for name, value in network.state_dict().items():
-        if name not in found or found[name].shape != value.shape:
-            got = tuple(found[name].shape) if name in found else "nothing"
-            raise RequestError(
-                f"{checkpoint}: expected a network of the same features and hidden, with {name} of shape "
-                f"{tuple(value.shape)}, got {got}; train it again"
-            )
-    return found

@@ -17,6 +17,9 @@ from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.exporting.export import convert_module, export_onnx, load_module
+from tsuiseki.trainers.exporting.export_detector import OUTPUTS as DETECTOR_OUTPUTS
+from tsuiseki.trainers.exporting.export_detector import RawHeads
+from tsuiseki.trainers.networks.detector import DetectorTraining
 
 # Costs, absolute: float32 sums in another order differ by about 1e-6 of a cost of up to 8.
 TOLERANCE = 1e-4
@@ -25,7 +28,12 @@ OUTPUTS = ("link_changes", "detection_changes", "join_changes")
 
 
 def export_trained(
-    checkpoint: Path, out: Path, appearance: Path | None = None, training_data: str = "", overwrite: bool = False
+    checkpoint: Path,
+    out: Path,
+    appearance: Path | None = None,
+    detector: Path | None = None,
+    training_data: str = "",
+    overwrite: bool = False,
 ) -> float:
     """Write the network of a checkpoint as ONNX, for --affinity, and check that it gives the costs that torch gives.
 
@@ -33,6 +41,7 @@ def export_trained(
         checkpoint: of `tsuiseki train association`.
         out: the file to write.
         appearance: file for the Siamese network that was trained with it, for --appearance.
+        detector: file for the detector whose heads were trained with it, for --detector.
         training_data: what it was trained on, in words; kept in the file.
         overwrite: replace an existing file.
 
@@ -40,7 +49,8 @@ def export_trained(
         The largest difference of a cost to torch that the parity check saw.
 
     Raises:
-        RequestError: a missing or foreign file, a training that has not taken a step, or one without appearance.
+        RequestError: a missing or foreign file, a training that has not taken a step, or one without the network that
+            is asked for.
     """
     module = load_module(AssociationTraining, checkpoint)
     network = module.network
@@ -48,6 +58,8 @@ def export_trained(
         raise RequestError(f"{checkpoint}: expected a trained network, but it changes no cost; go on with the training")
     if appearance is not None:
         _export_siamese(module, checkpoint, appearance, training_data, overwrite)
+    if detector is not None:
+        _export_heads(module, checkpoint, detector, training_data, overwrite)
     worst = export_association(network, out, training_data, overwrite=overwrite)
     print(f"{out}: no cost differs from torch's by more than {worst:.1g}")
     return worst
@@ -62,6 +74,25 @@ def _export_siamese(module: AssociationTraining, checkpoint: Path, out: Path, da
     card = replace(siamese.card, training_data=data)
     export_onnx(network, card, out, example, ("features",), overwrite=overwrite)
     print(f"{out}: the Siamese network")
+
+
+def _export_heads(module: AssociationTraining, checkpoint: Path, out: Path, data: str, overwrite: bool) -> None:
+    if module.detector is None:
+        raise RequestError(f"{checkpoint}: expected a detector, but the training had no --model.detector")
+    export_heads(module.detector, out, data, overwrite)
+    print(f"{out}: the detector")
+
+
+def export_heads(detector: DetectorTraining, out: Path, data: str = "", overwrite: bool = False) -> float:
+    """Write a detector whose heads were trained on; its scores are as they come, not calibrated again.
+
+    Returns:
+        The largest relative difference to torch.
+    """
+    card = replace(detector.card, training_data=data)
+    network = detector.network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    return export_onnx(RawHeads(network), card, out, example, DETECTOR_OUTPUTS, overwrite=overwrite)
 
 
 def export_association(

@@ -72,8 +72,8 @@ def fit_action(arguments: Sequence[str]) -> Path:
 def fit_association(arguments: Sequence[str]) -> Path:
     """Train an association network as the command line ``arguments`` say, and export it; see `fit`.
 
-    ``DIR`` also gets ``association.onnx``, the best network as the tracker takes it, and ``appearance.onnx`` where the
-    Siamese network was trained with it.
+    ``DIR`` also gets ``association.onnx``, the best network as the tracker takes it, and ``appearance.onnx`` and
+    ``detector.onnx`` where the Siamese network and the detector's heads were trained with it.
     """
     from tsuiseki.trainers.association.data import AssociationData
     from tsuiseki.trainers.association.training import AssociationTraining
@@ -81,8 +81,12 @@ def fit_association(arguments: Sequence[str]) -> Path:
 
     best = fit(Task("association", AssociationTraining, AssociationData, "val/agreement"), arguments)
     out = best.parent.parent
-    looks = torch.load(best, map_location="cpu", weights_only=True).get("siamese") is not None
-    export_trained(best, out / "association.onnx", out / "appearance.onnx" if looks else None, overwrite=True)
+    held = torch.load(best, map_location="cpu", weights_only=True)
+    appearance, detector = (
+        out / f"{name}.onnx" if held.get(part) is not None else None
+        for name, part in (("appearance", "siamese"), ("detector", "detector"))
+    )
+    export_trained(best, out / "association.onnx", appearance, detector, overwrite=True)
     return best
 
 

@@ -17,7 +17,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.formats.mot import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow
-from tsuiseki.trainers.association.training import AssociationTraining, contrast_within
+from tsuiseki.trainers.association.losses_beside import contrast_within
+from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.association.window_appearance import averaged, distances, repriced
 from tsuiseki.trainers.exporting.export_appearance import export_appearance
 from tsuiseki.trainers.exporting.model_file import ModelFile
@@ -72,19 +73,20 @@ def test_detections_of_no_track_are_averaged_with_nothing() -> None:
     np.testing.assert_array_equal(averaged(np.array([0, 1]), np.array([-1, -1]), 3), np.eye(2))
 
 
-def test_the_distances_are_those_of_the_tracker(street: Path, siamese: tuple[Path, Path]) -> None:
+@pytest.mark.parametrize("which", [0, 1], ids=["checkpoint", "exported"])
+def test_the_distances_are_those_of_the_tracker(street: Path, siamese: tuple[Path, Path], which: int) -> None:
     """The windows of the first network: inside a window that is the whole video, nothing is cut off."""
-    checkpoint, exported = siamese
+    checkpoint, exported = siamese[which], siamese[1]
     data = AssociationData([street], appearance=exported, seconds=10.0, held_back=0.01)
     data.setup("fit")
     module = AssociationTraining(appearance=checkpoint)
-    batch = EveryWindow(data.learnt, 10.0, data.crop_size)[0]
+    batch = EveryWindow(data.learnt, 10.0, data.looks)[0]
     with torch.no_grad():
-        features = module.features(batch.crops)
-        assert features is not None
+        seen = module.seen(batch)
+        assert seen.features is not None
         assert batch.crops is not None
-        found = distances(features, batch.crops, batch.detections).numpy()
-        costs = module.costs(batch.detections, features, batch.crops).numpy()
+        found = distances(seen.features, batch.crops, batch.detections).numpy()
+        costs = module.costs(batch, seen).numpy()
     known = batch.detections.links[:, LINK_FEATURES.index("appearance")]
     assert np.ptp(known) > 0.01
     # The exported network computes in another order.
@@ -106,9 +108,7 @@ def test_gradients_reach_the_siamese_network(street: Path, siamese: tuple[Path, 
     data.setup("fit")
     module = AssociationTraining(appearance=checkpoint, contrast=0.0, epsilon=3.0)
     module.standardise(data.learnt)
-    objective, _ = module.losses(
-        EveryWindow(data.learnt, 2.0, data.crop_size)[0], module.loss, np.random.default_rng(0)
-    )
+    objective, _ = module.losses(EveryWindow(data.learnt, 2.0, data.looks)[0], module.loss, np.random.default_rng(0))
     objective.backward()
     assert module.siamese is not None
     grads = [p.grad for p in module.siamese.network.parameters()]
@@ -130,7 +130,7 @@ def test_one_without_the_other_is_refused(street: Path, siamese: tuple[Path, Pat
     data = AssociationData([street])
     data.setup("fit")
     module = AssociationTraining(appearance=siamese[0])
-    with pytest.raises(RequestError, match=r"--model\.appearance CHECKPOINT and --data\.appearance ONNX together"):
+    with pytest.raises(RequestError, match=r"--model\.appearance FILE and --data\.appearance ONNX together"):
         module.losses(EveryWindow(data.learnt, 2.0)[0], module.loss, np.random.default_rng(0))
 
 

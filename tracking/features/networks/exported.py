@@ -16,7 +16,7 @@ from tsuiseki.tracking.features.networks.foreign_options import AppearanceOption
 from tsuiseki.tracking.geometry import clip_boxes, suppress
 from tsuiseki.tracking.onnx import OnnxModel, has_card, open_session
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
-from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 
 MOST_CANDIDATES = 400
 
@@ -68,6 +68,10 @@ class Detector:
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB, all in one batch; boxes are cut off at the border."""
+        return [found for found, _ in self.detect_at_anchors(images)]
+
+    def detect_at_anchors(self, images: Sequence[ImageArray]) -> list[tuple[Detections, IntArray]]:
+        """As `detect`, with the ``(N,)`` anchors that the detections of each image come from."""
         if not images:
             return []
         card = self.model.card
@@ -84,7 +88,7 @@ class Detector:
         anchors: NDArray[np.float32],
         scale: tuple[float, float],
         size: tuple[int, int],
-    ) -> Detections:
+    ) -> tuple[Detections, IntArray]:
         # No softmax exceeds that of its class and the background alone, so few anchors need the whole of it.
         threshold = np.clip(self.score_threshold, 1e-9, 1 - 1e-9)
         margin = logits[:, 1:].max(axis=1) - logits[:, 0]
@@ -101,7 +105,7 @@ class Detector:
         whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
         boxes, scores = boxes[whole], scores[whole]
         kept = suppress(boxes, scores, self.iou_threshold)
-        return Detections(boxes[kept], scores[kept])
+        return Detections(boxes[kept], scores[kept]), candidates[whole][kept]
 
 
 class Appearance:

@@ -1,0 +1,126 @@
+"""What a training of the association starts from: networks that were trained apart."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+import onnx
+import torch
+from torch import Tensor, nn
+
+from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+from tsuiseki.trainers.adapt.learn_detector import layout_of
+from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.networks.appearance import AppearanceTraining
+from tsuiseki.trainers.networks.detector import DetectorTraining
+
+
+def siamese_of(checkpoint: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
+    """The Siamese network in a checkpoint or an exported file, and the arguments that it is made with.
+
+    Raises:
+        RequestError: the file is missing, or no such checkpoint or file.
+    """
+    if checkpoint.suffix == ".onnx":
+        return _exported_siamese(checkpoint)
+    siamese = load_module(AppearanceTraining, checkpoint)
+    return siamese, {**_made_of(AppearanceTraining, checkpoint), "weights": None}
+
+
+def _exported_siamese(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
+    try:
+        model = onnx.load(path)
+        card = ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
+        arrays = {x.name.removesuffix("_half"): onnx.numpy_helper.to_array(x) for x in model.graph.initializer}
+        made_of: dict[str, Any] = {"trunk": card.name, "feature_length": card.feature_length}
+        made_of |= {"height": card.input_height, "width": card.input_width}
+        siamese = AppearanceTraining(**made_of)
+        state = siamese.network.state_dict()
+        for name, norm in siamese.network.named_modules():
+            if isinstance(norm, nn.BatchNorm1d | nn.BatchNorm2d) and f"{name}.weight" not in arrays:
+                _bias_alone(norm)
+        for name, value in state.items():
+            # A normalisation after a convolution or a matrix is part of it, and its shift lies there.
+            folded = name.removesuffix(".bias")
+            folded = f"{folded[:-1]}{int(folded[-1]) - 1}.weight_bias" if folded[-1:].isdigit() else ""
+            found = arrays.get(name, arrays.get(folded))
+            if found is not None:
+                value.copy_(torch.tensor(found.T if found.shape == tuple(value.shape)[::-1] else found))
+            elif name.endswith(("weight", "bias")) and value.ndim > 1:
+                raise KeyError(name)
+    except Exception as error:
+        raise RequestError(f"{path}: expected an appearance network of `tsuiseki export appearance`") from error
+    return siamese.eval(), made_of
+
+
+def _bias_alone(norm: nn.BatchNorm1d | nn.BatchNorm2d) -> None:
+    """Let a normalisation do nothing but add its bias."""
+    if norm.running_var is not None:
+        norm.running_var.fill_(1 - norm.eps)
+
+
+def detector_of(path: Path) -> tuple[DetectorTraining, dict[str, Any]]:
+    """The detector in a checkpoint or an exported file, and the arguments that it is made with; its heads learn.
+
+    Raises:
+        RequestError: the file is missing, no such checkpoint, or no detector of the default architecture.
+    """
+    if path.suffix != ".onnx":
+        detector, made_of = load_module(DetectorTraining, path), _made_of(DetectorTraining, path)
+        return heads_only(detector), {**made_of, "weights": None, "start": None}
+    layout = layout_of(path)
+    height, width = layout.size
+    parts: dict[str, Any] = {
+        "trunk": layout.trunk,
+        "anchors": layout.anchors,
+        "channels": layout.channels,
+        "fine": layout.fine,
+    }
+    made_of = {**parts, "height": height, "width": width, "loss": "quality", "box_weight": 2.0}
+    detector = DetectorTraining(**made_of, start=str(path))
+    for norm in detector.modules():
+        # Those of an exported file are part of its convolutions: here they only add a bias.
+        if isinstance(norm, nn.BatchNorm2d):
+            _bias_alone(norm)
+    return heads_only(detector), made_of
+
+
+def heads_only(detector: DetectorTraining) -> DetectorTraining:
+    """The detector, of which only the heads learn."""
+    detector.requires_grad_(False)
+    for heads in (detector.network.class_heads, detector.network.box_heads):
+        heads.requires_grad_(True)
+    return detector.eval()
+
+
+def _made_of(kind: type, checkpoint: Path) -> dict[str, Any]:
+    given = torch.load(checkpoint, map_location="cpu", weights_only=True)["hyper_parameters"]
+    known = set(inspect.signature(kind.__init__).parameters)  # type: ignore[misc]
+    return {name: value for name, value in given.items() if name in known}
+
+
+def network_of(checkpoint: Path, network: AssociationNetwork) -> dict[str, Tensor]:
+    """The weights of the network in a checkpoint of this training.
+
+    Raises:
+        RequestError: the file is missing, no such checkpoint, or of other features.
+    """
+    if not checkpoint.is_file():
+        raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
+    try:
+        state = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
+        found = {name.removeprefix("network."): value for name, value in state.items() if name.startswith("network.")}
+    except Exception as error:
+        raise RequestError(f"{checkpoint}: expected a checkpoint of `tsuiseki train association`") from error
+    for name, value in network.state_dict().items():
+        if name not in found or found[name].shape != value.shape:
+            got = tuple(found[name].shape) if name in found else "nothing"
+            raise RequestError(
+                f"{checkpoint}: expected a network of the same features and hidden, with {name} of shape "
+                f"{tuple(value.shape)}, got {got}; train it again"
+            )
+    return found

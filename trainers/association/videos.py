@@ -1,0 +1,149 @@
+"""Labelled sequences with detections: what stands beside the labels, drawn from them, or found by a detector."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
+from tsuiseki.tracking.formats.mot import find_sequences, list_images, read_detections
+from tsuiseki.tracking.types import Detections, IntArray
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.association.graphs import DetectedVideo
+from tsuiseki.trainers.experiments.association.oracle import owners_of
+
+# Okutama-Action's videos.
+OTHER_RATE = 30.0
+
+
+def detected_videos(
+    folders: Sequence[Path],
+    find: Detector | Literal["given", "simulated"],
+    frames: tuple[int, int] | None = None,
+    seed: int = 0,
+    faults: DetectorFaults | None = None,
+) -> Iterator[DetectedVideo]:
+    """The labelled sequences of folders, with detections.
+
+    Args:
+        folders: sequences, or folders of them.
+        find: det/det.txt, detections drawn from the labels, or a detector that looks at the images.
+        frames: first and last frame, 1-based.
+        seed: of drawn detections.
+        faults: of drawn detections.
+
+    Raises:
+        RequestError: labels without detections, an id twice in a frame, nobody who counts, or detections that lie on
+            nobody.
+    """
+    rng = np.random.default_rng(seed)
+    for folder in folders:
+        for labelled in open_labelled(folder):
+            sequence = _sequence(folder, labelled.name)
+            truth = labelled.people()
+            length = labelled.length or int(truth.frames.max(initial=-1)) + 1
+            rate, size = (OTHER_RATE, None) if sequence is None else (sequence.frame_rate, _size(sequence))
+            anchors: list[IntArray] = []
+            if find == "given":
+                found = _given(folder, labelled.name, sequence, length)
+            elif find == "simulated":
+                wide, tall = size or np.ceil(truth.boxes[:, 2:].max(axis=0)).astype(int).tolist()
+                found = simulate_detections(rng, truth, length, wide, tall, faults or DetectorFaults())
+            else:
+                found, anchors = _detected(labelled.name, sequence, find)
+            images = () if sequence is None else sequence.images
+            video = DetectedVideo(labelled.name, found, truth, rate, size, images, tuple(anchors))
+            check_video(video)
+            yield video if frames is None else between(video, frames[0] - 1, frames[1])
+
+
+def described(video: DetectedVideo, appearance: Appearance | None) -> DetectedVideo:
+    """The sequence with what its detections look like.
+
+    Raises:
+        RequestError: it has no images.
+    """
+    if appearance is None:
+        return video
+    if len(video.images) < len(video.detections):
+        raise RequestError(
+            f"{video.name}: expected an image a frame in img1/ for the appearance, got {len(video.images)}"
+        )
+    detections = [
+        found.with_features(appearance.describe(read_image(path), found.boxes))
+        for found, path in zip(video.detections, video.images, strict=False)
+    ]
+    return replace(video, detections=detections)
+
+
+def check_video(video: DetectedVideo) -> None:
+    """Refuse what would be learnt from silently and wrongly.
+
+    Raises:
+        RequestError: nobody who counts, or detections that lie on nobody.
+    """
+    truth = video.truth.select(video.truth.evaluated)
+    if not len(truth):
+        raise RequestError(
+            f"{video.name}: expected labels of people who count, got none; see columns 7 and 8 of gt.txt"
+        )
+    counts = [len(found) for found in video.detections]
+    boxes = np.concatenate([found.boxes for found in video.detections]) if sum(counts) else np.empty((0, 4))
+    owners = owners_of(np.repeat(np.arange(len(counts)), counts), boxes, truth)
+    if len(boxes) and not (owners >= 0).any():
+        raise RequestError(
+            f"{video.name}: expected detections on labelled people, but none of {len(boxes)} overlaps one by half; are "
+            "they of the same class, size and frames?"
+        )
+
+
+def _sequence(folder: Path, name: str) -> VideoSequence | None:
+    try:
+        return next((one for one in find_sequences(folder) if one.name == name), None)
+    except RequestError:
+        return None
+
+
+def _size(sequence: VideoSequence) -> tuple[int, int] | None:
+    return (sequence.width, sequence.height) if min(sequence.width, sequence.height) > 0 else None
+
+
+def _given(folder: Path, name: str, sequence: VideoSequence | None, length: int) -> list[Detections]:
+    if sequence is None or not sequence.detections_path.is_file():
+        raise RequestError(
+            f"{folder}: expected det/det.txt beside the labels of {name}, found none; give a detector, or detections "
+            "simulated"
+        )
+    return read_detections(sequence.detections_path, length)
+
+
+def _detected(name: str, sequence: VideoSequence | None, detector: Detector) -> tuple[list[Detections], list[IntArray]]:
+    images = [] if sequence is None else list_images(sequence.folder / "img1")
+    if not images:
+        raise RequestError(f"{name}: expected images for the detector in img1/, found none; give detections instead")
+    found = [detector.detect_at_anchors([read_image(path)])[0] for path in images]
+    return [detections for detections, _ in found], [anchors for _, anchors in found]
+
+
+def stretch(video: DetectedVideo, first: float, last: float) -> DetectedVideo:
+    """The part from one share of the frames to another, both in [0, 1]."""
+    count = len(video.detections)
+    return between(video, round(first * count), round(last * count))
+
+
+def between(video: DetectedVideo, first: int, end: int) -> DetectedVideo:
+    """The frames from ``first`` to before ``end``, numbered from 0."""
+    first, end = max(first, 0), min(end, len(video.detections))
+    truth: GroundTruth = video.truth.between(first, end - 1)
+    moved = replace(truth, frames=truth.frames - first)
+    found, images, anchors = list(video.detections[first:end]), video.images[first:end], video.anchors[first:end]
+    return replace(video, detections=found, truth=moved, images=images, anchors=anchors)

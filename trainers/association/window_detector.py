@@ -1,0 +1,106 @@
+"""The scores of the detections of a window, with gradients into the heads of the detector that found them.
+
+The tracker takes a score s for the probability p that the video's own calibration gives it, and logit p, times a
+weight, is what a detection is worth. That calibration is a staircase without a useful slope. So a step takes the
+tracker's cost where the training began, and from there on a straight line: with ℓ the logit of s at the detection's
+anchor and ℓ₀ what it was at first,
+
+    Δ logit p = slope · (ℓ − ℓ₀),      Δ cost = price · Δ logit p,
+
+slope that of the line which fits logit p to ℓ over the sequence, price below 0. Both features of the network of costs
+that hold them change likewise. Boxes, and how well they are measured, are held fixed within a step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tsuiseki.datamodules.augmentation import Example
+from tsuiseki.datamodules.detection import DetectionBatch, collate
+from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.preprocessing import fit_image
+from tsuiseki.tracking.types import IntArray
+from tsuiseki.trainers.association.graphs import Graph
+from tsuiseki.trainers.networks.detector import DetectorTraining
+
+COST, LOGIT = (DETECTION_FEATURES.index(name) for name in ("cost", "logit"))
+
+
+@dataclass(frozen=True)
+class WindowFrames:
+    """The images of a window.
+
+    Attributes:
+        batch: T images fitted into the detector, with the labels of their people.
+        which: ``(N,)`` image of each detection.
+    """
+
+    batch: DetectionBatch
+    which: IntArray
+
+
+def frames_of(graph: Graph, card: ModelCard) -> WindowFrames:
+    """The images of a window's frames, from the first to the last one with a detection.
+
+    Raises:
+        RequestError: nothing says where the detections come from.
+    """
+    if graph.origin is None:
+        raise RequestError(f"{graph.name}: expected detections of --data.detector, whose heads are to learn")
+    frames = range(int(graph.frames.min(initial=0)), int(graph.frames.max(initial=-1)) + 1)
+    examples, truth = [], graph.origin.truth
+    for frame in frames:
+        image, scale = fit_image(read_image(graph.images[frame]), card)
+        people = truth.between(frame, frame)
+        people = people.select(people.evaluated | people.ignored)
+        examples.append(Example(image, people.boxes * np.tile(scale, 2), ~people.evaluated))
+    nothing = torch.empty(0, card.input_height, card.input_width, 3, dtype=torch.uint8)
+    none = DetectionBatch(nothing, torch.empty(0, 0, 4), torch.empty(0, 0, dtype=torch.int64))
+    return WindowFrames(collate(examples) if examples else none, graph.frames - frames.start)
+
+
+def head_outputs(detector: DetectorTraining, frames: WindowFrames) -> tuple[Tensor, Tensor]:
+    """Raw heads of the images; the normalisations keep the statistics that they were trained with."""
+    detector.eval()
+    logits, offsets = detector(frames.batch.images.to(detector.device))
+    return logits, offsets
+
+
+def score_logits(logits: Tensor, frames: WindowFrames, graph: Graph) -> Tensor:
+    """``(N,)`` logits of the scores of a window's detections, from the raw heads ``(T, A, 2)`` of its images."""
+    assert graph.origin is not None
+    which, anchors = (torch.as_tensor(part, device=logits.device) for part in (frames.which, graph.origin.anchors))
+    chosen = logits[which, anchors]
+    return chosen[:, 1] - chosen[:, 0]
+
+
+def rescored(rows: Tensor, found: Tensor, graph: Graph) -> tuple[Tensor, Tensor]:
+    """Features of the detections at other scores, and by how much that changes the default's costs.
+
+    Args:
+        rows: ``(N, G)`` features at the scores where the training began.
+        found: ``(N,)`` logits of the scores now.
+        graph: the window.
+    """
+    origin = graph.origin
+    assert origin is not None
+    surer = origin.slope * (found - torch.as_tensor(origin.logits, dtype=found.dtype, device=found.device))
+    columns = list(rows.unbind(dim=1))
+    columns[LOGIT] = columns[LOGIT] + surer
+    columns[COST] = columns[COST] + origin.price * surer
+    return torch.stack(columns, dim=1), origin.price * surer
+
+
+def own_loss(detector: DetectorTraining, outputs: tuple[Tensor, Tensor], frames: WindowFrames) -> Tensor:
+    """The loss that the detector is trained by apart, on the images of a window."""
+    boxes, labels = (part.to(detector.device) for part in frames.batch[1:])
+    class_loss, box_loss = detector.loss(*outputs, detector.network.anchors, boxes, labels)
+    total: Tensor = class_loss + box_loss
+    return total
