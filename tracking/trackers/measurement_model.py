@@ -9,7 +9,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import Births, Motion
 from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths
-from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, PointModel, StateFunction
+from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, PointModel, StateFunction, StateTest
 from tsuiseki.tracking.filters.finite_sets.sensed_points import (
     linear_sensor,
     newborn,
@@ -18,7 +18,7 @@ from tsuiseki.tracking.filters.finite_sets.sensed_points import (
     taking_turns,
     turning,
 )
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.measurements import MotionSettings, Scan, SensingModel
 
 FIRST_TURN = 0.05
@@ -38,7 +38,8 @@ def point_model(model: SensingModel) -> PointModel:
     deviation = np.broadcast_to(np.asarray(model.sensor.deviation), (dimensions,)).copy()
     circular = (0,) if model.sensor.model == "bearing-range" else ()
     sensor = GaussianSensor(_sensor(model)[0], deviation, circular)
-    return PointModel(motion, sensor, model.survival, model.detection, model.clutter / _volume(model))
+    inside = _inside(sensor, model.region) if model.leave == "gone" else None
+    return PointModel(motion, sensor, model.survival, model.detection, model.clutter / _volume(model), inside=inside)
 
 
 def point_births(model: SensingModel, particles: int) -> Births[FloatArray]:
@@ -63,6 +64,16 @@ def _motion(motion: MotionSettings, dimensions: int) -> Motion:
     if motion.model == "coordinated-turn":
         return turning(motion.acceleration, motion.turn, dimensions)
     return straight(motion.acceleration, dimensions)
+
+
+def _inside(sensor: GaussianSensor, region: Sequence[tuple[float, float]]) -> StateTest:
+    low, high = np.array(region).T
+
+    def inside(particles: FloatArray) -> BoolArray:
+        places = sensor.project(particles)
+        return np.asarray(((places >= low) & (places <= high)).all(axis=1))
+
+    return inside
 
 
 def _turns(model: SensingModel) -> bool:

@@ -195,6 +195,8 @@ class SensingModel:
         clutter: expected false measurements a scan, spread evenly over the region.
         region: ``(low, high)`` of each measured number, in which clutter falls and targets appear; by default where
             the measurements lie.
+        leave: ``gone`` where a target that leaves the region has ended; ``unseen`` where the region says nothing of
+            targets.
         births: new targets.
     """
 
@@ -205,6 +207,7 @@ class SensingModel:
     survival: float = 0.99
     clutter: float = 1.0
     region: tuple[tuple[float, float], ...] = ()
+    leave: Literal["gone", "unseen"] = "unseen"
     births: BirthSettings = field(default_factory=BirthSettings)
 
     def __post_init__(self) -> None:
@@ -213,6 +216,9 @@ class SensingModel:
                 raise RequestError(f"{name}: expected a probability above 0, got {getattr(self, name)}")
         if not (0 <= self.clutter < np.inf and 0 < self.switching < np.inf and self.motions):
             raise RequestError("expected clutter from 0, switching above 0 and at least one motion")
+        _one_of("leave", self.leave, ("gone", "unseen"))
+        if self.leave == "gone" and not self.region:
+            raise RequestError("leave: expected a region with `gone`, got none")
         if self.region and len(self.region) != self.sensor.dimensions:
             raise RequestError(f"region: expected {self.sensor.dimensions} pairs low, high, got {len(self.region)}")
         if any(not low < high for low, high in self.region):

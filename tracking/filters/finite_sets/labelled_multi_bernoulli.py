@@ -131,17 +131,22 @@ class LabelledMultiBernoulliFilter:
     def _predict(self, state: LabelledState, measurements: FloatArray, rng: np.random.Generator) -> LabelledState:
         """Tracks and hidden targets move and survive, (44); the births join the hidden."""
         moved = self.model.moved(state.particles.reshape(-1, state.particles.shape[-1]), rng)
+        weights = np.exp(state.log_weights) * self.model.survival_of(moved).reshape(state.log_weights.shape)
+        survival = weights.sum(axis=1)
+        # A track that is gone keeps equal weights: they have to sum to one, and its existence is zero.
+        weights[survival <= 0] = 1.0
+        log_weights = logarithms(weights / weights.sum(axis=1, keepdims=True))
         born, old = self.births.draw(measurements, rng), state.hidden
-        with np.errstate(divide="ignore"):
-            survived = np.log(self.model.survival) + old.log_weights
+        unseen = self.model.moved(old.particles, rng)
         hidden = BornParticles(
-            np.concatenate([self.model.moved(old.particles, rng), born.particles]),
-            np.concatenate([survived, born.log_weights]),
+            np.concatenate([unseen, born.particles]),
+            np.concatenate([logarithms(self.model.survival_of(unseen)) + old.log_weights, born.log_weights]),
             np.concatenate([old.starts, born.starts + len(old.particles)]),
         )
-        existence = self.model.survival * state.existence
         moved = moved.reshape(state.particles.shape)
-        return replace(state, existence=existence, particles=moved, hidden=hidden)
+        return replace(
+            state, existence=survival * state.existence, particles=moved, log_weights=log_weights, hidden=hidden
+        )
 
     def _hidden_update(
         self, hidden: BornParticles, measurements: FloatArray, rng: np.random.Generator

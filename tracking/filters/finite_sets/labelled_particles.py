@@ -1,12 +1,14 @@
 """Weighted particles that carry labels, section 5.2 of the finite-sets paper.
 
 The particles of one label are a cluster: what may be one target. They stand together, so that sums over clusters are
-sums over slices.
+sums over slices. In memory the numbers of one column lie together (Fortran order): motion, sensor and means go column
+by column.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -33,16 +35,32 @@ class LabelledParticles:
     def __len__(self) -> int:
         return len(self.particles)
 
+    @cached_property
+    def weights(self) -> FloatArray:
+        """``(N,)``, not to be changed."""
+        return np.exp(self.log_weights)
+
     @property
     def expected_count(self) -> float:
         """Expected number of targets."""
-        return float(np.exp(self.log_weights).sum())
+        return float(self.weights.sum())
 
     def select(self, which: BoolArray | IntArray) -> Self:
         """The particles at a mask or at indices."""
         return replace(
-            self, particles=self.particles[which], labels=self.labels[which], log_weights=self.log_weights[which]
+            self, particles=rows(self.particles, which), labels=self.labels[which], log_weights=self.log_weights[which]
         )
+
+
+def rows(particles: FloatArray, which: BoolArray | IntArray) -> FloatArray:
+    """Particles ``(N, D)`` at a mask or at indices; the columns of the result lie together in memory."""
+    indices = np.flatnonzero(which) if which.dtype == np.bool_ else which
+    return np.take(particles.T, indices, axis=1).T
+
+
+def joined(*parts: FloatArray) -> FloatArray:
+    """Particles ``(N, D)`` one after the other; the columns of the result lie together in memory."""
+    return np.concatenate([part.T for part in parts], axis=1).T
 
 
 def first_particles(particles: FloatArray, count: float) -> LabelledParticles:
@@ -76,7 +94,7 @@ def cluster_moments(posterior: LabelledParticles, starts: IntArray) -> tuple[Flo
     """Weight ``(G,)`` and mean ``(G, D)`` of each cluster."""
     if len(starts) == 0:
         return np.empty(0), np.empty((0, posterior.particles.shape[1]))
-    weights = np.exp(posterior.log_weights)
+    weights = posterior.weights
     masses = np.add.reduceat(weights, starts)
     # Column by column: over rows of a few numbers reduceat is several times slower.
     sums = np.stack([np.add.reduceat(weights * column, starts) for column in posterior.particles.T], axis=1)

@@ -71,7 +71,7 @@ def find_pairs(particles: FloatArray, starts: IntArray, measurements: FloatArray
     first = np.cumsum(sizes) - sizes
     particle = np.repeat(starts[groups] - first, sizes) + np.arange(int(sizes.sum()))
     measurement = np.repeat(chosen, sizes)
-    log_likelihood = sensor.log_likelihood(projected[particle], measurements, measurement)
+    log_likelihood = sensor.log_likelihood(projected, particle, measurements, measurement)
     return Pairs(groups, chosen, first, particle, measurement, log_likelihood)
 
 

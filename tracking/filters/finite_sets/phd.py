@@ -14,7 +14,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.filters.base import Births, Proposal, TargetEstimates
-from tsuiseki.tracking.filters.finite_sets.labelled_particles import cluster_sizes, cluster_starts, first_particles
+from tsuiseki.tracking.filters.finite_sets.labelled_particles import (
+    cluster_sizes,
+    cluster_starts,
+    first_particles,
+    joined,
+)
 from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
 from tsuiseki.tracking.filters.finite_sets.phd_identity import Clusters, Extraction, Identity, PhdState, by_measurements
 from tsuiseki.tracking.filters.finite_sets.point_models import PointModel, check_measurements
@@ -96,11 +101,10 @@ class PhdFilter:
             moved, correction = self.model.moved(state.particles, rng), np.zeros(len(state))
         else:
             moved, correction = self.proposal(state.particles, measurements, rng)
-        with np.errstate(divide="ignore"):
-            survived = np.log(self.model.survival) + correction + state.log_weights
+        survived = logarithms(self.model.survival_of(moved)) + correction + state.log_weights
         born = self.births.draw(measurements, rng)
         return PhdState(
-            np.concatenate([moved, born.particles]),
+            joined(moved, born.particles),
             np.concatenate([state.labels, state.next_label + born.groups]),
             np.concatenate([survived, born.log_weights]),
             state.next_label + len(born.starts),
@@ -108,7 +112,7 @@ class PhdFilter:
 
     def _update(self, predicted: PhdState, measurements: FloatArray, provisional: int) -> tuple[PhdState, Clusters]:
         """Weights by (53)-(55), an equality."""
-        weights, detection = np.exp(predicted.log_weights), self.model.detection_of(predicted.particles)
+        weights, detection = predicted.weights, self.model.detection_of(predicted.particles)
         starts = cluster_starts(predicted.labels)
         pairs = find_pairs(predicted.particles, starts, measurements, self.model.sensor)
         joint = (detection * weights)[pairs.particle] * np.exp(pairs.log_likelihood)
@@ -131,7 +135,7 @@ class PhdFilter:
 
     def _resample(self, posterior: PhdState, rng: np.random.Generator) -> PhdState:
         """``rho`` particles a target, each of weight ``1 / rho``, (56)-(59); more, lighter ones in a light cluster."""
-        weights, starts = np.exp(posterior.log_weights), cluster_starts(posterior.labels)
+        weights, starts = posterior.weights, cluster_starts(posterior.labels)
         masses = np.add.reduceat(weights, starts) if len(starts) else np.empty(0)
         total = float(masses.sum())
         scale = min(1.0, self.limit / max(self.density * total, 1.0))

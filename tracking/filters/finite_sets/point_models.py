@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 StateFunction = Callable[[FloatArray], FloatArray]
+StateTest = Callable[[FloatArray], BoolArray]
 
 
 def constant_velocity(acceleration: float) -> Motion:
@@ -137,19 +138,40 @@ class GaussianSensor:
             result[..., column] = (result[..., column] + np.pi) % (2 * np.pi) - np.pi
         return result
 
-    def log_likelihood(self, projected: FloatArray, measurements: FloatArray, which: IntArray) -> FloatArray:
-        """``log h(y | x)`` ``(K,)``, constants kept, of projected states ``(K, Z)`` and measurements ``which`` ``(K,)``
-        of ``(M, Z)``.
+    def log_likelihood(
+        self, projected: FloatArray, particle: IntArray, measurements: FloatArray, which: IntArray
+    ) -> FloatArray:
+        """``log h(y | x)`` ``(K,)``, constants kept, of pairs of a state and a measurement.
+
+        Args:
+            projected: states ``(N, Z)``.
+            particle: ``(K,)`` which of them.
+            measurements: ``(M, Z)``.
+            which: ``(K,)`` which of them.
         """
-        difference = self.difference(projected, measurements[which])
+        # Column by column: rows of two or three numbers cost several times more.
+        apart = [self._apart(column, projected, particle, measurements, which) for column in range(len(self.deviation))]
         if self.roots is None:
-            scaled = difference / self.deviation
+            scaled = [column / deviation for column, deviation in zip(apart, self.deviation, strict=True)]
             constant = np.log(np.prod(np.sqrt(2 * np.pi) * self.deviation))
         else:
-            scaled = np.einsum("kzy,ky->kz", np.linalg.inv(self.roots)[which], difference)
+            inverse = np.linalg.inv(self.roots)[which]
+            scaled = list(np.einsum("kzy,yk->zk", inverse, np.stack(apart)))
             diagonal = np.einsum("mzz->mz", self.roots)
             constant = np.log(np.prod(np.sqrt(2 * np.pi) * diagonal, axis=1))[which]
-        return np.asarray(-0.5 * np.einsum("kz,kz->k", scaled, scaled) - constant)
+        squares = np.zeros(len(particle))
+        for column in scaled:
+            squares += column * column
+        return np.asarray(-0.5 * squares - constant)
+
+    def _apart(
+        self, column: int, projected: FloatArray, particle: IntArray, measurements: FloatArray, which: IntArray
+    ) -> FloatArray:
+        """One column ``(K,)`` of state minus measurement."""
+        apart = projected[:, column][particle] - measurements[:, column][which]
+        if column in self.circular:
+            return np.asarray((apart + np.pi) % (2 * np.pi) - np.pi)
+        return np.asarray(apart)
 
 
 @dataclass(frozen=True)
@@ -165,6 +187,7 @@ class PointModel:
             or a function of measurements.
         period: time from one observation to the next, > 0, in seconds or whatever the motion counts in. Where it
             varies, replace it before each step: filters keep nothing that depends on it.
+        inside: whether states ``(N, D)`` lie where targets can be; one that moves out of there is gone. None: anywhere.
     """
 
     motion: Motion
@@ -173,6 +196,7 @@ class PointModel:
     detection: float | StateFunction
     clutter: float | StateFunction
     period: float = 1.0
+    inside: StateTest | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.period < np.inf:
@@ -187,6 +211,12 @@ class PointModel:
     def moved(self, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
         """States ``(N, D)`` one period later."""
         return self.motion(particles, self.period, rng)
+
+    def survival_of(self, moved: FloatArray) -> FloatArray:
+        """``pS`` ``(N,)`` of states ``(N, D)`` one period later: 0 where no target can be."""
+        if self.inside is None:
+            return np.full(len(moved), self.survival)
+        return np.where(self.inside(moved), self.survival, 0.0)
 
     def detection_of(self, particles: FloatArray) -> FloatArray:
         """``pD`` ``(N,)`` of states ``(N, D)``."""

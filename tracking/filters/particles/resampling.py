@@ -38,8 +38,13 @@ def systematic(weights: FloatArray, count: int, rng: np.random.Generator) -> Int
     Slice ``k`` draws particle ``i`` when ``C[i-1] <= (k + u) / count < C[i]``, so the copies follow from rounding
     ``count * C - u`` up, with no search.
     """
-    _total(weights)
-    return np.asarray(systematic_rows(weights[None, :], count, rng)[0])
+    cumulative = _cumulative(weights)
+    edges = np.ceil(count * cumulative - rng.random())
+    # With an offset next to 1 the subtraction rounds to count - 1: the end of the scale is known exactly.
+    edges[cumulative >= 1.0] = count
+    np.maximum(edges, 0.0, out=edges)
+    edges[1:] -= edges[:-1].copy()
+    return _repeat(edges.astype(np.int64))
 
 
 def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:

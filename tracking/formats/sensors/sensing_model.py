@@ -7,6 +7,7 @@
     survival: 0.99
     clutter: 10
     region: [[-1000, 1000], [-1000, 1000]]
+    leave: gone
     births: {rate: 0.1, speed: 10}                          # or with places: [{mean: […], deviation: […], rate: 0.03}]
 
 Every key may be left out; see `tracking.types.measurements.SensingModel` for what they mean.
@@ -52,7 +53,7 @@ def sensing_model(content: Mapping[str, Any]) -> SensingModel:
     Raises:
         RequestError: a key or value is not as expected.
     """
-    known = ("sensor", "motion", "region", "births", *PLAIN)
+    known = ("sensor", "motion", "region", "leave", "births", *PLAIN)
     _check_keys("the model", content, known)
     motions = content.get("motion", {})
     several = motions if isinstance(motions, list) else [motions]
@@ -68,6 +69,7 @@ def sensing_model(content: Mapping[str, Any]) -> SensingModel:
         sensor=_made("sensor", SensorSettings, content.get("sensor", {})),
         motions=tuple(_made("motion", MotionSettings, motion) for motion in several),
         region=tuple((_number("region", low), _number("region", high)) for low, high in region),
+        leave=content.get("leave", "unseen"),
         births=_made("births", BirthSettings, births, places=made),
         **{name: _number(name, content[name]) for name in PLAIN if name in content},
     )

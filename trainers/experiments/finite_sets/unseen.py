@@ -15,6 +15,7 @@ from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evalua
 from tsuiseki.tracking.trackers.measurements import MeasurementMethod, MeasurementTracker
 from tsuiseki.trainers.experiments.association.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.finite_sets.told_filter import told_filter
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import STANDARD_PLACES, UnseenSettings, unseen_scenario
 
 PROGRAM = Path(__file__).with_name("peer_program.py")
@@ -23,7 +24,9 @@ CUT_OFF = 100.0
 KINDS = {
     "anywhere": UnseenSettings(),
     "known places": UnseenSettings(first=0, births=0.12, places=STANDARD_PLACES),
+    "known places, straight paths": UnseenSettings(first=0, births=0.12, places=STANDARD_PLACES, bends=0.0),
 }
+TOLD = "told which measurement is whose"
 METHODS: Sequence[MeasurementMethod] = ("labelled", "phd")
 FIRST_SEED = 300
 """Of the scenarios: nothing else draws from it on."""
@@ -77,6 +80,7 @@ def reproduce(
         for method in METHODS:
             run = bench.store.recall(run_ours, settings, number, method, particles)
             rows.setdefault((kind, method), []).append(run)
+        rows.setdefault((kind, TOLD), []).append(bench.store.recall(run_told, settings, number))
         if found is not None:
             for name, run in bench.store.recall(run_peers, found, PROGRAM, settings, number).items():
                 rows.setdefault((kind, name), []).append(run)
@@ -90,19 +94,25 @@ def reproduce(
 
 def run_ours(settings: UnseenSettings, seed: int, method: MeasurementMethod, particles: int) -> UnseenRun:
     """One of ours, as `track points` runs it."""
-    truth, scans = unseen_scenario(settings, seed)
+    scenario = unseen_scenario(settings, seed)
     tracker = MeasurementTracker(settings.model, method, particles, seed=0)
     seconds, rows = [], []
-    for number, scan in enumerate(scans):
+    for number, scan in enumerate(scenario.scans):
         begin = time.process_time()
         targets = tracker.update(scan)
         seconds.append(time.process_time() - begin)
         rows += [(number, int(name), *place) for name, place in zip(targets.ids, targets.positions, strict=True)]
-    return _scored(truth, rows, [1e3 * each for each in seconds])
+    return _scored(scenario.truth, rows, [1e3 * each for each in seconds])
+
+
+def run_told(settings: UnseenSettings, seed: int) -> UnseenRun:
+    """The filter that is told which measurement is whose."""
+    scenario = unseen_scenario(settings, seed)
+    return _scored(scenario.truth, told_filter(settings, scenario), [0.0] * len(scenario.scans))
 
 
 def run_peers(peer: Peer, program: Path, settings: UnseenSettings, seed: int) -> dict[str, UnseenRun]:
-    """Every filter of the peer's environment.
+    """Every filter of the peer's environment. What they show outside the region, where no target can be, is dropped.
 
     Args:
         peer: which.
@@ -110,13 +120,16 @@ def run_peers(peer: Peer, program: Path, settings: UnseenSettings, seed: int) ->
         settings: of the scenario.
         seed: likewise.
     """
-    truth, scans = unseen_scenario(settings, seed)
-    job = {"model": asdict(settings), "scans": [scan.measurements.tolist() for scan in scans]}
+    scenario, half = unseen_scenario(settings, seed), 0.5 * settings.side
+    job = {"model": asdict(settings), "scans": [scan.measurements.tolist() for scan in scenario.scans]}
     done = subprocess.run(
         [peer.python, str(program)], input=json.dumps(job), capture_output=True, text=True, check=True
     )
     found = json.loads(done.stdout)["found"]
-    return {name: _scored(truth, one["rows"], one["milliseconds"]) for name, one in found.items()}
+    inside = {
+        name: [row for row in one["rows"] if max(abs(row[2]), abs(row[3])) <= half] for name, one in found.items()
+    }
+    return {name: _scored(scenario.truth, inside[name], one["milliseconds"]) for name, one in found.items()}
 
 
 def _scored(truth: PointTracks, rows: Sequence[Sequence[float]], milliseconds: Sequence[float]) -> UnseenRun:

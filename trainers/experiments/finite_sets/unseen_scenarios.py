@@ -29,7 +29,8 @@ class UnseenSettings:
         first: targets at the start.
         births: expected new ones a second.
         survival, detection: probabilities.
-        acceleration: standard deviation, constant over each step.
+        acceleration: standard deviation that the filters are told, constant over each step.
+        bends: that of the true paths; 0 for straight ones.
         deviation: of a measured coordinate.
         speed: deviation of a new target's velocity.
         places: ``(x, y)`` where all new targets appear, known to the filters; by default anywhere.
@@ -44,6 +45,7 @@ class UnseenSettings:
     survival: float = 0.99
     detection: float = 0.98
     acceleration: float = 5.0
+    bends: float = 5.0
     deviation: float = 10.0
     speed: float = 10.0
     places: tuple[tuple[float, float], ...] = ()
@@ -56,7 +58,8 @@ class UnseenSettings:
         return SensingModel(
             SensorSettings("linear", (self.deviation,)), (MotionSettings("constant-velocity", self.acceleration),),
             detection=self.detection, survival=self.survival, clutter=self.clutter,
-            region=((-half, half), (-half, half)), births=BirthSettings(self.births, self.speed, self._places()),
+            region=((-half, half), (-half, half)), leave="gone",
+            births=BirthSettings(self.births, self.speed, self._places()),
         )  # fmt: skip
 
     def _places(self) -> tuple[BirthPlace, ...]:
@@ -69,18 +72,33 @@ STANDARD_PLACES = ((0.0, 0.0), (400.0, -600.0), (-800.0, -200.0), (-200.0, 800.0
 """Those of the usual linear scenario of the literature."""
 
 
-def unseen_scenario(settings: UnseenSettings, seed: int) -> tuple[PointTracks, list[Scan]]:
-    """True tracks and scans. A target that leaves the region is gone."""
+@dataclass(frozen=True)
+class UnseenScenario:
+    """What is there, and what is measured.
+
+    Attributes:
+        truth: the targets.
+        scans: a second apart.
+        sources: ``(M,)`` for each scan: the target of each measurement, 0 for a false one.
+    """
+
+    truth: PointTracks
+    scans: list[Scan]
+    sources: list[IntArray]
+
+
+def unseen_scenario(settings: UnseenSettings, seed: int) -> UnseenScenario:
+    """A scenario of its own for each seed. A target that leaves the region is gone."""
     rng, half = np.random.default_rng(seed), 0.5 * settings.side
     states, names, born = np.empty((0, 4)), np.empty(0, dtype=np.int64), 0
     frames: list[IntArray] = []
     ids: list[IntArray] = []
     places: list[FloatArray] = []
-    scans = []
+    scans, sources = [], []
     for k in range(settings.steps):
         alive = rng.random(len(states)) < settings.survival
         states, names = states[alive], names[alive]
-        noise = settings.acceleration * rng.standard_normal((len(states), 2))
+        noise = settings.bends * rng.standard_normal((len(states), 2))
         states = states + np.stack(
             [states[:, 1] + noise[:, 0] / 2, noise[:, 0], states[:, 3] + noise[:, 1] / 2, noise[:, 1]], axis=1
         )
@@ -95,11 +113,16 @@ def unseen_scenario(settings: UnseenSettings, seed: int) -> tuple[PointTracks, l
         frames.append(np.full(len(states), k, dtype=np.int64))
         ids.append(names)
         places.append(states[:, [0, 2]])
-        seen = places[-1][rng.random(len(states)) < settings.detection]
+        detected = rng.random(len(states)) < settings.detection
+        seen = places[-1][detected]
         false = rng.uniform(-half, half, (rng.poisson(settings.clutter), 2))
         measured = np.concatenate([seen + settings.deviation * rng.standard_normal(seen.shape), false])
-        scans.append(Scan(float(k), rng.permutation(measured)))
-    return PointTracks(np.concatenate(frames), np.concatenate(ids), np.concatenate(places)), scans
+        order = rng.permutation(len(measured))
+        scans.append(Scan(float(k), measured[order]))
+        sources.append(np.concatenate([names[detected], np.zeros(len(false), dtype=np.int64)])[order])
+    return UnseenScenario(
+        PointTracks(np.concatenate(frames), np.concatenate(ids), np.concatenate(places)), scans, sources
+    )
 
 
 def _new_places(settings: UnseenSettings, count: int, rng: np.random.Generator) -> FloatArray:

@@ -139,6 +139,22 @@ def test_identity_survives_one_missed_scan_and_not_many():
         assert len(infos[-1].estimates) == 0
 
 
+@pytest.mark.parametrize("kind", ["labelled", "phd"])
+def test_a_target_that_leaves_is_gone_at_once_where_the_model_says_so(kind):
+    truth = np.array([[30.0 * k, 0.0] for k in range(1, 6)])
+    scans = [*(place[None] for place in truth), np.empty((0, 2))]
+    # The last measured place is 150: 30 further on it is outside for nearly every particle.
+    bounded = replace(model(0.1), inside=lambda states: states[:, 0] < 160)
+    births = MixtureBirths(np.array([0.1]), np.array([[0.0, 30, 0, 0]]), np.full(4, 10.0), 500)
+    made = {"labelled": LabelledMultiBernoulliFilter, "phd": PhdFilter}[kind]
+    counts = {}
+    for name, chosen in {"bounded": bounded, "open": model(0.1)}.items():
+        info = run(made(chosen, births), scans)
+        assert len(info[-2].estimates) == 1
+        counts[name] = len(info[-1].estimates)
+    assert counts == {"bounded": 0, "open": 1}
+
+
 def test_without_memory_the_weight_alone_reports():
     _, measurements = simulate(15, 2, clutter=0.5, detection=1.0, starts=((0.0, 3.0, 0.0, 2.0),))
     measurements[12] = np.empty((0, 2))

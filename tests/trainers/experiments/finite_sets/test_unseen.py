@@ -14,6 +14,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments.finite_sets import unseen
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import (
     STANDARD_PLACES,
+    UnseenScenario,
     UnseenSettings,
     unseen_scenario,
 )
@@ -43,7 +44,8 @@ def test_an_environment_without_the_peers_gets_one_line(tmp_path: Path, capsys: 
 
 def test_a_scenario_has_the_births_clutter_and_misses_that_it_is_told() -> None:
     settings = UnseenSettings(steps=400, first=0, births=0.2, places=STANDARD_PLACES, clutter=5.0, detection=0.9)
-    truth, scans = unseen_scenario(settings, seed=3)
+    scenario = unseen_scenario(settings, seed=3)
+    truth, scans = scenario.truth, scenario.scans
     _, first = np.unique(truth.ids, return_index=True)
     # 0.2 a scan over 400 scans: 80, four standard deviations.
     assert abs(len(first) - 80) < 4 * np.sqrt(80)
@@ -53,3 +55,21 @@ def test_a_scenario_has_the_births_clutter_and_misses_that_it_is_told() -> None:
     expected = 0.9 * len(truth.ids) + 5.0 * 400
     assert abs(measured - expected) < 4 * np.sqrt(expected)
     assert np.abs(truth.positions).max() <= 1000
+
+
+def test_sources_name_the_target_that_was_measured() -> None:
+    settings = UnseenSettings(steps=50, first=4)
+    scenario = unseen_scenario(settings, seed=5)
+    for number, (scan, source) in enumerate(zip(scenario.scans, scenario.sources, strict=True)):
+        there = scenario.truth.frames == number
+        places = dict(zip(scenario.truth.ids[there].tolist(), scenario.truth.positions[there], strict=True))
+        for place, name in zip(scan.measurements, source.tolist(), strict=True):
+            assert name == 0 or np.linalg.norm(place - places[name]) < 6 * settings.deviation
+
+
+@pytest.mark.parametrize("kind", unseen.KINDS)
+def test_a_filter_that_is_told_the_associations_is_better(kind: str) -> None:
+    settings = replace(unseen.KINDS[kind], steps=40)
+    told = [unseen.run_told(settings, seed).scores.ospa1 for seed in (11, 12)]
+    ours = [unseen.run_ours(settings, seed, "labelled", 200).scores.ospa1 for seed in (11, 12)]
+    assert np.mean(told) < np.mean(ours)
