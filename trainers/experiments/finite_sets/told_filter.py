@@ -15,7 +15,7 @@ from tsuiseki.tracking.filters.kalman import Gaussians, predict, update
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import UnseenScenario, UnseenSettings
 
-TRANSITION = np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]])
+TRANSITION: FloatArray = np.kron(np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]))
 SEES = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 REPORTED, PRUNED = 0.5, 1e-3
 

@@ -14,7 +14,6 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments.finite_sets import unseen
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import (
     STANDARD_PLACES,
-    UnseenScenario,
     UnseenSettings,
     unseen_scenario,
 )
