@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,6 +15,7 @@ from tsuiseki.tracking.output import check_output_folder
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
+    from tsuiseki.tracking.types import Frame
     from tsuiseki.tracking.video import Source
 
 
@@ -30,10 +31,11 @@ class Overlay(Shared):
     overlay: bool = False
     overlay_format: Literal["webm", "mp4"] = "webm"
 
-    @property
-    def overlay_file(self) -> str:
-        """Its name in the output folder."""
-        return f"overlay.{self.overlay_format}"
+    def draw(self, run: Run, source: Source, write: Callable[[Path, Iterator[Frame]], object]) -> Path | None:
+        """Let ``write`` draw the finished frames into a video of the result, where that is wanted."""
+        if not self.overlay:
+            return None
+        return run.draw(f"overlay.{self.overlay_format}", lambda path: write(path, run.replay(source)))
 
 
 @dataclass(frozen=True, kw_only=True)

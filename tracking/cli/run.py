@@ -13,8 +13,7 @@ options that several commands share stand in `options`, once.
             tracks = tracker.tracks()
             run.columns = {"frame": ...}                        # into run.json: one list a column
             run.write("tracks.txt", lambda path: write_tracks(path, tracks))
-            if video.overlay:
-                run.draw(video.overlay_file, lambda path: write_overlay(path, run.replay(source), tracks, ...))
+            video.draw(run, source, lambda path, frames: write_overlay(path, frames, tracks, ...))
             run.done(f"{len(tracks)} objects: {output.out / 'tracks.txt'}")
         return run.status
 

@@ -13,6 +13,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Background, Contrast, learn_background
 from tsuiseki.tracking.formats.bodies.points import PointTable, read_poses_file
 from tsuiseki.tracking.frame_range import parse_frames
+from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.trackers.animals.linking import FIELDS, Animal, AnimalSettings, link_animals
 from tsuiseki.tracking.trackers.animals.pose import AnimalPose
 from tsuiseki.tracking.trackers.animals.skeletons import (
@@ -32,15 +33,14 @@ SAMPLED = 32
 
 
 @dataclass(frozen=True)
-class SkeletonSettings:
+class SkeletonSettings(Shared):
     """What is known of the animals' points.
 
     Attributes:
-        points: points seen in every frame, a CSV file of SLEAP or DeepLabCut; the image is not looked at then.
-        labels: points that a person marked in a few frames of this video, likewise; they teach where on the body each
-            point lies, and which end is the head.
-        line: a point at the back and one at the front of the body; by default found by their names.
-        centre: the point whose place is reported; by default the middle of the body.
+        points: points seen in every frame, as SLEAP's analysis CSV or DeepLabCut's CSV; the image is not looked at.
+        labels: points that you marked in a few frames of this video, likewise; they teach where on the body each lies.
+        line: names of a point at the back and one at the front of the body, such as tail,nose; by default found.
+        centre: name of the point whose place is reported; by default the middle of the body.
     """
 
     points: Path | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -15,7 +15,7 @@ from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.likelihoods.colour_region import ColourRange, colour_of_box, parse_colour
 from tsuiseki.tracking.pipelines.finding import given_detections
-from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker, SingleBlobTracker
+from tsuiseki.tracking.trackers.blobs import BlobPreset, BlobSettings, BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.trackers.points import PointSettings, PointTracker, points_as_boxes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
@@ -197,3 +197,15 @@ def blob_result(
     if isinstance(tracker, BlobTracker):
         columns["expected_count"] = [round(number, 4) for number in tracker.expected]
     return [shifted(track, first) for track in tracker.tracks()], columns
+
+
+def said_of_counts(counts: Sequence[float] | None, preset: BlobPreset) -> list[str]:
+    """A line on the expected number of objects in each frame, where the tracker has one."""
+    if not counts:
+        return []
+    mean = sum(counts) / len(counts)
+    if preset == "paper":
+        return [
+            f"sum of the weights {mean:.2g} in a frame: the printed likelihood can only shrink it, so it is no count"
+        ]
+    return [f"expected number of objects {mean:.2f} in a frame"]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -149,6 +149,17 @@ def starting_states(init: ArrayLike | None, body: Body, source: Source) -> Float
             if not low <= value <= high:
                 raise RequestError(f"`init`: expected {name} from {low:.3g} to {high:.3g}, got {value:g}")
     return np.array(states)
+
+
+def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, list[Any]]:
+    """Frame from 1, bodies that are tracked in it, and the score of each body."""
+    seen = [0] * len(frames)
+    scores: dict[str, list[Any]] = {}
+    for track in tracks:
+        scores[f"score_{track.id}"] = [round(float(score), 4) for score in track.scores]
+        for frame, tracking in zip(track.frames, track.tracking, strict=True):
+            seen[int(frame) - frames[0]] += int(tracking)
+    return {"frame": [index + 1 for index in frames], "tracking": list(seen), **scores}
 
 
 def _prepared(

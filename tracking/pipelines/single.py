@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from tsuiseki.tracking.pipelines.selection import select_box
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.single.interface import SingleTracker, follow_target
 from tsuiseki.tracking.trackers.single.methods import METHODS, SingleMethod, SinglePreset, make_tracker
-from tsuiseki.tracking.types import Estimate, FloatArray, Frame
+from tsuiseki.tracking.types import Estimate, FloatArray, Frame, Status
 from tsuiseki.tracking.video import Source, open_source
 
 
@@ -163,3 +163,19 @@ def follow_measured(
         if estimate is None:
             return
         yield estimate
+
+
+def columns_of(estimates: Sequence[Estimate]) -> dict[str, list[Any]]:
+    """What happened in each frame, for ``run.json``: its number from 1, score and status."""
+    return {
+        "frame": [e.frame + 1 for e in estimates],
+        "score": [round(e.score, 5) for e in estimates],
+        "status": [e.status for e in estimates],
+    }
+
+
+def summary_of(estimates: Sequence[Estimate]) -> str:
+    """How many frames there are, and how many of each status."""
+    counts = {status: sum(e.status == status for e in estimates) for status in get_args(Status)}
+    parts = [f"{count} {status}" for status, count in counts.items() if count]
+    return f"{len(estimates)} frames ({', '.join(parts)})"

@@ -8,6 +8,7 @@ from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.objectness import read_objectness
+from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.pipelines.single import check_preset
 from tsuiseki.tracking.trackers.single.combined import Combined
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
@@ -17,7 +18,7 @@ from tsuiseki.tracking.trackers.single.methods import SingleMethod, SinglePreset
 
 
 @dataclass(frozen=True)
-class SingleChoice:
+class SingleChoice(Shared):
     """A method and its variant.
 
     Attributes:

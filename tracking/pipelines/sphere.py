@@ -20,6 +20,7 @@ from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVeloci
 from tsuiseki.tracking.likelihoods.background import median_background
 from tsuiseki.tracking.likelihoods.printed_contour import PrintedContourLikelihood
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
+from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.synchronise import align, default_tolerance, moments_with_images, read_timestamps
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.sphere.sphere import SphereTracker
@@ -35,7 +36,7 @@ BACKGROUND_FRAMES = 25
 
 
 @dataclass(frozen=True)
-class SphereSettings:
+class SphereSettings(Shared):
     """How a ball is followed; lengths in metres.
 
     Attributes:

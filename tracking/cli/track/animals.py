@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from tsuiseki.tracking.cli.options import Output, Video
 from tsuiseki.tracking.features.background_difference import Contrast
+from tsuiseki.tracking.pipelines.animals import SkeletonSettings
 from tsuiseki.tracking.trackers.animals.linking import AnimalSettings
 
 SETTINGS = AnimalSettings()
@@ -14,12 +13,9 @@ SETTINGS = AnimalSettings()
 def animals(
     video: Video,
     output: Output,
+    skeleton: SkeletonSettings,
     contrast: Contrast = "auto",
     threshold: float | None = None,
-    points: Path | None = None,
-    labels: Path | None = None,
-    line: tuple[str, str] | None = None,
-    centre: str | None = None,
     scale: float | None = None,
     animals: AnimalSettings = SETTINGS,
 ) -> int:
@@ -31,10 +27,6 @@ def animals(
     Args:
         contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.
         threshold: difference in grey levels from which a pixel belongs to an animal; by default found in the video.
-        points: points seen in every frame, as SLEAP's analysis CSV or DeepLabCut's CSV; the image is not looked at.
-        labels: points that you marked in a few frames of this video, likewise; they teach where on the body each lies.
-        line: names of a point at the back and one at the front of the body, such as tail,nose; by default found.
-        centre: name of the point whose place is reported; by default the middle of the body.
         scale: millimetres of a pixel; adds a_mm,b_mm,length_mm,width_mm,speed_mm_s.
         animals: settings of the tracker.
     """
@@ -42,7 +34,6 @@ def animals(
     from tsuiseki.tracking.formats.bodies.points import write_deeplabcut, write_sleap
     from tsuiseki.tracking.formats.bodies.states import write_states
     from tsuiseki.tracking.pipelines.animals import (
-        SkeletonSettings,
         finished,
         in_millimetres,
         poses_by_points,
@@ -53,14 +44,13 @@ def animals(
     from tsuiseki.tracking.trackers.animals.tracker import AnimalTracker
 
     source = video.open(images=True, replayable=True, timed=True)
-    skeleton = SkeletonSettings(points, labels, line, centre)
     table = skeleton.table()
     if scale is not None:
         in_millimetres([], scale, source.frame_rate)
     with output.run() as run:
         run.facts["frame_rate"] = source.frame_rate
         tracker = None
-        if points is None:
+        if skeleton.points is None:
             with run.times.measure("background"):
                 background = video_background(source, contrast, threshold)
             run.facts |= {"contrast": background.contrast, "threshold": background.threshold, "area": background.area}
@@ -83,11 +73,7 @@ def animals(
         if placed is not None:
             run.write("points.sleap.csv", lambda path: write_sleap(path, placed))
             run.write("points.dlc.csv", lambda path: write_deeplabcut(path, placed, numbers[-1] + 1))
-        if video.overlay:
-            run.draw(
-                video.overlay_file,
-                lambda path: write_animals(path, run.replay(source), tracks, placed, source.frame_rate),
-            )
+        video.draw(run, source, lambda path, again: write_animals(path, again, tracks, placed, source.frame_rate))
         hint = "" if tracks else "; nothing stands out, give `threshold` or another `contrast`"
         run.done(f"{count(len(tracks), 'animal', 'animals')} in {run.count} frames: {output.out / 'states.csv'}{hint}")
     return run.status

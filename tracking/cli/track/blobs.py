@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +14,7 @@ from tsuiseki.tracking.trackers.blobs import BlobPreset
 from tsuiseki.tracking.trackers.points import PointMethod
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.likelihoods.colour_region import ColourRange
     from tsuiseki.tracking.trackers.blobs import BlobTracker, SingleBlobTracker
-    from tsuiseki.tracking.video import Source
 
 SIZE = (32.0, 32.0)
 
@@ -59,13 +57,26 @@ def blobs(
     """
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.formats.sensors.points import write_point_tracks
-    from tsuiseki.tracking.pipelines.blobs import blob_result, colour_tracker, extent_of, read_measurements
+    from tsuiseki.tracking.pipelines.blobs import (
+        blob_result,
+        chosen_colour,
+        colour_tracker,
+        extent_of,
+        read_measurements,
+        said_of_counts,
+    )
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.trackers.blobs import BlobSettings
     from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
 
     if sum(choice is not None for choice in (colour, colour_box, detections)) != 1:
         raise RequestError("expected one of `colour`, `colour_box` and `detections`")
+    corners = None
+    if colour_box is not None:
+        x, y, wide, high = colour_box
+        if wide <= 0 or high <= 0:
+            raise RequestError(f"`colour_box`: expected X,Y,W,H with a width and height above 0, got {colour_box}")
+        corners = (x, y, x + wide, y + high)
     check_score_range(score_range)
     source = video.open(images=detections is None)
     width, height = extent = extent_of(source)
@@ -76,7 +87,7 @@ def blobs(
     tracker: BlobTracker | SingleBlobTracker | PointTracker
     if detections is None:
         settings = BlobSettings(preset=preset, particles=particles, size=size, smallest=smallest)
-        tracker = colour_tracker(_colour(source, colour, colour_box), settings, output.seed)
+        tracker = colour_tracker(chosen_colour(source, colour or corners or ""), settings, output.seed)
         measured = None
     else:
         points = PointSettings(method=method, particles=particles, detection=detection, clutter=clutter, box=size)
@@ -91,30 +102,8 @@ def blobs(
         tracks, run.columns = blob_result(tracker, source.frames_wanted.first, run.count)
         run.write("tracks.txt", lambda path: write_tracks(path, tracks))
         run.write("points.csv", lambda path: write_point_tracks(path, tracks))
-        if video.overlay:
-            run.draw(
-                video.overlay_file, lambda path: write_overlay(path, run.replay(source), tracks, source.frame_rate)
-            )
+        video.draw(run, source, lambda path, again: write_overlay(path, again, tracks, source.frame_rate))
         objects = count(len(tracks), "object", "objects")
         summary = f"{objects} in {run.count} frames: {output.out / 'tracks.txt'}"
-        counts = run.columns.get("expected_count")
-        run.done(summary + (f"\n{_expected(counts, preset)}" if counts else ""))
+        run.done("\n".join([summary, *said_of_counts(run.columns.get("expected_count"), preset)]))
     return run.status
-
-
-def _expected(counts: Sequence[float], preset: BlobPreset) -> str:
-    mean = sum(counts) / len(counts)
-    if preset == "paper":
-        return f"sum of the weights {mean:.2g} in a frame: the printed likelihood can only shrink it, so it is no count"
-    return f"expected number of objects {mean:.2f} in a frame"
-
-
-def _colour(source: Source, named: str | None, box: tuple[float, float, float, float] | None) -> ColourRange:
-    from tsuiseki.tracking.pipelines.blobs import chosen_colour
-
-    if box is None:
-        return chosen_colour(source, named or "")
-    x, y, width, height = box
-    if width <= 0 or height <= 0:
-        raise RequestError(f"`colour_box`: expected X,Y,W,H with a width and height above 0, got {box}")
-    return chosen_colour(source, (x, y, x + width, y + height))

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.pipelines.deformable import MotionPreset
 from tsuiseki.tracking.trackers.deformable import DeformableSettings
-
-if TYPE_CHECKING:
-    from tsuiseki.tracking.types.tracks import BodyTrack
 
 SETTINGS = DeformableSettings()
 
@@ -53,7 +48,7 @@ def deformable(
     from tsuiseki.tracking.formats.bodies.states import write_states
     from tsuiseki.tracking.likelihoods.colour_region import parse_colour
     from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
-    from tsuiseki.tracking.pipelines.deformable import chosen_motion, starting_states
+    from tsuiseki.tracking.pipelines.deformable import chosen_motion, columns_of, starting_states
     from tsuiseki.tracking.report.bodies import write_contours
     from tsuiseki.tracking.report.state_plots import plot_states
     from tsuiseki.tracking.trackers.deformable import DeformableTracker
@@ -73,28 +68,13 @@ def deformable(
                 tracker.update_edges(frame.index, edges)
             frames.append(frame.index)
         tracks = tracker.tracks()
-        run.columns = _columns(tracks, frames)
+        run.columns = columns_of(tracks, frames)
         run.write("states.csv", lambda path: write_states(path, tracks, shape.fields))
         run.write("states.png", lambda path: plot_states(path, shape, tracks))
-        if video.overlay:
-            run.draw(
-                video.overlay_file,
-                lambda path: write_contours(path, run.replay(source), shape, tracks, source.frame_rate),
-            )
+        video.draw(run, source, lambda path, again: write_contours(path, again, shape, tracks, source.frame_rate))
         seen = sum(int(track.tracking.sum()) for track in tracks)
         bodies, place = count(len(tracks), "body", "bodies"), output.out / "states.csv"
         share = f"seen {100 * seen / max(sum(map(len, tracks)), 1):.0f} %"
         nothing = "" if seen else f"; nothing of the colour {colour} fits a body, give another --colour, or --init"
         run.done(f"{bodies} in {run.count} frames, {share}: {place}{nothing}")
     return run.status
-
-
-def _columns(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, list[Any]]:
-    """Frame from 1, bodies that are tracked in it, and the score of each body."""
-    seen = [0] * len(frames)
-    scores: dict[str, list[Any]] = {}
-    for track in tracks:
-        scores[f"score_{track.id}"] = [round(float(score), 4) for score in track.scores]
-        for frame, tracking in zip(track.frames, track.tracking, strict=True):
-            seen[int(frame) - frames[0]] += int(tracking)
-    return {"frame": [index + 1 for index in frames], "tracking": list(seen), **scores}

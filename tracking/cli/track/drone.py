@@ -75,7 +75,7 @@ def drone(
             run.facts["flow"] = dict(found.facts)
             if unknown := found.facts["camera_unknown"]:
                 print(said_of_camera(unknown))
-        write_result(run, found, source, threshold, overlay=video.overlay_file if video.overlay else None)
+        write_result(run, found, source, threshold, video=video)
         who = "person" if len(found.people) == 1 else "people"
         run.done(f"{len(found.people)} {who} in {run.count} frames: {output.out / 'tracks.txt'}")
     return run.status

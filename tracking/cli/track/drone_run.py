@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from tsuiseki.tracking.cli.options import Video
 from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
@@ -51,18 +52,17 @@ def _observations(
 
 
 def write_result(
-    run: Run, found: DroneResult, source: Source, threshold: float, folder: str = "", overlay: str | None = None
+    run: Run, found: DroneResult, source: Source, threshold: float, folder: str = "", video: Video | None = None
 ) -> None:
-    """Write tracks, actions, report and, with the name ``overlay``, the video, into ``folder`` of the result."""
+    """Write tracks, actions, report and, as ``video`` asks, an overlay, into ``folder`` of the result."""
     run.columns = found.log.columns(found.tracks)
     run.write(f"{folder}tracks.txt", lambda path: write_tracks(path, found.tracks))
     run.write(f"{folder}tracks.json", lambda path: write_acting_tracks(path, found.people, found.names))
     drawn = None
-    if overlay is not None:
-        captions = captions_of(found.people, found.names, threshold)
-        drawn = run.draw(
-            f"{folder}{overlay}",
-            lambda path: write_overlay(path, run.replay(source), found.tracks, source.frame_rate, captions, 0.0),
+    if video is not None:
+        captions, rate = captions_of(found.people, found.names, threshold), source.frame_rate
+        drawn = video.draw(
+            run, source, lambda path, again: write_overlay(path, again, found.tracks, rate, captions, 0.0)
         )
     report = ActionReport(source.name, found.people, found.names, found.log.frames, threshold, source.frame_rate)
     page = action_page(report, drawn, run.times.seconds)

@@ -39,11 +39,7 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
             print(line)
         run.columns = log.columns(tracks)
         run.write("tracks.txt", lambda path: write_tracks(path, tracks, class_of))
-        drawn = None
-        if video.overlay:
-            drawn = run.draw(
-                video.overlay_file, lambda path: write_overlay(path, run.replay(source), tracks, source.frame_rate)
-            )
+        drawn = video.draw(run, source, lambda path, again: write_overlay(path, again, tracks, source.frame_rate))
         seconds, made = run.times.seconds, {"method": method, "source": video.source}
         page = people_page(PeopleReport(source.name, tracks, log.frames, source.frame_rate, drawn, seconds, made))
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.pipelines.single_choice import SingleChoice
 
 if TYPE_CHECKING:
@@ -17,15 +14,10 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.video import Source
 
 
-@dataclass(frozen=True)
-class Choice(SingleChoice, Shared):
-    """The choice as options of the command."""
-
-
 def single(
     video: Video,
     output: SeededOutput,
-    choice: Choice,
+    choice: SingleChoice,
     box: str | None = None,
     select: bool = False,
     plot: bool = False,
@@ -43,7 +35,7 @@ def single(
     import numpy as np
 
     from tsuiseki.tracking.formats.boxes import write_boxes
-    from tsuiseki.tracking.pipelines.single import follow_measured, open_single
+    from tsuiseki.tracking.pipelines.single import columns_of, follow_measured, open_single, summary_of
     from tsuiseki.tracking.report.single_plots import save_peaks
     from tsuiseki.tracking.report.target_overlay import write_target_overlay
 
@@ -56,14 +48,13 @@ def single(
         run.facts["constants"] = constants
         followed = follow_measured(run.frames(source, record=video.overlay), wanted, tracker, run.times)
         estimates.extend(run.steps(followed, total=frames_expected(source)))
-        run.columns = _columns(estimates)
+        run.columns = columns_of(estimates)
         run.write("boxes.txt", lambda path: write_boxes(path, np.array([e.box for e in estimates])))
         if plot:
             run.write("peaks.png", lambda path: save_peaks(estimates, path))
-        if video.overlay:
-            rate = source.frame_rate
-            run.draw(video.overlay_file, lambda path: write_target_overlay(path, run.replay(source), estimates, rate))
-        run.done(_summary(estimates, output.out))
+        rate = source.frame_rate
+        video.draw(run, source, lambda path, again: write_target_overlay(path, again, estimates, rate))
+        run.done(f"{summary_of(estimates)}: {output.out / 'boxes.txt'}")
     return run.status
 
 
@@ -80,17 +71,3 @@ def _first_box(source: Source, box: str | None, select: bool, labelled: FloatArr
     if labelled is None:
         raise RequestError(f"{source.name} has no labels; expected `box` X,Y,W,H of the target in the first frame")
     return labelled
-
-
-def _columns(estimates: list[Estimate]) -> dict[str, list[Any]]:
-    return {
-        "frame": [e.frame + 1 for e in estimates],
-        "score": [round(e.score, 5) for e in estimates],
-        "status": [e.status for e in estimates],
-    }
-
-
-def _summary(estimates: list[Estimate], out: Path) -> str:
-    counts = {status: sum(e.status == status for e in estimates) for status in ("tracking", "searching", "lost")}
-    parts = [f"{count} {status}" for status, count in counts.items() if count]
-    return f"{len(estimates)} frames ({', '.join(parts)}): {out / 'boxes.txt'}"

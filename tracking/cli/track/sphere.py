@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.cli.options import Overlay, SeededOutput
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.pipelines.sphere import SphereSettings
 
 if TYPE_CHECKING:
@@ -21,11 +19,6 @@ if TYPE_CHECKING:
 NO_SOURCES: list[str] = []
 
 
-@dataclass(frozen=True)
-class SphereOptions(SphereSettings, Shared):
-    """The settings as options of the command."""
-
-
 def sphere(
     source: list[str] = NO_SOURCES,
     /,
@@ -33,7 +26,7 @@ def sphere(
     cameras: Path,
     output: SeededOutput,
     drawing: Overlay,
-    settings: SphereOptions,
+    settings: SphereSettings,
     radius: float | None = None,
     points: list[Path] | None = None,
     deviation: float = 2.0,
@@ -96,7 +89,7 @@ def sphere(
     rng = np.random.default_rng(output.seed)
     with output.run() as run:
         log = chosen.run(rng, run.times, lambda items: run.steps(items, total=max(map(len, chosen.stamps))))
-        run.columns = _columns(log)
+        run.columns = log.columns()
         run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
         plot = path_figure(log.positions, chosen.placed, true_path)
         run.write("path.png", lambda path: plot.savefig(path, dpi=120, facecolor="white"))
@@ -110,16 +103,6 @@ def sphere(
         found = sum(p.status == "tracking" for p in log.positions)
         run.done(f"ball known in {found} of {len(log.positions)} moments: {output.out / 'track3d.csv'}")
     return run.status
-
-
-def _columns(log: SphereLog) -> dict[str, list[Any]]:
-    return {
-        "time": [round(p.time, 6) for p in log.positions],
-        "score": [round(p.score, 4) for p in log.positions],
-        "status": [p.status for p in log.positions],
-        "open": [[round(float(v), 3) for v in p.open] for p in log.positions],
-        "frame_of_each_video": [[None if f is None else f + 1 for f in m.frames] for m in log.moments],
-    }
 
 
 def _overlays(run: Run, drawing: Overlay, chosen: SphereRun, log: SphereLog, radius: float) -> list[Path | None]:

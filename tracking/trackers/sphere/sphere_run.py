@@ -68,6 +68,16 @@ class SphereLog:
     searches: list[int] = field(default_factory=list)
     last_search: float = -np.inf
 
+    def columns(self) -> dict[str, list[Any]]:
+        """What happened at each moment, for ``run.json``: one list a column."""
+        return {
+            "time": [round(p.time, 6) for p in self.positions],
+            "score": [round(p.score, 4) for p in self.positions],
+            "status": [p.status for p in self.positions],
+            "open": [[round(float(v), 3) for v in p.open] for p in self.positions],
+            "frame_of_each_video": [[None if f is None else f + 1 for f in m.frames] for m in self.moments],
+        }
+
 
 def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
     """Refuse a start that no two cameras can see.
