@@ -14,6 +14,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -28,11 +29,13 @@ from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, Pe
 from tsuiseki.tracking.cameras.pose import locate_over_floor, pose_at
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
-from tsuiseki.tracking.evaluation.rotated import evaluate_rotated, rotated_iou
+from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, enclosing, half_turned, read_rotated_labels
+from tsuiseki.tracking.features.networks.exported import Appearance, Detect, Detector
+from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, about_bodies, half_turned, read_rotated_labels
+from tsuiseki.tracking.geometry import rotated_iou
 from tsuiseki.tracking.pipelines.ceiling import CeilingView
+from tsuiseki.tracking.pipelines.fisheye import DETECTORS, looking
 from tsuiseki.tracking.report.floor import corners
 from tsuiseki.tracking.trackers.fisheye import FisheyeSettings, FisheyeTracker
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
@@ -51,6 +54,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path("../shared/data/fisheye"))
     parser.add_argument("--detector", type=Path, default=None)
+    parser.add_argument("--view", choices=("unrolled", "image"), default="unrolled")
     parser.add_argument("--overhead", type=Path, default=None, help="draw the model over a still into this file")
     parser.add_argument("--blank", action="store_true", help="and leave the still out")
     options = parser.parse_args()
@@ -61,7 +65,12 @@ def main() -> None:
     for path in sorted((options.data / "calibrations").glob("*.txt")):
         lens(path)
     boards(options.data / "ocam-overhead")
-    detector = Detector(options.detector or shipped("detector_drone"), 0.05, threads=1)
+    network = Detector(options.detector or shipped(DETECTORS[options.view]), 0.05, threads=1)
+
+    @lru_cache(maxsize=4)
+    def detector(width: int, height: int) -> Detect:
+        return looking(network, _camera(width, height), options.view)
+
     for name in ("rotated-boxes", "cepdof-sample"):
         detected(options.data / name, detector, labelled(options.data / name))
     ten_frames(options.data / "cepdof-sample", detector)
@@ -128,9 +137,13 @@ def _generic(width: int, height: int) -> OmnidirectionalLens:
     return fit_omnidirectional(EquidistantLens(width, height, focal, middle, np.zeros(4)))
 
 
+def _camera(width: int, height: int) -> OmnidirectionalCamera:
+    return OmnidirectionalCamera(_generic(width, height), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, CAMERA]))
+
+
 @lru_cache(maxsize=32)
 def _table(width: int, height: int, person: PersonModel) -> PersonTable:
-    camera = OmnidirectionalCamera(_generic(width, height), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, CAMERA]))
+    camera = _camera(width, height)
     reach = 6 * CAMERA
     grid = GridSettings(pixels=max(width, height) / 120, metres=0.3)
     return build_table(camera, np.array([-reach, -reach, reach, reach]), person, grid)
@@ -172,7 +185,7 @@ def _explained(
     """Angle errors of the looked-up boxes, degrees, their IoU with the labels, and angle errors of the radius."""
     height, width = size
     boxes = labels.boxes[which]
-    rotated, _ = _table(width, height, person).look_up(enclosing(boxes))
+    rotated, _ = _table(width, height, person).look_up(about_bodies(boxes))
     errors = np.abs(half_turned(rotated[:, 4] - boxes[:, 4]))
     x, y = (boxes[:, :2] - [width / 2, height / 2]).T
     radial = np.abs(half_turned(np.arctan2(y, x) + np.pi / 2 - boxes[:, 4]))
@@ -180,19 +193,25 @@ def _explained(
     return np.degrees(errors), overlaps, np.degrees(radial)
 
 
-def detected(folder: Path, detector: Detector, tables: dict[str, PersonTable]) -> None:
-    """AP50 of the detector, for upright boxes and for those looked up."""
+def detected(folder: Path, detector: Callable[[int, int], Detect], tables: dict[str, PersonTable]) -> None:
+    """AP50 of the detector, for upright boxes and for turned ones, which are looked up where it turns none."""
     labels = read_rotated_labels(folder / "annotations.json")
     upright, rotated = {}, {}
     for name in labels:
-        found = detector.detect([_picture(folder, name)])[0]
-        none = np.full(len(found), -1)
-        upright[name] = RotatedBoxes(_unturned(found.boxes), none, found.scores)
-        rotated[name] = RotatedBoxes(tables[name].look_up(found.boxes)[0], none, found.scores)
-    about = {n: RotatedBoxes(_unturned(enclosing(e.boxes)), e.ids, e.scores) for n, e in labels.items()}
-    plain, turned = evaluate_rotated(about, upright), evaluate_rotated(labels, rotated)
+        picture = _picture(folder, name)
+        found = detector(picture.shape[1], picture.shape[0]).detect([picture])[0]
+        none, turned = np.full(len(found), -1), _unturned(found.boxes)
+        if found.angles is None:
+            upright[name] = RotatedBoxes(turned, none, found.scores)
+            turned = tables[name].look_up(found.boxes)[0]
+        else:
+            turned[:, 4] = found.angles
+            upright[name] = RotatedBoxes(_unturned(about_bodies(turned)), none, found.scores)
+        rotated[name] = RotatedBoxes(turned, none, found.scores)
+    about = {n: RotatedBoxes(_unturned(about_bodies(e.boxes)), e.ids, e.scores) for n, e in labels.items()}
+    plain, exact = evaluate_rotated(about, upright), evaluate_rotated(labels, rotated)
     print(f"{folder.name}: detector AP50 {plain.average_precision:.3f} upright (best F1 {plain.best_f1:.2f} at "
-          f"{plain.best_threshold:.2f}), {turned.average_precision:.3f} rotated")  # fmt: skip
+          f"{plain.best_threshold:.2f}), {exact.average_precision:.3f} rotated")  # fmt: skip
 
 
 def _unturned(boxes: FloatArray) -> FloatArray:
@@ -200,15 +219,13 @@ def _unturned(boxes: FloatArray) -> FloatArray:
     return np.concatenate([centre, size, np.zeros((len(boxes), 1))], axis=1)
 
 
-def ten_frames(folder: Path, detector: Detector) -> None:
+def ten_frames(folder: Path, detector: Callable[[int, int], Detect]) -> None:
     """Identity scores over the ten frames at one frame a second."""
     truth = read_truths(folder / "annotations.json")[0]
     labels = read_rotated_labels(folder / "annotations.json")
     person = PersonModel(height=1.3, body_radius=0.3)
     first = _picture(folder, next(iter(labels)))
-    camera = OmnidirectionalCamera(
-        _generic(first.shape[1], first.shape[0]), np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, CAMERA])
-    )
+    camera = _camera(first.shape[1], first.shape[0])
     view = CeilingView(camera, _table(first.shape[1], first.shape[0], person), person,
                        Appearance(shipped("appearance_people"), threads=1))  # fmt: skip
     for source in ("given", "own"):
@@ -218,7 +235,7 @@ def ten_frames(folder: Path, detector: Detector) -> None:
             if source == "given":
                 upright = Detections(_stood(each.boxes), np.ones(len(each.boxes)), angles=each.boxes[:, 4])
             else:
-                found = detector.detect([image])[0]
+                found = detector(image.shape[1], image.shape[0]).detect([image])[0]
                 upright = found.select(found.scores >= 0.2)
             tracker.update(view.describe(image, view.locate(upright)))
         tracks = [t.track for t in tracker.tracks()]

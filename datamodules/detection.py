@@ -19,12 +19,12 @@ from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, gen
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
 from tsuiseki.datamodules.scene_images import (
     write_drone_images,
-    write_room_images,
+    write_panorama_images,
     write_scene_images,
     write_varied_images,
 )
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.rooms.pictures import RoomPictures
+from tsuiseki.datamodules.scenes.rooms.panoramas import PanoramaPictures
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
@@ -213,11 +213,11 @@ class DetectionData(lightning.LightningDataModule):
 
     def prepare_data(self) -> None:
         """Generate the pictures of sources that ask for it, where their folder is missing."""
-        height, width = self.size
         for source in [*self.sources["train"], *self.sources["val"]]:
             folder = Path(source.folder)
             if not source.generate or folder.exists():
                 continue
+            width, height = source.size or (self.size[1], self.size[0])
             print(f"generating {source.generate} pictures into {folder}", flush=True)
             if source.scene == "drone":
                 settings = DroneSceneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
@@ -225,8 +225,7 @@ class DetectionData(lightning.LightningDataModule):
             elif source.scene == "varied":
                 write_varied_images(folder, source.generate, (width, height), source.seed)
             elif source.scene == "ceiling":
-                # Twice as fine as the input, so that the scale augmentation shows people as large as later on.
-                write_room_images(folder, source.generate, RoomPictures(side=2 * min(height, width)), source.seed)
+                write_panorama_images(folder, source.generate, PanoramaPictures(width, height), source.seed)
             else:
                 write_scene_images(folder, source.generate, TrainingSettings(width, height), source.seed)
 

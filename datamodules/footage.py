@@ -31,8 +31,9 @@ class Source:
         least_visible: people of whom a smaller share is visible are ignored, in [0, 1].
         generate: fill a folder that does not exist with this many random generated pictures.
         scene: what those show: a street; streets, crowds, views from afar and empty places by day and night (varied);
-            people under a drone; or people under a fisheye camera on the ceiling of a room.
+            people under a drone; or people in rooms, as ceiling cameras see them in unrolled pictures.
         seed: of those.
+        size: their width and height, pixels; by default those of the input.
     """
 
     folder: str
@@ -43,6 +44,7 @@ class Source:
     generate: int = 0
     scene: Literal["street", "varied", "drone", "ceiling"] = "street"
     seed: int = 0
+    size: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
-from tsuiseki.datamodules.scenes.rooms.pictures import TOGETHER, RoomPictures, room_pictures
+from tsuiseki.datamodules.scenes.rooms.panoramas import PanoramaPictures, panorama_picture
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene, varied_settings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
@@ -61,13 +61,13 @@ def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, s
     _write(folder, count, (settings.width, settings.height), partial(_drone_pictures, settings, seed), _PER_FLIGHT)
 
 
-def write_room_images(folder: Path, count: int, settings: RoomPictures, seed: int) -> None:
-    """Render ``count`` pictures of people under ceilings, `TOGETHER` of each room; else as `write_scene_images`.
+def write_panorama_images(folder: Path, count: int, settings: PanoramaPictures, seed: int) -> None:
+    """Render ``count`` pictures of people in unrolled views of ceiling cameras; else as `write_scene_images`.
 
     Raises:
         RequestError: fewer than one picture, or the folder holds files.
     """
-    _write(folder, count, (settings.side, settings.side), partial(_room_pictures, settings, seed), TOGETHER)
+    _write(folder, count, (settings.width, settings.height), partial(_panorama_picture, settings, seed))
 
 
 def _write(
@@ -109,9 +109,10 @@ def _drone_pictures(settings: DroneSceneSettings, seed: int, folder: Path, numbe
     return labels
 
 
-def _room_pictures(settings: RoomPictures, seed: int, folder: Path, numbers: range) -> list[Labels]:
-    pictures = zip(numbers, room_pictures(settings, seed + numbers.start), strict=False)
-    return [_saved(folder, number, image, truth.boxes, truth.visibility) for number, (image, truth) in pictures]
+def _panorama_picture(settings: PanoramaPictures, seed: int, folder: Path, numbers: range) -> list[Labels]:
+    return [
+        _saved(folder, number, *panorama_picture(np.random.default_rng([seed, number]), settings)) for number in numbers
+    ]
 
 
 def _saved(folder: Path, number: int, image: ImageArray, boxes: FloatArray, visibility: FloatArray) -> Labels:

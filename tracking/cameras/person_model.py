@@ -29,9 +29,12 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray
 
-VERSION = 1
+VERSION = 2
 # Points about each of a cylinder's two rims.
 AROUND = 16
+# A box along the body is taken for the box of least area where it is at most this much larger. Near the point below
+# the camera the least box is almost square, and its direction would jump from one side to the next.
+NEARLY_LEAST = 1.15
 
 
 class FloorCamera(Camera, Protocol):
@@ -210,14 +213,26 @@ def _below(camera: FloorCamera) -> FloatArray:
 
 
 def _smallest_boxes(outline: NDArray[np.float32], upward: FloatArray, outward: FloatArray) -> FloatArray:
-    """``(K, 5)`` boxes of least area about ``(K, P, 2)`` points, their heights along ``upward`` ``(K, 2)``.
+    """``(K, 5)`` boxes of least area, nearly, about ``(K, P, 2)`` points, their heights along ``upward`` ``(K, 2)``.
 
     Right under the camera head and feet fall together; there the body points away from that place.
     """
     found = np.array([(*c, *s, a) for c, s, a in map(cv2.minAreaRect, outline)], dtype=np.float64).reshape(-1, 5)
     weak = np.linalg.norm(upward, axis=1) < 1.0
     upward = np.where(weak[:, None], outward - np.array([0.0, 1e-6]), upward)
-    return headed(found[:, :2], found[:, 2:4], np.radians(found[:, 4]), upward)
+    least = headed(found[:, :2], found[:, 2:4], np.radians(found[:, 4]), upward)
+    along = _boxes_along(outline, upward)
+    return np.where((along[:, 2] * along[:, 3] <= NEARLY_LEAST * least[:, 2] * least[:, 3])[:, None], along, least)
+
+
+def _boxes_along(outline: NDArray[np.float32], upward: FloatArray) -> FloatArray:
+    """``(K, 5)`` boxes about ``(K, P, 2)`` points whose heights lie along ``upward`` ``(K, 2)``."""
+    up = upward / np.linalg.norm(upward, axis=1, keepdims=True)
+    axes = np.stack([np.column_stack([-up[:, 1], up[:, 0]]), up], axis=1)
+    spread = np.einsum("kij,kpj->kpi", axes, outline.astype(np.float64))
+    low, high = spread.min(axis=1), spread.max(axis=1)
+    centre = np.einsum("kij,ki->kj", axes, (low + high) / 2)
+    return np.column_stack([centre, high - low, np.arctan2(up[:, 0], -up[:, 1])])
 
 
 def headed(centre: FloatArray, size: FloatArray, angle: FloatArray, upward: FloatArray) -> FloatArray:

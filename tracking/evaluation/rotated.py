@@ -5,42 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import DetectionScores, scores_of_matches
 from tsuiseki.tracking.evaluation.pairs import DetectionEvaluation
 from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, read_rotated_detections, read_rotated_labels
-from tsuiseki.tracking.types import FloatArray
-
-
-def rotated_iou(a: FloatArray, b: FloatArray) -> FloatArray:
-    """``(N, M)`` intersection over union of ``(N, 5)`` and ``(M, 5)`` rotated boxes (centre, size, radians clockwise).
-
-    >>> square = np.array([[0.0, 0.0, 2.0, 2.0, 0.0]])
-    >>> float(rotated_iou(square, square + np.array([0, 0, 0, 0, np.pi / 4]))[0, 0].round(4))
-    0.7071
-    """
-    result = np.zeros((len(a), len(b)))
-    reach = np.hypot(a[:, 2], a[:, 3])[:, None] + np.hypot(b[:, 2], b[:, 3])[None]
-    near = 2 * np.linalg.norm(a[:, None, :2] - b[None, :, :2], axis=2) < reach
-    for i, j in np.argwhere(near):
-        shared = _shared(a[i], b[j])
-        result[i, j] = shared / (a[i, 2] * a[i, 3] + b[j, 2] * b[j, 3] - shared)
-    return result
-
-
-def _shared(a: FloatArray, b: FloatArray) -> float:
-    # Relative to one centre: OpenCV computes in single precision.
-    first = ((0.0, 0.0), (float(a[2]), float(a[3])), float(np.degrees(a[4])))
-    second = (
-        (float(b[0] - a[0]), float(b[1] - a[1])), (float(b[2]), float(b[3])), float(np.degrees(b[4])),
-    )  # fmt: skip
-    kind, points = cv2.rotatedRectangleIntersection(first, second)
-    if kind == cv2.INTERSECT_NONE or points is None:
-        return 0.0
-    return float(cv2.contourArea(cv2.convexHull(points)))
+from tsuiseki.tracking.geometry import rotated_iou
 
 
 def evaluate_rotated_file(truth: Path, result: Path, iou: float = 0.5) -> DetectionEvaluation:

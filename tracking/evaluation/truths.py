@@ -10,7 +10,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
 from tsuiseki.tracking.formats.okutama import Protocol
-from tsuiseki.tracking.formats.space.rotated import enclosing, is_rotated, read_rotated_labels
+from tsuiseki.tracking.formats.space.rotated import about_bodies, is_rotated, read_rotated_labels
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -68,7 +68,7 @@ def _of_rotated(path: Path) -> Truth:
         frames=np.repeat(np.arange(len(images)), counts),
         # Ids of tracks count from 1; these may be 0.
         ids=np.concatenate([each.ids[each.ids >= 0] for each in images]) + 1,
-        boxes=enclosing(np.concatenate([each.boxes[each.ids >= 0] for each in images])),
+        boxes=about_bodies(np.concatenate([each.boxes[each.ids >= 0] for each in images])),
         evaluated=everyone,
         ignored=~everyone,
         visibility=np.ones(sum(counts)),

@@ -10,7 +10,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable
 from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
 from tsuiseki.tracking.features.networks.exported import Describe
-from tsuiseki.tracking.formats.space.rotated import enclosing
+from tsuiseki.tracking.formats.space.rotated import about_bodies
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import FloorDetections
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
@@ -56,7 +56,7 @@ class CeilingView:
     def _turned(self, found: Detections, angles: FloatArray) -> tuple[Detections, FloatArray, FloatArray]:
         """Boxes that a network has turned itself, with the feet's end and the place of the upright box about each."""
         given = np.column_stack([as_unturned(found.boxes)[:, :4], angles])
-        upright = enclosing(given)
+        upright = about_bodies(given)
         looked_up, places = self.table.look_up(upright)
         # Labels and networks tell the body's line, not which of its ends is up: the model does.
         flipped = np.cos(looked_up[:, 4] - angles) < 0

@@ -10,9 +10,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, read_floor_cameras
-from tsuiseki.tracking.cameras.person_model import PersonModel, cached_table
+from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, cached_table
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.networks.exported import Detect
+from tsuiseki.tracking.features.unrolled import UnrolledDetector, UnrollingSettings
+from tsuiseki.tracking.features.view_choice import SizedDetect
 from tsuiseki.tracking.pipelines.ceiling import CeilingView
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import (
@@ -28,7 +30,12 @@ from tsuiseki.tracking.video import Source, open_source
 
 Scaling: TypeAlias = Literal["no", "cut", "widen"]
 FloorMethod: TypeAlias = Literal["hungarian", "flow"]
+CeilingLook: TypeAlias = Literal["unrolled", "image"]
 REACH = 10.0
+# The shipped detector for each way of looking.
+DETECTORS: dict[CeilingLook, str] = {"unrolled": "detector_street", "image": "detector_drone"}
+# Height and width of a tile for a network that takes any size, pixels.
+TILE = (480, 640)
 
 
 @dataclass(frozen=True)
@@ -103,9 +110,18 @@ def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraO
     return placed.resized(width, height, resize)
 
 
+def looking(
+    detector: SizedDetect, camera: FloorCamera, look: CeilingLook, unrolling: UnrollingSettings | None = None
+) -> Detect:
+    """``detector`` as it looks at a ceiling camera's images: at them as they are, or at the views they unroll into."""
+    if look == "image":
+        return detector
+    return UnrolledDetector(detector, camera, detector.input_size or TILE, unrolling)
+
+
 def people_on_floor(
     frames: Iterable[Frame],
-    detect: Detector | Sequence[Detections],
+    detect: Detect | Sequence[Detections],
     ceiling: CeilingView,
     times: StageTimes,
     length: int | None = None,
@@ -123,16 +139,16 @@ def people_on_floor(
     def found_at(given: Sequence[Detections], index: int) -> Detections:
         return given[index] if index < len(given) else Detections.empty()
 
-    if not isinstance(detect, Detector) and ceiling.appearance is None:
+    if isinstance(detect, Sequence) and ceiling.appearance is None:
         for index in range(len(detect) if length is None else length):
             yield ceiling.locate(found_at(detect, index), times)
         return
     for frame in frames:
-        if isinstance(detect, Detector):
+        if isinstance(detect, Sequence):
+            found = found_at(detect, frame.index)
+        else:
             with times.measure("detect"):
                 found = detect.detect([frame.image])[0]
-        else:
-            found = found_at(detect, frame.index)
         yield ceiling.describe(frame.image, ceiling.locate(found, times), times)
 
 

@@ -190,7 +190,7 @@ def plan_room(settings: RoomSettings, seed: int, lens: OmnidirectionalLens | Non
     how = random_degradation(rng, 0.5)
     colours = tone(how)
     colours[:, 3] *= 255
-    return RoomClip(settings, seed, cameras, _lamps(rng), walkers, furniture, colours)
+    return RoomClip(settings, seed, cameras, lamps(rng), walkers, furniture, colours)
 
 
 def _camera(
@@ -211,7 +211,7 @@ def looking_down(turn: float, tilt_x: float = 0.0, tilt_y: float = 0.0) -> Float
     return np.asarray(askew @ about @ down)
 
 
-def _lamps(rng: np.random.Generator) -> Light:
+def lamps(rng: np.random.Generator) -> Light:
     """Light from the ceiling, more or less from everywhere."""
     angle, off = rng.uniform(0, 2 * np.pi), rng.uniform(0.0, 0.45)
     direction = np.array([np.sin(off) * np.cos(angle), np.sin(off) * np.sin(angle), np.cos(off)])

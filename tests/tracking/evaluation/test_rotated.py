@@ -10,18 +10,18 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.rotated import evaluate_rotated, rotated_iou
+from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.formats.space.rotated import (
     RotatedBoxes,
-    enclosing,
+    about_bodies,
     half_turned,
     is_rotated,
     read_rotated_detections,
     read_rotated_labels,
     write_rotated_detections,
 )
-from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.geometry import iou_matrix, rotated_iou
 
 
 def boxes_of(*rows):
@@ -38,7 +38,7 @@ def test_upright_boxes_overlap_as_ever():
     rng = np.random.default_rng(0)
     a, b = (np.column_stack([rng.uniform(0, 60, (12, 2)), rng.uniform(5, 40, (12, 2)), np.zeros(12)]) for _ in "ab")
     # OpenCV's intersection is in single precision.
-    assert np.allclose(rotated_iou(a, b), iou_matrix(enclosing(a), enclosing(b)), atol=1e-5)
+    assert np.allclose(rotated_iou(a, b), iou_matrix(about_bodies(a), about_bodies(b)), atol=1e-5)
 
 
 def test_a_square_turned_by_an_eighth():

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Literal
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.run import Run, count, frames_expected
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
+from tsuiseki.tracking.features.unrolled import UnrollingSettings
 from tsuiseki.tracking.pipelines.finding_options import Detecting
 from tsuiseki.tracking.trackers.fisheye import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.weights import shipped
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 
 DETECTING = Detecting(score_range=(0.0, 1.0))
 HUNGARIAN = FisheyeSettings()
+UNROLLING = UnrollingSettings()
+DETECTOR_OPTIONS = DetectorOptions()
 
 
 def fisheye(
@@ -29,6 +33,7 @@ def fisheye(
     output: SeededOutput,
     finding: Detecting = DETECTING,
     method: Literal["hungarian", "flow"] = "hungarian",
+    view: Literal["unrolled", "image"] = "image",
     detections: list[Path] | None = None,
     crops: Literal["upright", "standing", "image"] = "upright",
     person_height: float = 1.7,
@@ -38,6 +43,8 @@ def fisheye(
     overlay: bool = False,
     hungarian: FisheyeSettings = HUNGARIAN,
     flow: FloorFlowSettings = DEFAULT_FLOW,
+    unrolling: UnrollingSettings = UNROLLING,
+    detector_options: DetectorOptions = DETECTOR_OPTIONS,
 ) -> int:
     """Track the people under ceiling cameras: where each is in the image and on the floor, in metres.
 
@@ -50,8 +57,10 @@ def fisheye(
         cameras: cameras.yaml with lens, pose and floor of each camera; tsuiseki calibrate pose writes it.
         method: hungarian decides each frame, by appearance and then by place; flow links the whole video at the end.
         detections: MOTChallenge detections (det.txt) of each source, separated by commas, instead of a detector.
-        detector: exported detector; by default the shipped detector_drone.onnx, which knows people from above but finds
-            few of them in a fisheye picture: train one with configs/detector_ceiling.yaml, or give detections.
+        view: what the detector looks at: the image unrolled into views in which people stand upright, or the image as
+            it is. In the first, any detector of ordinary pictures will do.
+        detector: detector of this toolkit or of another, as ONNX; by default the shipped detector_street.onnx for
+            unrolled views, detector_drone.onnx for images.
         crops: what it sees: people turned upright, as on a standing screen without perspective, or as in the image.
         person_height: of the model of a person, metres.
         body_radius: of the model of a person, metres.
@@ -62,11 +71,13 @@ def fisheye(
         seed: of random numbers; kept in run.json, for nothing here draws any.
         hungarian: settings of --method hungarian.
         flow: settings of --method flow.
+        unrolling: the unrolled views.
+        detector_options: what the file of another project's detector does not tell.
     """
     from tsuiseki.tracking.cameras.person_model import PersonModel
-    from tsuiseki.tracking.features.networks.exported import Detector, open_appearance
+    from tsuiseki.tracking.features.networks.exported import Detect, open_appearance, open_detector
     from tsuiseki.tracking.formats.mot import read_detections
-    from tsuiseki.tracking.pipelines.fisheye import link_on_floor, open_ceiling, people_on_floor
+    from tsuiseki.tracking.pipelines.fisheye import DETECTORS, link_on_floor, looking, open_ceiling, people_on_floor
     from tsuiseki.tracking.report.floor import floor_page
 
     if detections is not None and (len(detections) != len(source) or finding.detector is not None):
@@ -75,27 +86,28 @@ def fisheye(
     person = PersonModel(height=person_height, body_radius=body_radius)
     needs_images = detections is None or network is not None or overlay
     views = open_ceiling(source, cameras, resize, needs_images=needs_images)
-    found: list[Detector | list[Detections]] = []
+    found: list[Detect | list[Detections]] = []
     if detections is None:
-        path = finding.detector or shipped("detector_drone")
-        found += [Detector(path, finding.score_threshold, threads=finding.threads)] * len(views)
+        path = finding.detector or shipped(DETECTORS[view])
+        detector = open_detector(path, finding.score_threshold, threads=finding.threads, options=detector_options)
+        found += [looking(detector, each.placed.camera, view, unrolling) for each in views]
     else:
         lengths = [view.source.length for view in views]
         found += [read_detections(*one, finding.score_range) for one in zip(detections, lengths, strict=True)]
     describe = None if network is None else open_appearance(network, finding.threads)
     done = []
     with output.run() as run:
-        for view, detect in zip(views, found, strict=True):
+        for each, detect in zip(views, found, strict=True):
             if run.interrupted:
                 break
             with run.times.measure("table"):
-                ceiling = view.view(tables, person).looking(describe, crops)
-            people = people_on_floor(run.frames(view.source), detect, ceiling, run.times, view.source.length)
-            before, name = run.count, view.placed.name
-            watched = run.steps(people, f"tracking {name}", frames_expected(view.source))
-            tracks = link_on_floor(watched, view.rate, method, hungarian, flow, run.times)
-            done.append(_written(run, view, tracks, "" if len(views) == 1 else f"{name}/", overlay))
-            run.facts[name] = {"people": len(tracks), "frames": run.count - before, "frame_rate": view.rate}
+                ceiling = each.view(tables, person).looking(describe, crops)
+            people = people_on_floor(run.frames(each.source), detect, ceiling, run.times, each.source.length)
+            before, name = run.count, each.placed.name
+            watched = run.steps(people, f"tracking {name}", frames_expected(each.source))
+            tracks = link_on_floor(watched, each.rate, method, hungarian, flow, run.times)
+            done.append(_written(run, each, tracks, "" if len(views) == 1 else f"{name}/", overlay))
+            run.facts[name] = {"people": len(tracks), "frames": run.count - before, "frame_rate": each.rate}
         settings = {name: str(value) for name, value in output.given.settings.items()}
         page = floor_page(done, run.times.seconds, settings)
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))

@@ -20,6 +20,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 HABBOF_WORDS = 6
+# Between the rectangle (1) and the ellipse (2) in a rotated box: what fits the outline of the two-cylinder person best.
+BODY = 1.5
 
 
 @dataclass(frozen=True)
@@ -105,10 +107,18 @@ def half_turned(angles: FloatArray) -> FloatArray:
     return np.asarray((np.asarray(angles) + np.pi / 2) % np.pi - np.pi / 2)
 
 
-def enclosing(boxes: FloatArray) -> FloatArray:
-    """``(N, 4)`` upright boxes x1, y1, x2, y2 about ``(N, 5)`` rotated ones."""
+def about_bodies(boxes: FloatArray) -> FloatArray:
+    """``(N, 4)`` upright boxes x1, y1, x2, y2 about the people in ``(N, 5)`` rotated ones.
+
+    A person does not fill the corners of a rotated box, so this one is smaller than that about the corners.
+
+    >>> about_bodies(np.array([[10.0, 10.0, 2.0, 6.0, np.pi / 2]])).round(6).tolist()
+    [[7.0, 9.0, 13.0, 11.0]]
+    """
     cos, sin = np.abs(np.cos(boxes[:, 4])), np.abs(np.sin(boxes[:, 4]))
-    half = np.stack([boxes[:, 2] * cos + boxes[:, 3] * sin, boxes[:, 2] * sin + boxes[:, 3] * cos], axis=1) / 2
+    across = np.stack([boxes[:, 2] * cos, boxes[:, 2] * sin], axis=1)
+    along = np.stack([boxes[:, 3] * sin, boxes[:, 3] * cos], axis=1)
+    half = (across**BODY + along**BODY) ** (1 / BODY) / 2
     return np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
 
 

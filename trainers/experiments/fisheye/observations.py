@@ -1,4 +1,4 @@
-"""Rendered rooms and all that networks say of them, kept on disk once for every row of the tables."""
+"""All that networks say of rendered rooms, kept on disk once for every row of the tables."""
 
 from __future__ import annotations
 
@@ -7,34 +7,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip_files import ground_truth
-from tsuiseki.datamodules.scenes.rooms.ceiling import (
-    SIZES,
-    Room,
-    RoomClip,
-    RoomSettings,
-    RoomTruth,
-    draw_room_frame,
-    plan_room,
-    view_room,
-)
+from tsuiseki.datamodules.scenes.rooms.ceiling import RoomTruth
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.pipelines.ceiling import CeilingView, Crops
+from tsuiseki.tracking.pipelines.fisheye import CeilingLook, looking
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import FloorDetections
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.experiments.fisheye.rendered import RATE, Sequence, plan, read_rendered
 
-# Frames per second of the rooms (thesis 4.3.1), and people of each sequence; the small room's vary as in Table 4.2.
-RATE = 15
-PEOPLE: dict[Room, tuple[int, ...]] = {"large": (6,), "small": (4, 10, 3, 6)}
 # Detections below it are not kept.
 LEAST_SCORE = 0.1
 # Of detections that are drawn from the truth: sixteen of a hundred people in full view are missed.
@@ -58,31 +47,17 @@ class CpuTimes(StageTimes):
 
 @dataclass(frozen=True)
 class Networks:
-    """Files of the networks; without a detector, faulty detections are drawn from the truth."""
+    """Files of the networks; without a detector, faulty detections are drawn from the truth.
+
+    Attributes:
+        detector: file.
+        appearance: file.
+        view: what the detector looks at.
+    """
 
     detector: Path | None
     appearance: Path
-
-
-@dataclass(frozen=True)
-class Sequence:
-    """One camera of one room.
-
-    Attributes:
-        room: large or small.
-        seed: of the room.
-        camera: 0 or 1.
-        seconds: length.
-        rate: frames per second that are looked at, 1 or 15.
-        calibration: lens file; None takes an equidistant lens.
-    """
-
-    room: Room
-    seed: int
-    camera: int
-    seconds: int
-    rate: Literal[1, 15]
-    calibration: Path | None
+    view: CeilingLook = "unrolled"
 
 
 @dataclass(frozen=True)
@@ -119,35 +94,23 @@ class Observed:
         return result
 
 
-def plan(sequence: Sequence) -> RoomClip:
-    """The room of a sequence; its people walk alike at every rate."""
-    people = PEOPLE[sequence.room]
-    settings = RoomSettings(
-        size=SIZES[sequence.room],
-        frames=sequence.seconds * RATE,
-        frame_rate=float(RATE),
-        people=people[sequence.seed % len(people)],
-    )
-    lens = None if sequence.calibration is None else read_lens(sequence.calibration)
-    return plan_room(settings, 10_000 + sequence.seed, lens)
-
-
-def observe(folder: Path, sequence: Sequence, networks: Networks) -> None:
-    """Render a sequence, run the networks over it, and write what they said to ``folder``."""
+def observe(folder: Path, sequence: Sequence, rendered: Path, networks: Networks) -> None:
+    """Run the networks over the pictures of a sequence, and write what they said to ``folder``."""
     clip = plan(sequence)
-    view = view_room(clip, sequence.camera)
-    table = build_table(view.camera, clip.floor)
+    camera = clip.cameras[sequence.camera]
+    table = build_table(camera, clip.floor)
     appearance = Appearance(networks.appearance, threads=1)
     views = {
-        crops: CeilingView(view.camera, table, PersonModel(), appearance, crops)
+        crops: CeilingView(camera, table, PersonModel(), appearance, crops)
         for crops in (CROPS if sequence.rate == 1 else CROPS[:2])
     }
-    detector = None if networks.detector is None else Detector(networks.detector, LEAST_SCORE, threads=1)
+    detector = None
+    if networks.detector is not None:
+        detector = looking(Detector(networks.detector, LEAST_SCORE, threads=1), camera, networks.view)
     times, unmeasured = CpuTimes(), CpuTimes()
     rows: dict[str, list[Any]] = {name: [] for name in ("count", "boxes", "scores", "rotated", "places", *views)}
     labels: dict[str, list[Any]] = {name: [] for name in ("frames", "ids", "boxes", "visibility", "places")}
-    for frame in range(0, clip.settings.frames, RATE // sequence.rate):
-        image, truth = draw_room_frame(clip, view, frame)
+    for frame, image, truth in read_rendered(rendered, sequence):
         with times.measure("detect"):
             found = _drawn_from(truth, sequence, frame) if detector is None else detector.detect([image])[0]
         located = views["upright"].locate(found, times)
@@ -155,7 +118,8 @@ def observe(folder: Path, sequence: Sequence, networks: Networks) -> None:
             described = each.describe(image, located, times if crops == "upright" else unmeasured)
             features = described.detections.features
             rows[crops].append(np.empty((0, 128)) if features is None else features)
-        for name, values in (("boxes", found.boxes), ("scores", found.scores), ("rotated", located.rotated),
+        boxes = located.detections.boxes
+        for name, values in (("boxes", boxes), ("scores", found.scores), ("rotated", located.rotated),
                              ("places", located.places), ("count", np.array([len(found)]))):  # fmt: skip
             rows[name].append(values)
         if frame % RATE == 0:

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import stats
 
 from tsuiseki.datamodules.scenes.rooms.ceiling import CAMERAS, Room
+from tsuiseki.tracking.pipelines.fisheye import DETECTORS, CeilingLook
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.tracking.weights import shipped
@@ -28,10 +29,9 @@ from tsuiseki.trainers.experiments.fisheye.observations import (
     observe,
     read_observed,
 )
-from tsuiseki.trainers.experiments.fisheye.observations import (
-    Sequence as Clip,
-)
 from tsuiseki.trainers.experiments.fisheye.pictures import switch_pictures
+from tsuiseki.trainers.experiments.fisheye.rendered import Sequence as Clip
+from tsuiseki.trainers.experiments.fisheye.rendered import render
 from tsuiseki.trainers.experiments.fisheye.rows import (
     ROWS,
     Choice,
@@ -71,11 +71,12 @@ class _Found:
 
 def reproduce(
     bench: Bench,
-    seeds: int = 3,
+    seeds: int = 6,
     seconds: int = 60,
-    fast_seconds: int = 15,
+    fast_seconds: int = 10,
     calibration: Path | None = None,
     detector: Path | None = None,
+    view: CeilingLook = "image",
     appearance: Path | None = None,
     simulated_detections: bool = False,
     full: bool = False,
@@ -90,8 +91,8 @@ def reproduce(
         seconds: of each sequence at 1 frame a second.
         fast_seconds: of each sequence at 15 frames a second, of the first seed only; 0 leaves them out.
         calibration: lens of the cameras, any that tsuiseki calibrate convert reads; by default an equidistant one.
-        detector: exported detector, such as one of configs/detector_ceiling.yaml; by default the shipped one for people
-            under drones.
+        detector: exported detector; by default the shipped one for the view.
+        view: what it looks at, see tsuiseki track fisheye.
         appearance: exported appearance network; by default the shipped one.
         simulated_detections: draw faulty detections from the truth instead of running a detector.
         full: 5 seeds of 180 seconds at both rates, as many frames as the thesis has and more.
@@ -102,12 +103,17 @@ def reproduce(
     at_least_one(seeds=seeds, seconds=seconds)
     if full:
         seeds, seconds, fast_seconds = 5, 180, 180
-    found_by = None if simulated_detections else detector or shipped("detector_drone")
-    networks = Networks(found_by, appearance or shipped("appearance_people"))
+    found_by = None if simulated_detections else detector or shipped(DETECTORS[view])
+    networks = Networks(found_by, appearance or shipped("appearance_people"), view)
 
     def seen(room: Room, seed: int, length: int, rate: Literal[1, 15]) -> list[Observed]:
         clips = [Clip(room, seed, camera, length, rate, calibration) for camera in range(CAMERAS)]
-        return [read_observed(bench.store.made("observed", observe, clip, networks)) for clip in clips]
+        return [
+            read_observed(
+                bench.store.made("observed", observe, clip, bench.store.made("frames", render, clip), networks)
+            )
+            for clip in clips
+        ]
 
     jobs: list[tuple[Room, int, int, Literal[1, 15]]] = [
         (room, seed, seconds, 1) for room in ROOMS for seed in (VALIDATION_SEED, *range(seeds))

@@ -13,8 +13,9 @@ from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.report.overlay import draw_label, track_colour
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
-from tsuiseki.trainers.experiments.fisheye.observations import RATE, Observed, plan
-from tsuiseki.trainers.experiments.fisheye.observations import Sequence as Clip
+from tsuiseki.trainers.experiments.fisheye.observations import Observed
+from tsuiseki.trainers.experiments.fisheye.rendered import RATE, plan
+from tsuiseki.trainers.experiments.fisheye.rendered import Sequence as Clip
 
 SIDE = 320
 Named = dict[tuple[int, int], int]

@@ -15,7 +15,6 @@ from tsuiseki.datamodules.scenes.rooms.ceiling import (
     plan_room,
     view_room,
 )
-from tsuiseki.datamodules.scenes.rooms.pictures import TOGETHER, RoomPictures, room_pictures
 from tsuiseki.datamodules.scenes.rooms.wandering import dressed
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
@@ -109,14 +108,6 @@ def test_some_wear_the_clothes_of_others():
     looks = [p.look for p in dressed(np.random.default_rng(0), 40, 0.6)]
     assert len({(look.upper, look.lower) for look in looks}) < 34
     assert len({(p.look.upper, p.look.lower) for p in dressed(np.random.default_rng(0), 40, 0.0)}) == 40
-
-
-def test_training_pictures_come_in_rooms():
-    pictures = list(room_pictures(RoomPictures(side=128), 7))
-    assert len(pictures) == TOGETHER
-    image, truth = pictures[0]
-    assert image.shape == (128, 128, 3)
-    assert len(truth.boxes) == len(truth.ids)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,209 @@
+"""A detector of upright people that looks through a ceiling camera: the picture is unrolled into upright views.
+
+A fisheye picture from a ceiling shows people lying outward, and no two directions alike. In the views of `panorama`
+everybody stands upright. A ring of tiles shows people from about half the camera's height away on, each as tall as
+the network likes it; a smaller ring shows those who are nearer; a view straight down shows those right below. What is
+found there goes back to the picture as boxes turned about their centres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.cameras.camera import Camera
+from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.exported import Detect
+from tsuiseki.tracking.geometry import rotated_intersections
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray
+
+Tile: TypeAlias = CylinderView | DownwardView
+# A box that ends within this share of a tile's side from its border is taken for cut off.
+AT_BORDER = 0.008
+# Of a box's diameter, how near to the point below the camera it must lie for the view down to be believed.
+BELOW = 0.6
+
+
+@dataclass(frozen=True)
+class UnrollingSettings:
+    """The views.
+
+    Attributes:
+        far: tiles of the ring of people farther away; more of them show those larger.
+        near: tiles of the ring of people who are nearer; 0 leaves it out.
+        downward: look straight down, too.
+        overlap: share of a tile that the next one shows again, in [0, 0.5].
+        horizon: row of a tile that is as high as the camera, share of the height.
+        iou: overlap from which two turned boxes are one person.
+        inside: share of a box of one tile within that of another from which they are one person.
+    """
+
+    far: int = 3
+    near: int = 1
+    downward: bool = True
+    overlap: float = 0.25
+    horizon: float = 0.03
+    iou: float = 0.4
+    inside: float = 0.7
+
+    def __post_init__(self) -> None:
+        if self.far < 1 or not 0 <= self.near < self.far or not 0 <= self.overlap <= 0.5:
+            raise RequestError(
+                "unrolled views: expected at least one far tile, fewer near ones and an overlap in [0, 0.5], got "
+                f"far {self.far}, near {self.near}, overlap {self.overlap:g}"
+            )
+
+
+def tiles_around(camera: Camera, size: tuple[int, int], settings: UnrollingSettings) -> list[Tile]:
+    """The views from a camera; ``size`` is the height and width of a tile, pixels."""
+    height, width = size
+    tiles: list[Tile] = []
+    for count in (settings.far, settings.near):
+        scale = count * width * (1 - settings.overlap) / (2 * np.pi) if count else 0.0
+        for k in range(count):
+            middle = -2 * np.pi * k / count
+            tiles.append(CylinderView(camera.position, middle, scale, settings.horizon * height, width, height))
+    if settings.downward:
+        tiles.append(DownwardView(camera.position, 0.0, 0.9 * height, width, height))
+    return tiles
+
+
+class UnrolledDetector:
+    """Finds people in the upright views around a camera; see the module.
+
+    Args:
+        detector: finds upright people in pictures.
+        camera: of the images, over the floor.
+        size: height and width of a tile, pixels; best the detector's input.
+        settings: the views.
+        batch_size: most tiles of one call of ``detector``.
+    """
+
+    def __init__(
+        self,
+        detector: Detect,
+        camera: Camera,
+        size: tuple[int, int],
+        settings: UnrollingSettings | None = None,
+        batch_size: int = 8,
+    ) -> None:
+        self.detector, self.camera, self.batch_size = detector, camera, batch_size
+        self.settings = settings or UnrollingSettings()
+        self.tiles = tiles_around(camera, size, self.settings)
+        self._maps = [_map(tile, camera) for tile in self.tiles]
+
+    def unroll(self, image: ImageArray) -> list[ImageArray]:
+        """The tiles of an image ``(H, W, 3)`` uint8 RGB; black where the camera sees nothing."""
+        finer = [image]
+        for _ in range(max(level for *_, level in self._maps)):
+            finer.append(np.asarray(cv2.pyrDown(finer[-1]), dtype=np.uint8))
+        return [
+            np.asarray(cv2.remap(finer[level], whole, part, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
+            for whole, part, level in self._maps
+        ]
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the camera, with angles."""
+        pictures = [tile for image in images for tile in self.unroll(image)]
+        found: list[Detections] = []
+        for start in range(0, len(pictures), self.batch_size):
+            found += self.detector.detect(pictures[start : start + self.batch_size])
+        count = len(self.tiles)
+        return [self._rolled(found[n * count : (n + 1) * count]) for n in range(len(images))]
+
+    def _rolled(self, found: Sequence[Detections]) -> Detections:
+        """What was found in the tiles of one image as detections of the image."""
+        rotated, scores, owners = [np.empty((0, 5))], [np.empty(0)], [np.empty(0, dtype=np.int64)]
+        for number, (tile, each) in enumerate(zip(self.tiles, found, strict=True)):
+            kept = each.select(_whole(tile, each.boxes))
+            boxes = in_image(tile, self.camera, kept.boxes)
+            seen = np.isfinite(boxes).all(axis=1) & (boxes[:, 2:4] >= 1).all(axis=1)
+            rotated.append(boxes[seen])
+            scores.append(kept.scores[seen])
+            owners.append(np.full(int(seen.sum()), number))
+        boxes, score, owner = np.concatenate(rotated), np.concatenate(scores), np.concatenate(owners)
+        chosen = _distinct(boxes, score, owner, self.settings)
+        boxes, half = boxes[chosen], boxes[chosen, 2:4] / 2
+        corners = np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
+        return Detections(corners, score[chosen], angles=boxes[:, 4])
+
+
+def in_image(tile: Tile, camera: Camera, boxes: FloatArray) -> FloatArray:
+    """``(N, 5)`` turned boxes in the camera's image of ``(N, 4)`` upright boxes of a tile; NaN beyond the rim.
+
+    The middle of a box's lower end is the feet and that of its upper end the head. In the view down, where upright
+    means nothing, the body lies along the direction away from the point below the camera.
+    """
+    middle = (boxes[:, :2] + boxes[:, 2:]) / 2
+    top, bottom = middle.copy(), middle.copy()
+    left, right = middle.copy(), middle.copy()
+    if isinstance(tile, CylinderView):
+        top[:, 1], bottom[:, 1] = boxes[:, 1], boxes[:, 3]
+        left[:, 0], right[:, 0] = boxes[:, 0], boxes[:, 2]
+    else:
+        outward = middle - [tile.width / 2, tile.height / 2]
+        away = np.linalg.norm(outward, axis=1, keepdims=True)
+        outward = np.where(away > 1e-6, outward / np.maximum(away, 1e-6), [0.0, -1.0])
+        # An ellipse in the box, cut along and across the direction outward.
+        half = (boxes[:, 2:] - boxes[:, :2]) / 2
+        along = np.linalg.norm(half * outward, axis=1, keepdims=True) * outward
+        across = outward[:, ::-1] * [-1.0, 1.0]
+        across = np.linalg.norm(half * across, axis=1, keepdims=True) * across
+        top, bottom, left, right = middle + along, middle - along, middle - across, middle + across
+    points = np.concatenate([top, bottom, left, right])
+    pixels, depth = camera.project(tile.position + tile.rays(points))
+    pixels[depth <= 0] = np.nan
+    top, bottom, left, right = np.split(pixels, 4)
+    upward = top - bottom
+    angle = np.arctan2(upward[:, 0], -upward[:, 1])
+    size = np.column_stack([np.linalg.norm(right - left, axis=1), np.linalg.norm(upward, axis=1)])
+    return np.column_stack([(top + bottom) / 2, size, angle])
+
+
+def _map(tile: Tile, camera: Camera) -> tuple[NDArray[Any], NDArray[Any], int]:
+    """Where in the image each pixel of a tile lies, as ``cv2.remap`` wants it, and how often to halve the image before.
+
+    The image is halved where neighbours in the tile lie two pixels apart, so that no detail is skipped.
+    """
+    x, y = np.meshgrid(np.arange(tile.width) + 0.5, np.arange(tile.height) + 0.5)
+    pixels, depth = camera.project(tile.position + tile.rays(np.column_stack([x.ravel(), y.ravel()])))
+    pixels[~(depth > 0)] = np.nan
+    found = pixels.reshape(tile.height, tile.width, 2)
+    steps = np.linalg.norm(np.diff(found, axis=1), axis=2)
+    step = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 1.0
+    level = max(int(np.log2(max(step, 1.0)) + 0.3), 0)
+    found = np.nan_to_num(found / 2**level - 0.5, nan=-100.0).astype(np.float32)
+    whole, part = cv2.convertMaps(found[..., 0].copy(), found[..., 1].copy(), cv2.CV_16SC2)
+    return np.asarray(whole), np.asarray(part), level
+
+
+def _whole(tile: Tile, boxes: FloatArray) -> BoolArray:
+    """``(N,)`` whether a box is no part of somebody whom another tile shows whole."""
+    width, height = tile.width, tile.height
+    aside = (boxes[:, 0] > AT_BORDER * width) & (boxes[:, 2] < (1 - AT_BORDER) * width)
+    if isinstance(tile, DownwardView):
+        middle = (boxes[:, :2] + boxes[:, 2:]) / 2 - [width / 2, height / 2]
+        near = np.linalg.norm(middle, axis=1) < BELOW * np.linalg.norm(boxes[:, 2:] - boxes[:, :2], axis=1)
+        return np.asarray(aside & near & (boxes[:, 1] > AT_BORDER * height) & (boxes[:, 3] < (1 - AT_BORDER) * height))
+    return np.asarray(aside & (boxes[:, 3] < (1 - AT_BORDER) * height))
+
+
+def _distinct(boxes: FloatArray, scores: FloatArray, owner: np.ndarray, settings: UnrollingSettings) -> np.ndarray:
+    """Rows of the best boxes, from the best on; of two that are one person the worse goes."""
+    order = np.argsort(-scores, kind="stable")
+    shared = rotated_intersections(boxes, boxes)
+    size = boxes[:, 2] * boxes[:, 3]
+    overlap = shared / np.maximum(size[:, None] + size[None] - shared, 1e-9)
+    inside = shared / np.maximum(np.minimum(size[:, None], size[None]), 1e-9)
+    same = (overlap > settings.iou) | ((inside > settings.inside) & (owner[:, None] != owner[None]))
+    kept: list[int] = []
+    for k in order.tolist():
+        if not same[k, kept].any():
+            kept.append(k)
+    return np.array(kept, dtype=np.int64)
