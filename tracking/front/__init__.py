@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.pipelines.measurements import follow_measurements, track_measurements
     from tsuiseki.tracking.pipelines.people import follow_people, track_people
     from tsuiseki.tracking.pipelines.single import follow
-    from tsuiseki.tracking.pipelines.sphere import SphereSettings, track_sphere
+    from tsuiseki.tracking.pipelines.sphere import track_sphere
     from tsuiseki.tracking.pipelines.sphere_points import track_sphere_points
+    from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings
     from tsuiseki.tracking.trackers.blobs import BlobSettings
     from tsuiseki.tracking.trackers.deformable import DeformableSettings
     from tsuiseki.tracking.trackers.drone import DroneSettings
@@ -57,8 +58,9 @@ _MODULES = {
     "pipelines.measurements": "follow_measurements track_measurements",
     "pipelines.people": "follow_people track_people",
     "pipelines.single": "follow",
-    "pipelines.sphere": "SphereSettings track_sphere",
+    "pipelines.sphere": "track_sphere",
     "pipelines.sphere_points": "track_sphere_points",
+    "pipelines.sphere_settings": "SphereSettings",
     "trackers.blobs": "BlobSettings",
     "trackers.people.bytetrack": "ByteTrack ByteTrackSettings",
     "trackers.people.deepsort": "DeepSort DeepSortSettings",

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras
+from tsuiseki.tracking.cameras.files import read_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.particles.views import Covering
 from tsuiseki.tracking.formats.space.ball_points import read_ball_points
 from tsuiseki.tracking.likelihoods.views import PointLikelihood, Views
-from tsuiseki.tracking.pipelines.sphere import SphereSettings, chosen_motion
-from tsuiseki.tracking.synchronise import Moment, align, default_tolerance, read_timestamps
+from tsuiseki.tracking.pipelines.sphere_runs import FrameTimes, SphereRun
+from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings, chosen_motion
+from tsuiseki.tracking.synchronise import Moment
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.sphere.sphere import SphereTracker
-from tsuiseki.tracking.trackers.sphere.sphere_run import Seen, SphereLog, Start, run_sphere
+from tsuiseki.tracking.trackers.sphere.sphere_run import Seen, Start
 from tsuiseki.tracking.types import FloatArray, Position
 
 # A detector seldom misses for long, so a view opens again soon; where all disagree the ball is looked for anew.
@@ -29,38 +28,6 @@ COVERING = Covering(covers=0.05, opens=5.0, floor=0.01)
 STAGES, PATIENCE = 4, 0.2
 SPEED = 5.0
 """Standard deviation of the velocity of a ball that was just found, along each axis, m/s."""
-Watched: TypeAlias = Callable[[Iterable[Seen]], Iterable[Seen]]
-
-
-@dataclass(frozen=True)
-class SpherePointsRun:
-    """Everything that a run needs, checked.
-
-    Attributes:
-        pixels: ``(T, 2)`` of each camera, NaN where the ball was not seen.
-        placed: the cameras.
-        stamps: ``(T,)`` of each camera, the time of every frame, seconds.
-        tolerance: frames within so many seconds count as taken together.
-        tracker: the filter.
-        start: where the ball is looked for first.
-    """
-
-    pixels: Sequence[FloatArray]
-    placed: Sequence[PlacedCamera]
-    stamps: Sequence[FloatArray]
-    tolerance: float
-    tracker: SphereTracker
-    start: Start
-
-    def run(self, rng: np.random.Generator, times: StageTimes, watch: Watched) -> SphereLog:
-        """See `run_sphere`."""
-        moments = align(list(self.stamps), self.tolerance)
-        return run_sphere(self.tracker, self.start, self._seen(moments), rng, times, watch)
-
-    def _seen(self, moments: Sequence[Moment]) -> Iterator[Seen]:
-        for moment in moments:
-            found = [None if f is None else p[f] for f, p in zip(moment.frames, self.pixels, strict=True)]
-            yield moment, [None if f is None or np.isnan(f[0]) else f for f in found]
 
 
 def track_sphere_points(
@@ -100,10 +67,9 @@ def sphere_points_run(
     settings: SphereSettings | None = None,
     deviation: float = 2.0,
     radius: float = 0.0,
-    offsets: Sequence[float] | None = None,
-    timestamps: Sequence[Path] | None = None,
-) -> SpherePointsRun:
-    """A run of `track_sphere_points`; ``offsets`` and ``timestamps`` as in `pipelines.sphere.sphere_run`.
+    times: FrameTimes | None = None,
+) -> SphereRun:
+    """A run of `track_sphere_points`; ``times`` of the frames are by default as the camera file says.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
@@ -118,7 +84,7 @@ def sphere_points_run(
     if not 0 < deviation < np.inf or not 0 <= radius < 10:
         raise RequestError(f"expected a `deviation` above 0 and a `radius` from 0, got {deviation:g} and {radius:g}")
     pixels = [read_ball_points(Path(file)) for file in files]
-    stamps = _times(pixels, placed, offsets, timestamps)
+    stamps = (times or FrameTimes()).of_pixels(pixels, placed)
     pinholes = [p.camera for p in placed]
     likelihood = PointLikelihood(pinholes, np.full(len(placed), float(deviation)))
     tracker = SphereTracker(likelihood, chosen_motion(settings, radius), COVERING, patience=PATIENCE, stages=STAGES)
@@ -129,33 +95,13 @@ def sphere_points_run(
     def search(views: Views, rng: np.random.Generator) -> FloatArray:
         return _placed_by_rays(pinholes, views, deviation, settings.particles, rng)
 
-    tolerance = default_tolerance(stamps) if settings.tolerance is None else settings.tolerance
+    def seen(moments: Sequence[Moment]) -> Iterator[Seen]:
+        for moment in moments:
+            found = [None if f is None else p[f] for f, p in zip(moment.frames, pixels, strict=True)]
+            yield moment, [None if f is None or np.isnan(f[0]) else f for f in found]
+
     begin = Start(place, settings.spread, settings.particles, search, SPEED)
-    return SpherePointsRun(pixels, placed, stamps, tolerance, tracker, begin)
-
-
-def _times(
-    pixels: Sequence[FloatArray],
-    placed: Sequence[PlacedCamera],
-    offsets: Sequence[float] | None,
-    timestamps: Sequence[Path] | None,
-) -> list[FloatArray]:
-    for name, given in (("`offsets`", offsets), ("`timestamps`", timestamps)):
-        if given is not None and len(given) != len(pixels):
-            raise RequestError(f"{name}: expected {len(pixels)} values, one a file, got {len(given)}")
-    starts = [camera.offset for camera in placed] if offsets is None else list(offsets)
-    if timestamps is None:
-        without = [camera.name for camera in placed if camera.frame_rate is None]
-        if without:
-            raise RequestError(f"`timestamps`: expected times, or a frame_rate of {without[0]} in the camera file")
-        rates = [float(camera.frame_rate or 1.0) for camera in placed]
-        return [o + np.arange(len(p)) / r for o, p, r in zip(starts, pixels, rates, strict=True)]
-    stamps = [read_timestamps(path) for path in timestamps]
-    for path, stamp, found in zip(timestamps, stamps, pixels, strict=True):
-        if len(stamp) < len(found):
-            raise RequestError(f"{path}: expected at least {len(found)} times, one a frame, got {len(stamp)}")
-    shift = [0.0] * len(pixels) if offsets is None else starts
-    return [stamp[: len(p)] + o for stamp, p, o in zip(stamps, pixels, shift, strict=True)]
+    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, seen)
 
 
 def _placed_by_rays(

@@ -15,8 +15,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import distance_to_position
 from tsuiseki.tracking.formats.space.ball_points import read_ball_points
 from tsuiseki.tracking.formats.space.track3d import read_path3d, write_path3d
-from tsuiseki.tracking.pipelines.sphere import SphereSettings
 from tsuiseki.tracking.pipelines.sphere_points import track_sphere_points
+from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings
 from tsuiseki.tracking.types.tracks import Path3D
 
 RATE, FRAMES = 50.0, 50

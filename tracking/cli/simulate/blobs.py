@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.simulate.options import Clip, fill
 
@@ -11,7 +13,6 @@ CLIP = Clip(150)
 def blobs(
     output: SeededOutput,
     clip: Clip = CLIP,
-    frame_rate: float = 25.0,
     objects: int = 5,
     colour: str = "red",
     purity: tuple[float, float] = (0.45, 0.95),
@@ -21,7 +22,6 @@ def blobs(
 
     Args:
         out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
-        frame_rate: frames per second.
         objects: how many appear in all.
         colour: of the objects: red, orange, yellow, green, cyan, blue or magenta.
         purity: least and greatest share of an object's pixels that has the colour.
@@ -29,6 +29,5 @@ def blobs(
     """
     from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, write_blobs
 
-    size = clip.frames, clip.width, clip.height
-    settings = BlobSceneSettings(*size, frame_rate, objects, colour, purity, clutter=clutter)
+    settings = BlobSceneSettings(**asdict(clip), objects=objects, colour=colour, purity=purity, clutter=clutter)
     return fill(output, clip.told, lambda folder: write_blobs(folder, settings, output.seed, watch=clip.watch))

@@ -8,13 +8,12 @@ from typing import Literal
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.simulate.options import Clip, fill
 
-CLIP = Clip(300, 1280, 720)
+CLIP = Clip(300, 1280, 720, 30.0)
 
 
 def drone(
     output: SeededOutput,
     clip: Clip = CLIP,
-    frame_rate: float = 30.0,
     people: int = 9,
     camera: Literal["still", "calm", "violent"] = "violent",
     altitude: tuple[float, float] = (10.0, 45.0),
@@ -26,7 +25,6 @@ def drone(
 
     Args:
         out: folder for the clip; gets img1/000001.jpg and so on, gt/gt.txt, gt/actions.txt and seqinfo.ini.
-        frame_rate: frames per second.
         people: that act in view.
         camera: how much the drone moves.
         altitude: lowest and highest, metres.
@@ -39,7 +37,6 @@ def drone(
 
     settings = DroneSceneSettings(
         **asdict(clip),
-        frame_rate=frame_rate,
         people=people,
         camera=camera,
         altitude=altitude,

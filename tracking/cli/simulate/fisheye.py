@@ -9,14 +9,13 @@ from typing import Literal
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.simulate.options import Clip, fill
 
-CLIP = Clip(900, 1280, 960)
+CLIP = Clip(900, 1280, 960, 15.0)
 
 
 def fisheye(
     output: SeededOutput,
     clip: Clip = CLIP,
     room: Literal["large", "small"] = "large",
-    frame_rate: float = 15.0,
     people: int = 6,
     repeated: float = 0.5,
     calibration: Path | None = None,
@@ -29,7 +28,6 @@ def fisheye(
     Args:
         out: folder for the clip.
         room: large is 8 by 16 m, small 4 by 9 m.
-        frame_rate: frames per second.
         people: who wander about.
         repeated: share of people who wear the clothes of another, or nearly.
         calibration: lens of the cameras, enlarged to fill the images; by default an equidistant one.
@@ -38,6 +36,6 @@ def fisheye(
     from tsuiseki.datamodules.scenes.rooms.files import write_room
     from tsuiseki.tracking.cameras.lens_files import read_lens
 
-    settings = RoomSettings(**asdict(clip), size=SIZES[room], frame_rate=frame_rate, people=people, repeated=repeated)
+    settings = RoomSettings(**asdict(clip), size=SIZES[room], people=people, repeated=repeated)
     lens = None if calibration is None else read_lens(calibration)
     return fill(output, clip.told, lambda folder: write_room(folder, settings, output.seed, lens, watch=clip.watch))

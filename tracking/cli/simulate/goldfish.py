@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Literal
 
 from tsuiseki.tracking.cli.options import SeededOutput
-from tsuiseki.tracking.cli.simulate.options import Clip, fill
+from tsuiseki.tracking.cli.simulate.options import Size, fill
 
-CLIP = Clip(150)
+SIZE = Size(150)
 
 
 def goldfish(
     output: SeededOutput,
-    clip: Clip = CLIP,
+    size: Size = SIZE,
     body: Literal["goldfish", "ball"] = "goldfish",
     count: int | None = None,
     frame_rate: float | None = None,
@@ -32,9 +33,13 @@ def goldfish(
     from tsuiseki.datamodules.scenes.ball.bouncing import BouncingBallSettings, write_balls
     from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
 
-    size, how = (clip.frames, clip.width, clip.height), (output.seed, False, clip.watch)
+    drawn, how = asdict(size), (output.seed, False, size.watch)
     if body == "ball":
-        balls = BouncingBallSettings(*size, 30.0 if frame_rate is None else frame_rate, 1 if count is None else count)
-        return fill(output, clip.told, lambda folder: write_balls(folder, balls, *how))
-    fish = GoldfishSettings(*size, 15.0 if frame_rate is None else frame_rate, 3 if count is None else count)
-    return fill(output, clip.told, lambda folder: write_goldfish(folder, fish, *how))
+        balls = BouncingBallSettings(
+            **drawn, frame_rate=30.0 if frame_rate is None else frame_rate, balls=1 if count is None else count
+        )
+        return fill(output, size.told, lambda folder: write_balls(folder, balls, *how))
+    fish = GoldfishSettings(
+        **drawn, frame_rate=15.0 if frame_rate is None else frame_rate, fish=3 if count is None else count
+    )
+    return fill(output, size.told, lambda folder: write_goldfish(folder, fish, *how))

@@ -39,7 +39,7 @@ class Length(Shared):
 
 
 @dataclass(frozen=True)
-class Clip(Length):
+class Size(Length):
     """How much is drawn.
 
     Attributes:
@@ -54,6 +54,17 @@ class Clip(Length):
     def told(self) -> str:
         """What is drawn, for people."""
         return f"{self.frames} frames of {self.width}x{self.height}"
+
+
+@dataclass(frozen=True)
+class Clip(Size):
+    """How much is drawn, and how fast.
+
+    Attributes:
+        frame_rate: frames per second.
+    """
+
+    frame_rate: float = 25.0
 
 
 def fill(output: SeededOutput, what: str, write: Callable[[Path], object]) -> int:

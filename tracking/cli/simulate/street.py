@@ -10,18 +10,15 @@ from tsuiseki.tracking.cli.simulate.options import Clip, fill
 CLIP = Clip(200)
 
 
-def street(
-    output: SeededOutput, clip: Clip = CLIP, frame_rate: float = 25.0, people: int = 10, occluders: int = 7
-) -> int:
+def street(output: SeededOutput, clip: Clip = CLIP, people: int = 10, occluders: int = 7) -> int:
     """Make a clip of people walking on a street, before a fixed camera, as a MOTChallenge sequence.
 
     Args:
         out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
-        frame_rate: frames per second.
         people: about how many are around at a time.
         occluders: poles, bushes, parked cars and the like that may hide them.
     """
     from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
 
-    settings = StreetSettings(**asdict(clip), frame_rate=frame_rate, people=people, occluders=occluders)
+    settings = StreetSettings(**asdict(clip), people=people, occluders=occluders)
     return fill(output, clip.told, lambda folder: write_street(folder, settings, output.seed, watch=clip.watch))

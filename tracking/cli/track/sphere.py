@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.cli.options import Overlay, SeededOutput
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.pipelines.sphere import SphereSettings
+from tsuiseki.tracking.pipelines.sphere_runs import FrameTimes
+from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.pipelines.sphere import SphereRun
+    from tsuiseki.tracking.pipelines.sphere_runs import SphereRun
     from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
 
 
@@ -27,14 +28,13 @@ def sphere(
     output: SeededOutput,
     drawing: Overlay,
     settings: SphereSettings,
+    times: FrameTimes,
     radius: float | None = None,
     points: list[Path] | None = None,
     deviation: float = 2.0,
     start: tuple[float, float, float] | None = None,
     volume: tuple[float, float, float, float, float, float] | None = None,
     backgrounds: list[Path] | None = None,
-    offsets: list[float] | None = None,
-    timestamps: list[Path] | None = None,
     truth: Path | None = None,
 ) -> int:
     """Follow a ball of known radius in space, or a point by its measured pixels.
@@ -54,15 +54,13 @@ def sphere(
         volume: X1,Y1,Z1,X2,Y2,Z2 of the box in which the ball is searched, metres; by default where two cameras can
             see it.
         backgrounds: one picture of the empty scene per video, separated by commas; by default the median of the video.
-        offsets: time of each video's first frame, seconds, separated by commas; wins over cameras.yaml.
-        timestamps: one text file per video with the time of each frame, separated by commas.
         truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
     """
     import numpy as np
 
     from tsuiseki.tracking.formats.space.track3d import read_path3d, write_track3d
-    from tsuiseki.tracking.pipelines.sphere import SphereRun, sphere_run
-    from tsuiseki.tracking.pipelines.sphere_points import SpherePointsRun, sphere_points_run
+    from tsuiseki.tracking.pipelines.sphere import sphere_run
+    from tsuiseki.tracking.pipelines.sphere_points import sphere_points_run
     from tsuiseki.tracking.report.space_plots import path_figure
     from tsuiseki.tracking.report.sphere_page import sphere_page
 
@@ -71,21 +69,25 @@ def sphere(
         raise RequestError(f"`volume`: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2, Y1 < Y2 and Z1 < Z2, got {shown}")
     true_path = None if truth is None else read_path3d(truth)
     corners = None if volume is None else np.array(volume).reshape(2, 3)
-    chosen: SphereRun | SpherePointsRun
     if points is not None:
         if source or drawing.overlay or backgrounds or volume:
             raise RequestError("`points`: expected no videos, `overlay`, `backgrounds` or `volume` beside it")
         chosen = sphere_points_run(
-            points, cameras, start=start, settings=settings, deviation=deviation, radius=radius or 0.0,
-            offsets=offsets, timestamps=timestamps,
-        )  # fmt: skip
+            points, cameras, start=start, settings=settings, deviation=deviation, radius=radius or 0.0, times=times
+        )
     else:
         if radius is None:
             raise RequestError("`radius`: expected the ball's radius in metres, got none")
         chosen = sphere_run(
-            source, cameras, radius, start=start, volume=corners, settings=settings, backgrounds=backgrounds,
-            offsets=offsets, timestamps=timestamps,
-        )  # fmt: skip
+            source,
+            cameras,
+            radius,
+            start=start,
+            volume=corners,
+            settings=settings,
+            backgrounds=backgrounds,
+            times=times,
+        )
     rng = np.random.default_rng(output.seed)
     with output.run() as run:
         log = chosen.run(rng, run.times, lambda items: run.steps(items, total=max(map(len, chosen.stamps))))
@@ -93,9 +95,7 @@ def sphere(
         run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
         plot = path_figure(log.positions, chosen.placed, true_path)
         run.write("path.png", lambda path: plot.savefig(path, dpi=120, facecolor="white"))
-        videos: list[Path | None] = []
-        if drawing.overlay and isinstance(chosen, SphereRun):
-            videos = _overlays(run, drawing, chosen, log, radius or 0.0)
+        videos = _overlays(run, drawing, chosen, log, radius or 0.0) if drawing.overlay else []
         page = sphere_page(
             log, chosen.placed, radius or 0.0, true_path, videos, run.times.seconds, output.given.settings
         )
