@@ -155,7 +155,7 @@ def priced(
     one_frame = 1 / seen.frame_rate
     seconds = np.asarray((seen.frames[j] - seen.frames[i]) * one_frame, dtype=np.float64)
     if mismatch is None:
-        mismatch = cost.mismatch(past, future, i, j, seconds, seen.measured.wander[j] - seen.measured.wander[i])
+        mismatch = cost.mismatch_along(seen.measured, (past, future), i, j, one_frame)
     distance = (
         cosine_distances(seen.features, i, j) if means is None else np.clip(1 - inner_products(*means, i, j), 0, 2)
     )

@@ -138,7 +138,7 @@ class FlowWindow:
             rounds.dearest,
             self._transition,
             change=change,
-            mismatch=link.mismatch_alone(seen.measured, i, j, seconds, wander),
+            mismatch=link.mismatch_alone(seen.measured, i, j, seconds, wander, 1 / seen.frame_rate),
         )
         tail, head = seen.numbers[i[kept]], seen.numbers[j[kept]]
         found = Links(tail, head, cost, np.full(len(kept), np.nan), hidden)

@@ -46,6 +46,8 @@ class LinkCost:
         lost: deviation of the camera's motion, in heights, above which it makes links no dearer: where nobody knows how
             far the camera jumped, all links over the jump are equally far.
         size: largest difference of log heights that is considered.
+        settled: how far the first prices take the velocity for known, 0 to 1; see `mismatch_alone`.
+        turn: cost of a sudden change of motion; see `mismatch_along`.
     """
 
     motion: MotionNoise = field(default_factory=MotionNoise)
@@ -62,10 +64,14 @@ class LinkCost:
     doubt: float = 2.0
     lost: float = 0.5
     size: float = 0.5
+    settled: float = 0.3
+    turn: float = 3.0
 
     def __post_init__(self) -> None:
         if not (self.tails > 0 and self.miss >= 0 and 0 <= self.covering <= 1 and self.size > 0):
             raise ValueError("expected tails and size above 0, miss from 0 and covering from 0 to 1")
+        if not (0 <= self.settled <= 1 and self.turn >= 0):
+            raise ValueError(f"expected settled from 0 to 1 and turn from 0, got {self.settled} and {self.turn}")
         if min(self.reach) <= 0 or min(*self.speed, self.doubt, self.lost) < 0:
             raise ValueError(
                 f"expected reach above 0, speed, doubt and lost from 0, got {self.reach}, {self.speed}"
@@ -131,15 +137,61 @@ class LinkCost:
             cost[part] = self._mismatch(past, future, i[part], j[part], seconds[part], wander[part])
         return np.asarray(np.maximum(cost, -MOST_WORTH))
 
-    def mismatch_alone(
-        self, seen: Measurements, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
+    def mismatch_along(
+        self, seen: Measurements, known: tuple[Beliefs, Beliefs], i: IntArray, j: IntArray, one_frame: float
     ) -> FloatArray:
-        """``(P,)`` `mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²)."""
+        """``(P,)`` `mismatch` of the past of ``i`` and the future of ``j``, or of a sudden change of motion in between.
+
+        Constant velocity with small changes fits those who walk, not those whom the camera suddenly swings past. The
+        more a chain is sure of its velocity, the dearer such a change gets, until whole people are left out. So the
+        link may also be explained by two strangers to each other's motion, `mismatch_alone`, for ``turn`` more: of two
+        explanations the likelier one counts.
+
+        Args:
+            seen: what was measured.
+            known: what the past of its chain says at each detection, and what the future.
+            i: ``(P,)`` indices of the earlier detections.
+            j: ``(P,)`` of the later ones.
+            one_frame: seconds.
+        """
+        seconds, wander = seen.times[j] - seen.times[i], seen.wander[j] - seen.wander[i]
+        cost = self.mismatch(*known, i, j, seconds, wander)
+        dear = np.flatnonzero(cost > self.turn)
+        alone = self.mismatch_alone(seen, i[dear], j[dear], seconds[dear], wander[dear], one_frame)
+        cost[dear] = np.minimum(cost[dear], alone + self.turn)
+        return cost
+
+    def mismatch_alone(
+        self,
+        seen: Measurements,
+        i: IntArray,
+        j: IntArray,
+        seconds: FloatArray,
+        wander: FloatArray,
+        one_frame: float,
+    ) -> FloatArray:
+        """``(P,)`` `mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²).
+
+        Of two detections alone nobody knows the velocity, and ½ log |Σ| says how much room that leaves. A chain has one
+        velocity, so it should pay for this once, but here every link of it does: the faster the targets and the fewer
+        the frames, the more. What it costs over ``one_frame`` is therefore taken off in part, ``settled`` of it:
+        with 0 chains of fast targets never form, with 1 whatever lies in reach is linked.
+        """
         cost = np.empty(len(i))
         for start in range(0, len(i), PAIRS_AT_ONCE):
             part = slice(start, start + PAIRS_AT_ONCE)
             cost[part] = self._mismatch_alone(seen, i[part], j[part], seconds[part], wander[part])
-        return np.asarray(np.maximum(cost, -MOST_WORTH))
+        return np.asarray(np.maximum(cost - self.settled * self._room(one_frame), -MOST_WORTH))
+
+    def _room(self, seconds: float) -> float:
+        """½ log(|Σ| / 4r²v²) of two detections alone, summed over the coordinates: what the unknown velocity costs."""
+        r2, q2, v2 = (
+            np.square(values)[GROUPS]
+            for values in (self.motion.measurement, self.motion.acceleration, self.motion.velocity)
+        )
+        aa = 2 * r2 + np.square(seconds) * (v2 + seconds * q2 / 3)
+        bb, cc = seconds * (v2 + seconds * q2 / 2), 2 * v2 + q2 * seconds
+        return float(0.5 * np.log((aa * cc - np.square(bb)) / (4 * r2 * v2)).sum())
 
     def _mismatch_alone(
         self, seen: Measurements, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray

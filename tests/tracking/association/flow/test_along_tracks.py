@@ -88,13 +88,13 @@ def test_a_detection_alone_is_a_chain_of_one() -> None:
 @pytest.mark.parametrize("wander", [0.0, 0.01, 4.0])
 def test_the_price_of_two_alone_is_that_of_chains_of_one(wander: float) -> None:
     rng = np.random.default_rng(9)
-    (seen, _), cost = walkers(rng, 5, 30), LinkCost()
+    (seen, _), cost = walkers(rng, 5, 30), LinkCost(settled=0)
     alone = beliefs_alone(seen.measured, MOTION)
     i, j = rng.integers(0, len(seen), (2, 500))
     i, j = np.minimum(i, j), np.maximum(i, j)
     seconds, doubt = (seen.frames[j] - seen.frames[i]) / 25.0, np.full(500, wander)
     np.testing.assert_allclose(
-        cost.mismatch_alone(seen.measured, i, j, seconds, doubt),
+        cost.mismatch_alone(seen.measured, i, j, seconds, doubt, 1 / 25.0),
         cost.mismatch(alone, alone, i, j, seconds, doubt),
         rtol=1e-9,
         atol=1e-9,
