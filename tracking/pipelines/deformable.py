@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +18,7 @@ from tsuiseki.tracking.filters.motion.learnt_motion import read_motion
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
 from tsuiseki.tracking.likelihoods.contour import Extraction
+from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.trackers.body_starts import wide_noise
 from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.types import FloatArray, Frame
@@ -24,6 +26,51 @@ from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video import Source, open_source
 
 MotionPreset = Literal["learnt", "paper", "conditional", "independent", "velocity", "walk", "wide"]
+
+
+@dataclass(frozen=True)
+class BodyChoice(Shared):
+    """Which bodies are followed, and how.
+
+    Attributes:
+        body: goldfish or ball, with its sizes in pixels where they differ, such as goldfish,length=40,width=14,tail=20,
+            or a file of tsuiseki train body.
+        motion: what tsuiseki train motion learnt of this body.
+        preset: how the body is expected to move. With --motion: learnt draws from what was learnt of shape and motion
+            together (the default), conditional also expects a bent body to turn, paper keeps equation (14) as printed,
+            independent leaves out the correlation, velocity keeps the velocity in the image, walk keeps the place.
+            Without --motion: wide, a random walk of 30 pixels and 45 degrees a frame, which needs some 3000 particles.
+        widen: times the learnt deviations; with few particles wider noise, such as 1.6, loses fewer bodies.
+        init: state of a body in the first frame, a,b,theta,phi in pixels and radians (for the ball a,b,theta,squash);
+            once for each body. By default the bodies are found.
+        colour: red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with hues in
+            degrees.
+        deformable: settings of the tracker.
+    """
+
+    body: str = "goldfish"
+    motion: Path | None = None
+    preset: MotionPreset | None = None
+    widen: float = 1.0
+    init: list[list[float]] | None = None
+    colour: str = "orange"
+    deformable: DeformableSettings = field(default_factory=DeformableSettings)
+
+    @property
+    def extraction(self) -> Extraction:
+        """How the bodies' edges are found in an image."""
+        return Extraction(parse_colour(self.colour), self.deformable.smooth)
+
+    def tracker(self, source: Source, seed: int = 0) -> DeformableTracker:
+        """A fresh tracker for the bodies in a video.
+
+        Raises:
+            RequestError: something of this cannot be used; the message says what and why.
+        """
+        body = parse_body(self.body)
+        moves = chosen_motion(body, self.motion, self.preset, source.frame_rate, self.widen)
+        states = starting_states(self.init, body, source)
+        return DeformableTracker(body, moves, self.extraction, self.deformable, states, seed)
 
 
 def track_deformable(
@@ -59,7 +106,7 @@ def track_deformable(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    opened, tracker = _prepared(source, body, colour, motion, preset, init, frames, settings, seed)
+    opened, tracker = _prepared(source, frames, _choice(body, motion, preset, init, colour, settings), seed)
     if opened.live and opened.frames_wanted.last is None:
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_deformable")
     for frame in opened.frames():
@@ -83,7 +130,7 @@ def follow_deformable(
 
     Arguments and errors are those of `track_deformable`.
     """
-    opened, tracker = _prepared(source, body, colour, motion, preset, init, frames, settings, seed)
+    opened, tracker = _prepared(source, frames, _choice(body, motion, preset, init, colour, settings), seed)
 
     def each() -> Iterator[tuple[Frame, list[BodyTrack]]]:
         for frame in opened.frames():
@@ -163,23 +210,23 @@ def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, 
 
 
 def _prepared(
-    source: str | Path | int,
+    source: str | Path | int, frames: str | None, choice: BodyChoice, seed: int
+) -> tuple[Source, DeformableTracker]:
+    opened = open_source(str(source), parse_frames(frames))
+    if not opened.has_images:
+        raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
+    return opened, choice.tracker(opened, seed)
+
+
+def _choice(
     body: str,
-    colour: str,
     motion: str | Path | None,
     preset: MotionPreset | None,
     init: ArrayLike | None,
-    frames: str | None,
+    colour: str,
     settings: DeformableSettings | None,
-    seed: int,
-) -> tuple[Source, DeformableTracker]:
-    opened, shape, settings = (
-        open_source(str(source), parse_frames(frames)),
-        parse_body(body),
-        settings or DeformableSettings(),
-    )
-    if not opened.has_images:
-        raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
-    moves = chosen_motion(shape, motion, preset, opened.frame_rate)
-    extraction = Extraction(parse_colour(colour), settings.smooth)
-    return opened, DeformableTracker(shape, moves, extraction, settings, starting_states(init, shape, opened), seed)
+) -> BodyChoice:
+    """What is asked from Python."""
+    states = None if init is None else np.atleast_2d(np.asarray(init, dtype=np.float64)).tolist()
+    path, chosen = None if motion is None else Path(motion), settings or DeformableSettings()
+    return BodyChoice(body, path, preset, init=states, colour=colour, deformable=chosen)
