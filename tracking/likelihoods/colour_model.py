@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -35,6 +36,7 @@ class ColourModel:
             around=self.around + rate * (new.around - self.around),
         )
 
+    @cached_property
     def table(self) -> NDArray[np.float32]:
         """``(4096,)`` probability in [0, 1] that a pixel of each colour is the target's."""
         shares = (self.target + _RARE) / (self.target + self.around + 2 * _RARE)

@@ -42,7 +42,7 @@ class ForegroundColour(ColourModel):
         x1, y1, x2, y2 = _clipped(np.concatenate([inner[:, :2].min(axis=0), inner[:, 2:].max(axis=0)]), image)
         if x2 <= x1 or y2 <= y1:
             return np.zeros(len(boxes))
-        sums = cv2.integral(self.table().take(quantised(image[y1:y2, x1:x2])))
+        sums = cv2.integral(self.table.take(quantised(image[y1:y2, x1:x2])))
         whole = np.round(inner).astype(int)
         area = np.maximum((whole[:, 2] - whole[:, 0]) * (whole[:, 3] - whole[:, 1]), 1)
         left, top, right, bottom = np.clip(whole - [x1, y1, x1, y1], 0, [x2 - x1, y2 - y1, x2 - x1, y2 - y1]).T

@@ -37,7 +37,7 @@ class PixelColour(ColourModel):
 
     def probabilities(self, patch: ImageArray) -> Float32Array:
         """``(H / 2, W / 2)`` in [0, 1] for every second pixel of a patch ``(H, W, 3)``."""
-        return np.asarray(self.table()[quantised(patch[::STEP, ::STEP])])
+        return np.asarray(self.table[quantised(patch[::STEP, ::STEP])])
 
 
 def shift_response(
@@ -79,8 +79,8 @@ def size_contrast(probabilities: Float32Array, width: float, height: float, fact
     """
     sums = np.asarray(cv2.integral(probabilities), dtype=np.float64)
     box = np.array([width, height]) / STEP
-    inside, area = _centred_sums(sums, np.outer(factors, box))
-    with_ring, large = _centred_sums(sums, np.outer(factors * RING, box))
+    totals, areas = _centred_sums(sums, np.outer(np.concatenate([factors, factors * RING]), box))
+    (inside, with_ring), (area, large) = totals.reshape(2, -1), areas.reshape(2, -1)
     return np.asarray(inside / area - (with_ring - inside) / np.maximum(large - area, 1e-6))
 
 
@@ -88,14 +88,12 @@ def _centred_sums(sums: FloatArray, sizes: FloatArray) -> tuple[FloatArray, Floa
     """Sums over boxes of ``sizes`` ``(S, 2)`` in the middle of an integral image, and their areas in the image."""
     rows, columns = sums.shape[0] - 1, sums.shape[1] - 1
     left, top = (np.maximum((n - sizes[:, axis]) / 2, 0) for axis, n in enumerate((columns, rows)))
-    right, bottom = columns - left, rows - top
-
-    def at(y: FloatArray, x: FloatArray) -> FloatArray:
-        y0, x0 = np.minimum(y.astype(int), rows - 1), np.minimum(x.astype(int), columns - 1)
-        fy, fx = y - y0, x - x0
-        upper = sums[y0, x0] * (1 - fx) + sums[y0, x0 + 1] * fx
-        lower = sums[y0 + 1, x0] * (1 - fx) + sums[y0 + 1, x0 + 1] * fx
-        return np.asarray(upper * (1 - fy) + lower * fy)
-
-    total = at(bottom, right) - at(top, right) - at(bottom, left) + at(top, left)
-    return total, (right - left) * (bottom - top)
+    x, y = np.stack([left, columns - left]), np.stack([top, rows - top])
+    x0, y0 = np.minimum(x.astype(int), columns - 1), np.minimum(y.astype(int), rows - 1)
+    fx, fy = (x - x0)[None], (y - y0)[:, None]
+    above, before = y0[:, None], x0[None]
+    upper = sums[above, before] * (1 - fx) + sums[above, before + 1] * fx
+    lower = sums[above + 1, before] * (1 - fx) + sums[above + 1, before + 1] * fx
+    corners = upper * (1 - fy) + lower * fy
+    total = corners[1, 1] - corners[0, 1] - corners[1, 0] + corners[0, 0]
+    return total, (x[1] - x[0]) * (y[1] - y[0])

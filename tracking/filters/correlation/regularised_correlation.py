@@ -12,6 +12,7 @@ window may be much larger than the target; the second term is the memory, instea
 
 The constraint is split off, ``f = g`` with ``g`` on the support (ADMM): per frequency the first step is the solution
 of a D x D system of rank one plus identity, closed by Sherman and Morrison; the second is a mask in the image plane.
+The mask is a small rectangle, so its rows and columns are transformed alone, as products of matrices.
 """
 
 from __future__ import annotations
@@ -40,10 +41,50 @@ class RegularisedLearning:
     penalties: tuple[float, ...] = (1.0, 10.0)
 
 
+@dataclass(frozen=True)
+class Support:
+    """A rectangle of cells about shift zero, outside of which a filter is zero.
+
+    Attributes:
+        mask: ``(rows, columns)`` one inside, zero elsewhere.
+        inwards: ``(H, rows)`` the inverse transform of the H rows inside.
+        across: ``(2 * half, 2 * half)`` along the columns, with ``half = columns // 2 + 1``: half a spectrum, real and
+            imaginary parts in turn, to that of what lies inside.
+        outwards: ``(rows, H)`` the transform of the H rows.
+    """
+
+    mask: Float32Array
+    inwards: ComplexArray
+    across: Float32Array
+    outwards: ComplexArray
+
+    @classmethod
+    def of(cls, shape: tuple[int, int], height: float, width: float) -> Support:
+        """Cells at most half of ``height`` x ``width`` cells from shift zero, cyclic."""
+        rows, columns = shape
+        row, column = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
+        inside, across = row <= height / 2, column <= width / 2
+        transform = np.fft.fft(np.eye(rows))
+        parts = np.eye(2 * (columns // 2 + 1)).view(np.complex128)
+        kept = np.fft.rfft(np.fft.irfft(parts, n=columns) * across)
+        return cls(
+            (inside[:, None] & across).astype(np.float32),
+            np.ascontiguousarray(transform.conj()[inside] / rows, dtype=np.complex64),
+            np.ascontiguousarray(kept.view(np.float64), dtype=np.float32),
+            np.ascontiguousarray(transform[:, inside], dtype=np.complex64),
+        )
+
+    def restrict(self, spectra: ComplexArray) -> ComplexArray:
+        """``(D, rows, columns // 2 + 1)`` spectra of the same windows with zeros outside the rectangle."""
+        inside = self.inwards @ spectra
+        kept = inside.view(np.float32).reshape(-1, len(self.across)) @ self.across
+        return np.asarray(self.outwards @ kept.view(np.complex64).reshape(inside.shape))
+
+
 def learn(
     window: ComplexArray,
     wanted: ComplexArray,
-    support: Float32Array,
+    support: Support,
     before: ComplexArray | None,
     settings: RegularisedLearning,
 ) -> ComplexArray:
@@ -52,27 +93,27 @@ def learn(
     Args:
         window: ``(D, rows, columns // 2 + 1)`` spectrum of a window with the target at shift zero.
         wanted: ``(rows, columns // 2 + 1)`` spectrum of the wanted response.
-        support: ``(rows, columns)`` one on the target, about shift zero, zero elsewhere.
+        support: where the filter may be other than zero.
         before: the filter so far, shaped like ``window``; None for the first window.
         settings: see there.
     """
-    cells = np.float32(support.size)
+    cells = np.float32(support.mask.size)
     memory = np.float32(settings.memory) * cells if before is not None else np.float32(0)
     energy = (window.real**2 + window.imag**2).sum(axis=0)
     conjugate = window.conj()
     target = conjugate * wanted
     if before is not None:
-        target = target + memory * before
-    masked = np.zeros_like(window)
-    dual = np.zeros_like(window)
+        target += memory * before
+    masked = dual = np.zeros((1, 1, 1), dtype=np.complex64)
     for penalty in settings.penalties:
         weight = np.float32(penalty) * cells
         right = target + weight * (masked - dual)
-        filters = (right - conjugate * ((window * right).sum(axis=0) / (weight + memory + energy))) / (weight + memory)
-        image_plane = scipy.fft.irfft2(filters + dual, s=support.shape) * support
-        masked = scipy.fft.rfft2(image_plane)
-        dual = dual + filters - masked
-    return np.asarray(masked, dtype=np.complex64)
+        filters = right - conjugate * (np.einsum("dij,dij->ij", window, right) / (weight + memory + energy))
+        filters /= weight + memory
+        filters += dual
+        masked = support.restrict(filters)
+        dual = filters - masked
+    return masked
 
 
 def respond(filters: ComplexArray, windows: ComplexArray, shape: tuple[int, int]) -> Float32Array:
@@ -87,9 +128,3 @@ def respond(filters: ComplexArray, windows: ComplexArray, shape: tuple[int, int]
         ``(..., rows, columns)``; ``[..., 0, 0]`` is no shift.
     """
     return np.asarray(scipy.fft.irfft2((filters * windows).sum(axis=-3), s=shape))
-
-
-def support_mask(shape: tuple[int, int], height: float, width: float) -> Float32Array:
-    """``(rows, columns)`` one where a cell is at most half of ``height`` x ``width`` cells from shift zero, cyclic."""
-    rows, columns = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
-    return ((rows[:, None] <= height / 2) & (columns[None, :] <= width / 2)).astype(np.float32)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.types import FloatArray
@@ -21,21 +22,21 @@ _LABEL_WIDTH = 0.25  # of the wanted response, times the square root of the numb
 
 @dataclass(frozen=True)
 class ScaleFilter:
-    """Numerator and denominator, eq. (3) and (4).
+    """Numerator and denominator, eq. (3) and (4), of the H = S // 2 + 1 frequencies of real rows.
 
     Attributes:
-        numerator: ``(S, D)``.
-        denominator: ``(S,)``, not negative.
+        numerator: ``(H, D)``.
+        denominator: ``(H,)``, not negative.
     """
 
     numerator: Complex2D
     denominator: NDArray[np.float32]
 
     @classmethod
-    def learn(cls, sample: FloatArray | NDArray[np.float32]) -> ScaleFilter:
-        """From features ``(S, D)``, the middle row at the right size."""
+    def learn(cls, sample: FloatArray | NDArray[np.float32], offset: float = 0.0) -> ScaleFilter:
+        """From features ``(S, D)``, the right size ``offset`` rows after the middle one."""
         spectrum = _spectrum(sample)
-        numerator = spectrum.conj() * _wanted(len(sample))[:, None]
+        numerator = spectrum.conj() * _wanted(len(sample), offset)[:, None]
         return cls(numerator, (spectrum.real**2 + spectrum.imag**2).sum(axis=1))
 
     def blend(self, new: ScaleFilter, rate: float) -> ScaleFilter:
@@ -50,25 +51,25 @@ class ScaleFilter:
         """``(S,)`` response to features ``(S, D)``, in the order of the sizes; eq. (6)."""
         spectrum = (self.numerator * _spectrum(sample)).sum(axis=1)
         least = _REGULARISATION * self.numerator.shape[1]
-        return np.asarray(np.fft.fftshift(np.fft.ifft(spectrum / (self.denominator + least)).real))
+        return np.asarray(np.fft.fftshift(np.fft.irfft(spectrum / (self.denominator + least), n=len(sample))))
 
 
-def best_size(response: FloatArray, step: float) -> float:
-    """Factor on the size where the response over sizes ``step ** k`` is greatest, between sizes by a parabola."""
+def best_offset(response: FloatArray) -> float:
+    """Steps from the middle size to where the response over sizes is greatest, between sizes by a parabola."""
     k = int(np.argmax(response))
     offset = float(k - len(response) // 2)
     if 0 < k < len(response) - 1:
         curvature = 2 * response[k] - response[k - 1] - response[k + 1]
-        offset += 0.5 * (response[k + 1] - response[k - 1]) / curvature if curvature > 1e-9 else 0.0
-    return float(step**offset)
+        offset += float(0.5 * (response[k + 1] - response[k - 1]) / curvature) if curvature > 1e-9 else 0.0
+    return offset
 
 
 def _spectrum(sample: FloatArray | NDArray[np.float32]) -> Complex2D:
     taper = np.hanning(len(sample) + 2)[1:-1, None].astype(np.float32)
-    return np.asarray(np.fft.fft(sample * taper, axis=0), dtype=np.complex64)
+    return np.asarray(scipy.fft.rfft(sample * taper, axis=0), dtype=np.complex64)
 
 
-def _wanted(count: int) -> Complex2D:
-    offset = np.arange(count) - count // 2
-    label = np.exp(-0.5 * (offset / (_LABEL_WIDTH * np.sqrt(count))) ** 2)
-    return np.asarray(np.fft.fft(np.fft.ifftshift(label)), dtype=np.complex64)
+def _wanted(count: int, offset: float) -> Complex2D:
+    distances = np.arange(count) - count // 2 - offset
+    label = np.exp(-0.5 * (distances / (_LABEL_WIDTH * np.sqrt(count))) ** 2)
+    return np.asarray(np.fft.rfft(np.fft.ifftshift(label)), dtype=np.complex64)

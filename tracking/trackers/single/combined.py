@@ -7,7 +7,8 @@ recovers by itself. So here
 * the filter is `regularised`, which knows the target's colours and size;
 * the target is in doubt when two measures, the response and the colours, are both low against their own running
   medians; doubt ends at higher values than it begins (hysteresis);
-* in doubt the filter goes on, and its learning rate falls with its response; it stays one of the hypotheses;
+* the filter's learning rate falls with its response, and in doubt it is low; the filter goes on all the same and stays
+  one of the hypotheses;
 * the particles of 3.2.3 to 3.2.5, each a place and the number of a filter (the present one, the first one, stored
   ones), look for the target all around. Where the best one's response is higher elsewhere for several frames in a
   row, the target is taken to be there, with that filter.
@@ -16,6 +17,7 @@ recovers by itself. So here
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from statistics import median
 
 import numpy as np
 
@@ -41,6 +43,7 @@ class CombinedSettings:
         colour_doubt: likewise for the colours.
         sure: share of its running median from which on a response ends the doubt.
         memory: frames of the running medians.
+        certain: share of its running median from which on a response without doubt is learnt at full speed.
         doubtful_rate: speed of learning at the beginning of a doubt, in [0, 1].
         hidden: share of the running median under which a response says that the target is hidden: nothing is learnt.
         lost_after: frames of doubt after which the target counts as lost.
@@ -59,6 +62,7 @@ class CombinedSettings:
     colour_doubt: float = 0.95
     sure: float = 0.75
     memory: int = 50
+    certain: float = 0.8
     doubtful_rate: float = 0.25
     hidden: float = 0.4
     lost_after: int = 5
@@ -88,8 +92,8 @@ class Evidence:
         if len(self.peaks) < 5:
             return 1.0, 1.0
         return (
-            target.peak / max(float(np.median(self.peaks)), 1e-6),
-            target.colour_score / max(float(np.median(self.colours)), 1e-6),
+            target.peak / max(median(self.peaks), 1e-6),
+            target.colour_score / max(median(self.colours), 1e-6),
         )
 
 
@@ -143,7 +147,7 @@ class Combined:
         return response < self.settings.doubt and colours < self.settings.colour_doubt
 
     def _go_on(self, image: ImageArray, found: RegularisedTarget) -> None:
-        self.target = regularised.update(self._model, found, image)
+        self.target = self._learn(found, image, self._certainty(found, self.settings.certain))
         self._evidence = self._evidence.add(found, self.settings.memory)
         self.doubted, self._challenge = 0, None
         if self._frame % self.settings.store_interval == 0:
@@ -154,15 +158,17 @@ class Combined:
             self._store()  # the last filter from before the doubt
         self.doubted += 1
         self.searched_frames += 1
-        rate = self._rate(self._evidence.shares(found)[0])
-        self.target = regularised.update(self._model, found, image, rate) if rate > 0 else found
+        rate = self.settings.doubtful_rate * self._certainty(found, self.settings.doubt)
+        self.target = self._learn(found, image, rate)
         self._search(image)
 
-    def _rate(self, share: float) -> float:
-        """Speed of learning in doubt: in full at ``doubt``, none at ``hidden``."""
-        settings = self.settings
-        certainty = (share - settings.hidden) / max(settings.doubt - settings.hidden, 1e-6)
-        return settings.doubtful_rate * float(np.clip(certainty, 0, 1))
+    def _certainty(self, found: RegularisedTarget, full: float) -> float:
+        """In [0, 1]: 1 where the response is from ``full`` of its running median, 0 where it says `hidden`."""
+        share, hidden = self._evidence.shares(found)[0], self.settings.hidden
+        return float(np.clip((share - hidden) / max(full - hidden, 1e-6), 0, 1))
+
+    def _learn(self, found: RegularisedTarget, image: ImageArray, rate: float) -> RegularisedTarget:
+        return regularised.update(self._model, found, image, rate) if rate > 0 else found
 
     def _store(self) -> None:
         self._stored = [*self._stored, self.target.filters][-self.settings.stored :]

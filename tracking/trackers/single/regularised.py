@@ -12,7 +12,8 @@ The response of a place is
     (1 - share) * filter + share * mean colour probability.
 
 The response of a size is that of the filter over sizes, and the contrast of colours between the box and a frame around
-it. Nothing is trained.
+it. A box holds outstretched arms and legs, and the contrast is greatest for less than the box; how much less is
+measured in the first frame. Nothing is trained.
 """
 
 from __future__ import annotations
@@ -21,31 +22,32 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+import scipy.fft
 
 from tsuiseki.tracking.features.hog import hog
-from tsuiseki.tracking.features.search_windows import cut, cut_one
+from tsuiseki.tracking.features.search_windows import cut
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     ComplexArray,
     Float32Array,
     cosine_window,
     gaussian_labels,
-    transform,
 )
 from tsuiseki.tracking.filters.correlation.regularised_correlation import (
     RegularisedLearning,
+    Support,
     learn,
     respond,
-    support_mask,
 )
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_size
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset
 from tsuiseki.tracking.likelihoods.peaks import peak
 from tsuiseki.tracking.likelihoods.pixel_colour import PixelColour, shift_response, size_contrast
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
+from tsuiseki.tracking.trackers.single.size_samples import SizeLadder, SizeSample
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 CELL = 4  # template pixels
 _LEAST_CELLS = 4
+_WIDEST = 8  # steps of size to each side, in which the contrast of the first frame is looked for
 
 
 @dataclass(frozen=True)
@@ -98,9 +100,9 @@ class Model:
         shape: rows and columns of the window, cells.
         taper: ``shape`` cosine window.
         wanted: spectrum of the wanted response.
-        support: ``shape``, see `regularised_correlation.learn`.
+        support: the target's cells.
         to_centre: phases that bring the middle of a window to shift zero.
-        size_template: ``(2,)`` width and height of the size filter's template, pixels, multiples of `CELL`.
+        ladder: of sizes.
     """
 
     settings: RegularisedSettings
@@ -109,9 +111,9 @@ class Model:
     shape: tuple[int, int]
     taper: Float32Array
     wanted: ComplexArray
-    support: Float32Array
+    support: Support
     to_centre: ComplexArray
-    size_template: NDArray[np.int64]
+    ladder: SizeLadder
 
     @classmethod
     def of(cls, settings: RegularisedSettings, width: float, height: float) -> Model:
@@ -133,9 +135,9 @@ class Model:
             (rows, columns),
             cosine_window((rows, columns)),
             gaussian_labels((rows, columns), float(np.sqrt(wide * high)) * settings.label_sigma),
-            support_mask((rows, columns), float(high), float(wide)),
+            Support.of((rows, columns), float(high), float(wide)),
             to_centre.astype(np.complex64),
-            template.astype(np.int64),
+            SizeLadder(target, template.astype(np.int64), CELL, settings.size_step, settings.sizes),
         )
 
     def cell_pixels(self, size: float) -> float:
@@ -157,10 +159,11 @@ class Model:
         """``(32, rows, columns // 2 + 1)`` spectrum of gradients and brightness, target at shift zero."""
         rows, columns = self.shape
         grey = cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY)[CELL:-CELL, CELL:-CELL].astype(np.float32) / 255 - 0.5
-        brightness = grey.reshape(rows, CELL, columns, CELL).mean(axis=(1, 3))
-        features = np.concatenate([hog(patch[None], CELL)[0], brightness[None]]) * self.taper
-        features /= np.sqrt((features**2).mean() + 1e-9)
-        return np.asarray(transform(features[None]).spectra[0] * self.to_centre)
+        brightness = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)  # means of cells
+        features = np.concatenate([hog(patch[None], CELL)[0], brightness[None]])
+        features *= self.taper
+        features *= np.float32(1 / np.sqrt(np.vdot(features, features) / features.size + 1e-9))
+        return np.asarray(scipy.fft.rfft2(features) * self.to_centre)
 
     def colour_response(self, colour: PixelColour, patch: ImageArray) -> Float32Array:
         """``shape``: `pixel_colour.shift_response` of a patch."""
@@ -178,8 +181,10 @@ class RegularisedTarget:
         filters: see `regularised_correlation.learn`.
         colour: of its pixels.
         sizes: the size filter; None where one size is tried.
+        contrast_at: where the colours' contrast was greatest in the first frame, over the size of the box there.
         peak: response at ``centre``, colours included.
         colour_score: mean colour probability at ``centre``, in [0, 1].
+        seen: what `resize` looked at, for the `update` of the same frame; None else.
     """
 
     centre: FloatArray
@@ -187,8 +192,10 @@ class RegularisedTarget:
     filters: ComplexArray
     colour: PixelColour
     sizes: ScaleFilter | None
+    contrast_at: float = 1.0
     peak: float = 1.0
     colour_score: float = 1.0
+    seen: SizeSample | None = None
 
 
 def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTarget:
@@ -196,8 +203,12 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     patch = model.patch(image, centre, 1.0)
     width, height = model.target / model.scale
     filters = learn(model.describe(patch), model.wanted, model.support, None, model.settings.learning)
-    sizes = ScaleFilter.learn(_size_sample(model, image, centre, 1.0)) if model.settings.sizes > 1 else None
-    return RegularisedTarget(centre, 1.0, filters, PixelColour.learn(patch, float(width), float(height)), sizes)
+    sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0).rows) if model.settings.sizes > 1 else None
+    colour = PixelColour.learn(patch, float(width), float(height))
+    factors = model.settings.size_step ** np.arange(-_WIDEST, _WIDEST + 1.0)
+    contrast = size_contrast(colour.probabilities(patch), float(width), float(height), factors)
+    contrast_at = model.settings.size_step ** best_offset(contrast)
+    return RegularisedTarget(centre, 1.0, filters, colour, sizes, contrast_at)
 
 
 def responses(
@@ -237,14 +248,16 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     settings = model.settings
     if target.sizes is None:
         return target
-    width, height = model.target / model.scale
+    middle = round(model.ladder.level(target.size))
+    seen = model.ladder.sample(image, target.centre, middle)
+    sizes = model.ladder.sizes(seen.first) / target.size * target.contrast_at
     probabilities = target.colour.probabilities(model.patch(image, target.centre, target.size))
-    response = target.sizes.respond(_size_sample(model, image, target.centre, target.size))
-    response = response + settings.size_colour * size_contrast(
-        probabilities, float(width), float(height), _factors(settings)
-    )
-    factor = float(np.clip(best_size(response, settings.size_step), 1 / settings.size_change, settings.size_change))
-    return replace(target, size=float(np.clip(target.size * factor, settings.smallest, settings.largest)))
+    width, height = model.target / model.scale
+    contrast = size_contrast(probabilities, float(width), float(height), sizes)
+    best = middle + best_offset(target.sizes.respond(seen.rows) + settings.size_colour * contrast)
+    factor = settings.size_step**best / target.size
+    size = target.size * float(np.clip(factor, 1 / settings.size_change, settings.size_change))
+    return replace(target, size=float(np.clip(size, settings.smallest, settings.largest)), seen=seen)
 
 
 def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: float = 1.0) -> RegularisedTarget:
@@ -257,9 +270,11 @@ def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: flo
     filters = learn(model.describe(patch), model.wanted, model.support, target.filters, learning)
     sizes = target.sizes
     if sizes is not None:
-        new = ScaleFilter.learn(_size_sample(model, image, target.centre, target.size))
+        level = model.ladder.level(target.size)
+        sample = model.ladder.sample(image, target.centre, round(level), target.seen)
+        new = ScaleFilter.learn(sample.rows, level - round(level))
         sizes = sizes.blend(new, settings.size_rate * rate)
-    return replace(target, filters=filters, colour=colour, sizes=sizes)
+    return replace(target, filters=filters, colour=colour, sizes=sizes, seen=None)
 
 
 class RegularisedTracker:
@@ -285,15 +300,3 @@ class RegularisedTracker:
         self.target = update(self._model, locate(self._model, self.target, image), image)
         status: Status = "tracking" if self.target.peak > self.settings.lost_below else "lost"
         return TargetState(self._model.box(self.target.centre, self.target.size), self.target.peak, status)
-
-
-def _factors(settings: RegularisedSettings) -> FloatArray:
-    return np.asarray(settings.size_step ** (np.arange(settings.sizes) - settings.sizes // 2.0))
-
-
-def _size_sample(model: Model, image: ImageArray, centre: FloatArray, size: float) -> Float32Array:
-    """``(S, D)`` gradients of the target's box at each of the sizes."""
-    width, height = (model.size_template + 2 * CELL).tolist()
-    pixels = model.target * size / model.size_template  # image pixels per template pixel, at the middle size
-    patches = [cut_one(image, centre, pixels * factor, width, height) for factor in _factors(model.settings)]
-    return hog(np.stack(patches), CELL).reshape(len(patches), -1)

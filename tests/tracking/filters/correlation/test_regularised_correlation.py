@@ -7,15 +7,16 @@ import scipy.fft
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import gaussian_labels
 from tsuiseki.tracking.filters.correlation.regularised_correlation import (
     RegularisedLearning,
+    Support,
     learn,
     respond,
-    support_mask,
 )
 from tsuiseki.tracking.likelihoods.peaks import peak
 
 SHAPE = (10, 12)
 WANTED = gaussian_labels(SHAPE, 1.0)
-EVERYWHERE = np.ones(SHAPE, dtype=np.float32)
+EVERYWHERE = Support.of(SHAPE, *SHAPE)
+CELLS = SHAPE[0] * SHAPE[1]
 
 
 def window(seed, channels=3):
@@ -27,7 +28,7 @@ def test_without_a_support_the_filter_is_the_ridge_regression_of_each_frequency(
     x, before = window(0), window(1) * np.float32(0.01)
     memory = 2.0
     found = learn(x, WANTED, EVERYWHERE, before, RegularisedLearning(memory, penalties=(1e-7,)))
-    weight = memory * EVERYWHERE.size
+    weight = memory * CELLS
     for row, column in [(0, 0), (3, 2), (9, 6)]:
         xs, y = x[:, row, column].astype(complex), complex(WANTED[row, column])
         system = np.outer(xs.conj(), xs) + weight * np.eye(len(xs))
@@ -37,18 +38,24 @@ def test_without_a_support_the_filter_is_the_ridge_regression_of_each_frequency(
 
 
 def test_the_filter_is_zero_outside_the_target():
-    support = support_mask(SHAPE, 4, 6)
-    assert support.sum() == 5 * 7
+    support = Support.of(SHAPE, 4, 6)
+    assert support.mask.sum() == 5 * 7
     filters = learn(window(0), WANTED, support, None, RegularisedLearning())
     image_plane = scipy.fft.irfft2(filters, s=SHAPE)
-    assert np.abs(image_plane[:, support == 0]).max() < 1e-6 * np.abs(image_plane).max()
-    assert np.abs(image_plane[:, support == 1]).max() > 0
+    assert np.abs(image_plane[:, support.mask == 0]).max() < 1e-6 * np.abs(image_plane).max()
+    assert np.abs(image_plane[:, support.mask == 1]).max() > 0
+
+
+def test_restricting_is_a_mask_in_the_image_plane():
+    support = Support.of(SHAPE, 4, 6)
+    masked = scipy.fft.rfft2(scipy.fft.irfft2(window(0), s=SHAPE) * support.mask)
+    np.testing.assert_allclose(support.restrict(window(0)), masked, atol=2e-5)  # values up to 35 in single precision
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (2, -3), (-4, 1)])
 def test_the_response_follows_the_target(shift):
     features = np.random.default_rng(0).normal(size=(3, *SHAPE)).astype(np.float32)
-    support = support_mask(SHAPE, 6, 6)
+    support = Support.of(SHAPE, 6, 6)
     filters = learn(scipy.fft.rfft2(features), WANTED, support, None, RegularisedLearning())
     moved = scipy.fft.rfft2(np.roll(features, shift, axis=(1, 2)))
     found, value = peak(respond(filters, moved, SHAPE))

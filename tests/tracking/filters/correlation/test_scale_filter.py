@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_size
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset
 
 SIZES = 11
 
@@ -19,11 +19,17 @@ def rows(offset):
 def test_the_size_that_was_learnt_is_found(offset):
     response = ScaleFilter.learn(rows(0)).respond(rows(offset))
     assert int(np.argmax(response)) - SIZES // 2 == offset
-    assert best_size(response, 1.03) == pytest.approx(1.03**offset, rel=0.02)
+    assert best_offset(response) == pytest.approx(offset, abs=0.5)
+
+
+@pytest.mark.parametrize("offset", [-0.4, 0.3, 0.5])
+def test_a_size_between_two_rows_can_be_learnt(offset):
+    response = ScaleFilter.learn(rows(offset), offset).respond(rows(offset))
+    assert best_offset(response) == pytest.approx(offset, abs=0.1)
 
 
 def test_a_response_at_the_border_is_taken_as_it_is():
-    assert best_size(np.array([3.0, 1.0, 0.0]), 1.1) == pytest.approx(1 / 1.1)
+    assert best_offset(np.array([3.0, 1.0, 0.0])) == -1
 
 
 def test_blending_goes_from_the_old_to_the_new():
