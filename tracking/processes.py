@@ -33,6 +33,14 @@ def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item], together
     Raises:
         RunError: a process was ended from outside.
     """
+    try:
+        yield from _in_pool(work, items, together)
+    except KeyboardInterrupt as interrupt:
+        # It ends the processes, too: where the pool misses them first, that is no error to show beside the interrupt.
+        raise interrupt from None
+
+
+def _in_pool(work: Callable[[Item], Result], items: Sequence[Item], together: int) -> Iterator[Result]:
     processes = min(len(items), os.cpu_count() or 1)
     try:
         # Started afresh: a copy of a process that runs threads can lock up.

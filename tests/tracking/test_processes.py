@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,19 @@ def test_a_process_that_is_ended_from_outside_is_one_clear_line() -> None:
     with pytest.raises(RunError, match="one was ended from outside, perhaps for want of memory") as caught:
         list(on_all_cores(os._exit, [0]))
     assert "\n" not in str(caught.value)
+
+
+def test_an_interrupt_that_the_pool_misses_is_shown_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the processes are gone before the program hears of the interrupt."""
+
+    def interrupted(_: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tsuiseki.tracking.processes.RunError", interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        list(on_all_cores(os._exit, [0]))
+    assert isinstance(caught.value.__context__, BrokenProcessPool)
+    assert caught.value.__suppress_context__
 
 
 def test_an_interrupt_cleans_up_and_begins_nothing_further(tmp_path: Path) -> None:
