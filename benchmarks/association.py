@@ -20,7 +20,8 @@ from typing import Any
 
 from walkers import machine, walking_people
 
-from tsuiseki.tracking.formats.mot import find_sequences, read_detections
+from tsuiseki.tracking.formats.mot import read_detections
+from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.bytetrack import ByteTrack
 from tsuiseki.tracking.trackers.people.deepsort import DeepSort

@@ -15,7 +15,8 @@ from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flig
 from tsuiseki.datamodules.scenes.rooms.panoramas import PanoramaPictures, panorama_picture
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene, varied_settings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import write_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.types import FloatArray, ImageArray

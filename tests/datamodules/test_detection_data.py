@@ -23,7 +23,8 @@ from tsuiseki.datamodules.footage import Footage, Source
 from tsuiseki.datamodules.scene_images import write_scene_images
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import read_ground_truth, read_sequence
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.formats.mot import read_sequence
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.processes import on_all_cores
 
 SECONDS = 20
@@ -22,7 +22,7 @@ INTERRUPTED = """
 from functools import partial
 from pathlib import Path
 from test_processes import busy
-from tsuiseki.tracking.formats.mot import read_sequence
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.processes import on_all_cores
 
 if __name__ == "__main__":
@@ -68,7 +68,7 @@ def test_an_interrupt_cleans_up_and_begins_nothing_further(tmp_path: Path) -> No
     script = tmp_path / "script.py"
     script.write_text(INTERRUPTED.format(folder=str(tmp_path)))
     words = [sys.executable, str(script)]
-    paths = {"PYTHONPATH": str(Path(__file__).parent)}
+    paths = {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])}
     run = subprocess.Popen(words, env=os.environ | paths, start_new_session=True, stderr=subprocess.PIPE, text=True)
     try:
         wanted = min(100, os.cpu_count() or 1)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.formats.mot import list_images
+from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import ImageArray

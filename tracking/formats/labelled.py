@@ -18,16 +18,15 @@ from pathlib import Path
 from typing import TypeAlias
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone_action import (
+from tsuiseki.tracking.formats.drone.drone_action import (
     DroneActionClip,
     drone_action_labels,
     find_drone_action,
     is_drone_action,
     read_drone_action_boxes,
 )
-from tsuiseki.tracking.formats.mot import Sequence, find_sequences, list_images, read_ground_truth, read_sequence
-from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, Protocol, counted_from, okutama_truth
-from tsuiseki.tracking.formats.okutama_folders import (
+from tsuiseki.tracking.formats.drone.okutama import ACTIONS_FILE, Protocol, counted_from, okutama_truth
+from tsuiseki.tracking.formats.drone.okutama_folders import (
     OkutamaVideo,
     clip_labelled_by,
     find_okutama,
@@ -36,7 +35,9 @@ from tsuiseki.tracking.formats.okutama_folders import (
     read_clip_labels,
     read_okutama_video,
 )
-from tsuiseki.tracking.formats.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
+from tsuiseki.tracking.formats.drone.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import Sequence, find_sequences, list_images, read_sequence
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 

@@ -1,7 +1,7 @@
-"""The MOTChallenge folder layout: sequences, ground truth, detections and results.
+"""MOTChallenge's text files: ground truth, detections and results.
 
-A sequence folder holds ``seqinfo.ini``, ``img1/000001.jpg …``, ``gt/gt.txt`` and ``det/det.txt``. Text rows are
-``frame, id, x, y, width, height, …`` with 1-based frames and pixels; they become 0-based here and nowhere else.
+Their rows are ``frame, id, x, y, width, height, …`` with 1-based frames and pixels; they become 0-based in
+`mot_rows` and nowhere else.
 
 Two layouts of ground truth are told apart by their number of columns:
 
@@ -14,149 +14,21 @@ Two layouts of ground truth are told apart by their number of columns:
 
 from __future__ import annotations
 
-import configparser
 import itertools
-import re
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.frame_range import LAST_FRAME
-from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
+from tsuiseki.tracking.formats.mot_rows import boxes_as_text, boxes_of, read_rows
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
 PEDESTRIAN = 1
 DISTRACTORS = (2, 7, 8, 12)
 MOT20_DISTRACTORS = (2, 6, 7, 8, 12)
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-
-
-@dataclass(frozen=True)
-class Sequence:
-    """A sequence folder.
-
-    Attributes:
-        name: from ``seqinfo.ini``, or the folder's name.
-        folder: where it lies.
-        frame_rate: frames per second.
-        length: number of frames; 0 where neither ``seqinfo.ini`` nor images tell.
-        width: of the images, pixels; 0 where unknown.
-        height: likewise.
-        images: one path a frame, empty where the sequence is text only.
-        rate_missing: ``seqinfo.ini`` does not say the frame rate, and 25 are taken.
-    """
-
-    name: str
-    folder: Path
-    frame_rate: float
-    length: int
-    width: int
-    height: int
-    images: tuple[Path, ...]
-    rate_missing: bool = False
-
-    @property
-    def ground_truth_path(self) -> Path:
-        """``gt/gt.txt``, whether it exists or not."""
-        return self.folder / "gt" / "gt.txt"
-
-    @property
-    def detections_path(self) -> Path:
-        """``det/det.txt``, whether it exists or not."""
-        return self.folder / "det" / "det.txt"
-
-
-def read_sequence(folder: str | Path) -> Sequence:
-    """The sequence in ``folder``.
-
-    Raises:
-        RequestError: no such folder, nothing of a sequence in it, a broken ``seqinfo.ini``, or an image folder
-            that leads out of it.
-    """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise RequestError(f"expected a sequence folder at {folder}, found none")
-    if not is_sequence(folder):
-        raise RequestError(f"{folder}: expected seqinfo.ini, img1/ or gt/gt.txt of a MOTChallenge sequence, found none")
-    info = _read_info(folder / "seqinfo.ini")
-    image_folder = info.get("imDir", "img1")
-    if PurePosixPath(image_folder).is_absolute() or ".." in PurePosixPath(image_folder).parts:
-        raise RequestError(f"{folder}/seqinfo.ini: imDir = {image_folder} leads out of the sequence folder")
-    images = list_images(folder / image_folder)
-    length = int(_number(info, "seqLength", len(images), folder))
-    if images and len(images) < length:
-        warnings.warn(
-            f"{folder}: seqinfo.ini promises {length} frames, but {image_folder}/ has {len(images)} images; "
-            "the sequence ends with them",
-            InputWarning,
-            stacklevel=2,
-        )
-        length = len(images)
-    if images and len(images) != length:
-        raise RequestError(
-            f"{folder}: seqinfo.ini promises {length} frames, but {image_folder}/ has {len(images)} images"
-        )
-    return Sequence(
-        name=info.get("name", folder.resolve().name),
-        folder=folder,
-        frame_rate=_frame_rate(info, folder),
-        length=length,
-        width=int(_number(info, "imWidth", 0, folder)),
-        height=int(_number(info, "imHeight", 0, folder)),
-        images=images,
-        rate_missing="frameRate" not in info,
-    )
-
-
-def is_sequence(folder: Path) -> bool:
-    """Whether anything in ``folder`` is of a MOTChallenge sequence."""
-    return any((folder / part).exists() for part in ("seqinfo.ini", "img1", "gt/gt.txt"))
-
-
-def find_sequences(folder: str | Path) -> list[Sequence]:
-    """The sequence that ``folder`` is, or those one level below it, by name.
-
-    Raises:
-        RequestError: there is none.
-    """
-    folder = Path(folder)
-    if folder.is_dir() and is_sequence(folder):
-        return [read_sequence(folder)]
-    found = [p for p in sorted(folder.iterdir()) if p.is_dir() and is_sequence(p)] if folder.is_dir() else []
-    if not found:
-        raise RequestError(f"expected a MOTChallenge sequence or a folder of sequences at {folder}, found none")
-    return [read_sequence(p) for p in found]
-
-
-def list_images(folder: Path) -> tuple[Path, ...]:
-    """The image files of ``folder`` by name, ``9.jpg`` before ``10.jpg``; hidden files are passed over.
-
-    There is none where ``folder`` is no folder.
-    """
-    if not folder.is_dir():
-        return ()
-    images = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
-    return tuple(sorted(images, key=_by_number))
-
-
-def _by_number(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
-    """Orders names by the values of the numbers in them; the name itself settles what is left."""
-    parts = re.findall(r"\d+|\D+", path.name)
-    return [(False, int(part), "") if part.isdecimal() else (True, 0, part) for part in parts], path.name
-
-
-def write_sequence_info(
-    sequence_folder: Path, name: str, frame_rate: float, length: int, width: int, height: int
-) -> None:
-    """Write ``seqinfo.ini`` for images ``img1/000001.jpg …``."""
-    lines = ["[Sequence]", f"name={name}", "imDir=img1", f"frameRate={frame_rate:g}", f"seqLength={length}"]
-    lines += [f"imWidth={width}", f"imHeight={height}", "imExt=.jpg"]
-    (sequence_folder / "seqinfo.ini").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def read_ground_truth(path: str | Path) -> GroundTruth:
@@ -168,7 +40,7 @@ def read_ground_truth(path: str | Path) -> GroundTruth:
         RequestError: the file is missing, malformed, names an id twice in a frame, or has no box to evaluate.
     """
     path = Path(path)
-    rows, lines = _read_rows(path, {9, 10}, "ground truth")
+    rows, lines = read_rows(path, {9, 10}, "ground truth")
     frames, ids = rows[:, 0].astype(np.int64) - 1, rows[:, 1].astype(np.int64)
     _refuse_repeated(path, lines, frames, ids)
     active = rows[:, 6] != 0
@@ -183,7 +55,7 @@ def read_ground_truth(path: str | Path) -> GroundTruth:
     if not evaluated.any():
         raise RequestError(_nothing_usable(path, rows, active))
     order = np.argsort(frames, kind="stable")
-    return GroundTruth(frames, ids, _boxes(rows), evaluated, ignored, visibility).select(order)
+    return GroundTruth(frames, ids, boxes_of(rows), evaluated, ignored, visibility).select(order)
 
 
 def write_ground_truth(path: Path, truth: GroundTruth) -> None:
@@ -191,7 +63,7 @@ def write_ground_truth(path: Path, truth: GroundTruth) -> None:
     classes = np.where(truth.evaluated, PEDESTRIAN, DISTRACTORS[2])
     path.parent.mkdir(parents=True, exist_ok=True)
     columns = zip(
-        truth.frames + 1, truth.ids, _file_boxes(truth.boxes), truth.evaluated, classes, truth.visibility, strict=True
+        truth.frames + 1, truth.ids, boxes_as_text(truth.boxes), truth.evaluated, classes, truth.visibility, strict=True
     )
     path.write_text(
         "".join(f"{f},{i},{b},{int(e)},{c},{v:.4f}\n" for f, i, b, e, c, v in columns),
@@ -228,7 +100,7 @@ def read_classed_detections(
     `read_detections`.
     """
     path = Path(path)
-    rows, lines = _read_rows(path, {7, 8, 9, 10}, "detections", flat=True)
+    rows, lines = read_rows(path, {7, 8, 9, 10}, "detections", flat=True)
     if np.any(np.diff(rows[:, 0]) < 0):
         warnings.warn(f"{path}: its rows are not in the order of the frames; sorted", InputWarning, stacklevel=3)
         order = np.argsort(rows[:, 0], kind="stable")
@@ -236,7 +108,7 @@ def read_classed_detections(
     if score_range is not None:
         _refuse_scores_outside(path, rows[:, 6], lines, score_range)
     rows = rows[_used(path, rows, lines, length)]
-    frames, boxes, scores = rows[:, 0].astype(np.int64) - 1, _boxes(rows), rows[:, 6]
+    frames, boxes, scores = rows[:, 0].astype(np.int64) - 1, boxes_of(rows), rows[:, 6]
     classes = rows[:, 7].astype(np.int64) if rows.shape[1] > 7 else np.full(len(rows), -1)
     last = int(frames[-1]) + 1 if len(frames) else 0
     starts = np.searchsorted(frames, np.arange((last if length is None else length) + 1))
@@ -281,7 +153,7 @@ def write_detections(path: Path, detections: Iterable[Detections]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", encoding="utf-8") as file:
         for frame, found in enumerate(detections, start=1):
-            for box, score in zip(_file_boxes(found.boxes), np.nan_to_num(found.scores), strict=True):
+            for box, score in zip(boxes_as_text(found.boxes), np.nan_to_num(found.scores), strict=True):
                 file.write(f"{frame},-1,{box},{score:.6f},-1,-1,-1\n")
 
 
@@ -296,7 +168,7 @@ def read_tracks(path: str | Path) -> list[Track]:
     path = Path(path)
     if path.is_file() and not path.read_text(encoding="utf-8", errors="replace").strip():
         return []
-    rows, lines = _read_rows(path, {6, 7, 8, 9, 10}, "tracks")
+    rows, lines = read_rows(path, {6, 7, 8, 9, 10}, "tracks")
     frames, ids = rows[:, 0].astype(np.int64) - 1, rows[:, 1].astype(np.int64)
     if ids.min() < 0:
         raise RequestError(
@@ -304,7 +176,7 @@ def read_tracks(path: str | Path) -> list[Track]:
         )
     _refuse_repeated(path, lines, frames, ids)
     ids = ids + (1 if ids.min() == 0 else 0)
-    boxes = _boxes(rows)
+    boxes = boxes_of(rows)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
     order = np.lexsort([frames, ids])
     tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
@@ -318,97 +190,11 @@ def write_tracks(path: str | Path, tracks: Iterable[Track], class_of: Callable[[
         (frame, track.id, box, score, class_of(track.id))
         for track in tracks
         for frame, box, score in zip(
-            track.frames.tolist(), _file_boxes(track.boxes), track.scores.tolist(), strict=True
+            track.frames.tolist(), boxes_as_text(track.boxes), track.scores.tolist(), strict=True
         )
     ]
     rows.sort(key=lambda row: row[:2])
     path.write_text("".join(f"{f + 1},{i},{b},{s:.4f},{c},-1,-1\n" for f, i, b, s, c in rows), encoding="utf-8")
-
-
-def _read_info(path: Path) -> dict[str, str]:
-    if not path.is_file():
-        return {}
-    parser = configparser.ConfigParser(interpolation=None)
-    parser.optionxform = str  # type: ignore[assignment,method-assign]  # keys are written in camel case
-    try:
-        parser.read(path, encoding="utf-8")
-        return dict(parser["Sequence"])
-    except (configparser.Error, KeyError, UnicodeDecodeError) as error:
-        raise RequestError(f"{path}: expected a section [Sequence] with name, seqLength, …: {error!r}") from error
-
-
-def _number(info: dict[str, str], key: str, default: float, folder: Path) -> float:
-    text = info.get(key)
-    if text is None:
-        return float(default)
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0 <= value < 1e9:
-        raise RequestError(f"{folder}/seqinfo.ini: expected {key} to be a number, got {text!r}")
-    return value
-
-
-def _frame_rate(info: dict[str, str], folder: Path) -> float:
-    rate = _number(info, "frameRate", 25.0, folder)
-    if rate == 0:
-        raise RequestError(f"{folder}/seqinfo.ini: expected frameRate above 0, got {info['frameRate']!r}")
-    return rate
-
-
-def _read_rows(path: Path, columns: set[int], what: str, flat: bool = False) -> tuple[FloatArray, IntArray]:
-    """The numbers of a text file, ``(N, columns)``, checked row by row, and the line ``(N,)`` that each stands in.
-
-    With ``flat`` boxes may be without width or height.
-    """
-    if not path.is_file():
-        raise RequestError(f"expected {what} at {path}, found no such file")
-    try:
-        # Some editors put a mark before the first character.
-        text = path.read_text(encoding="utf-8-sig").rstrip().splitlines()
-    except UnicodeDecodeError as error:
-        raise RequestError(f"{path}: expected a text file of {what}, got something binary") from error
-    first = 1
-    if len(text) > 1 and _is_heading(text[0]):
-        shown = text[0][:60]
-        warnings.warn(f"{path}: the first line, {shown!r}, is a heading and left out", InputWarning, stacklevel=3)
-        text, first = text[1:], 2
-    if not text:
-        raise RequestError(f"{path} is empty: expected rows of {what}")
-    lines = np.arange(first, first + len(text))
-    cells = [line.rstrip(", ").split(",") for line in text]
-    width = len(cells[0])
-    allowed = " or ".join(str(n) for n in sorted(columns))
-    for number, row in zip(lines.tolist(), cells, strict=True):
-        if len(row) != width or len(row) not in columns:
-            raise RequestError(f"{path}:{number}: expected {allowed} numbers separated by commas, got {len(row)}")
-    try:
-        rows = np.array(cells, dtype=np.float64)
-    except ValueError as error:
-        raise RequestError(f"{path}: expected rows of numbers: {error}") from error
-    _refuse_impossible(path, rows, lines, flat)
-    return rows, lines
-
-
-def _is_heading(line: str) -> bool:
-    """Whether a line begins with a name, and not with a number, of which NaN is one."""
-    return bool(re.match(r"[\s\"]*(?!nan\b|inf\b)[A-Za-z_]", line, re.IGNORECASE))
-
-
-def _refuse_impossible(path: Path, rows: FloatArray, lines: IntArray, flat: bool) -> None:
-    not_finite = ~np.isfinite(rows).all(axis=1)
-    no_area = (rows[:, 4:6] < 0).any(axis=1) | (not flat) & (rows[:, 4:6] == 0).any(axis=1)
-    no_frame = (rows[:, 0] < 1) | (rows[:, 0] != np.floor(rows[:, 0])) | (rows[:, 0] > LAST_FRAME)
-    for bad, expected in (
-        (not_finite, "finite numbers"),
-        (no_frame, f"a whole frame number from 1 to {LAST_FRAME}"),
-        (no_area, "a box with a positive width and height"),
-    ):
-        if bad.any():
-            number = int(np.argmax(bad))
-            values = ",".join(f"{value:g}" for value in rows[number, :6])
-            raise RequestError(f"{path}:{lines[number]}: expected {expected}, got {values}")
 
 
 def _refuse_repeated(path: Path, lines: IntArray, frames: IntArray, ids: IntArray) -> None:
@@ -423,13 +209,3 @@ def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray) -> str:
         return f"{path}: no usable box: column 7 marks every row as not to be considered"
     classes = ", ".join(f"{value:g}" for value in np.unique(rows[active, 7]))
     return f"{path}: no usable box: expected class {PEDESTRIAN} (pedestrian) in column 8, got only {classes}"
-
-
-def _boxes(rows: FloatArray) -> FloatArray:
-    xywh = rows[:, 2:6].copy()
-    xywh[:, :2] -= 1
-    return corners_from_xywh(xywh)
-
-
-def _file_boxes(boxes: FloatArray) -> list[str]:
-    return [f"{x + 1:.3f},{y + 1:.3f},{w:.3f},{h:.3f}" for x, y, w, h in xywh_from_corners(boxes).tolist()]

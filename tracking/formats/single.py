@@ -20,7 +20,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.boxes import read_boxes
-from tsuiseki.tracking.formats.mot import list_images
+from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.types import FloatArray
 
 ATTRIBUTES = {

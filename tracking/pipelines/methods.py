@@ -12,6 +12,7 @@ from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.onnx import kind_of
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.pipelines.finding import NONE
@@ -22,7 +23,7 @@ from tsuiseki.tracking.trackers.people.deepsort import DeepSort, DeepSortSetting
 from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.people.ocsort import OcSort, OcSortSettings
 from tsuiseki.tracking.trackers.people.sort import Sort, SortSettings
-from tsuiseki.tracking.video import DEFAULT_FRAME_RATE, Source
+from tsuiseki.tracking.video import Source
 from tsuiseki.tracking.weights import shipped
 
 PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import list_images
+from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.geometry import corners_from_xywh

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras
 from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.likelihoods.background import median_background
 from tsuiseki.tracking.likelihoods.printed_contour import PrintedContourLikelihood
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
@@ -24,7 +25,7 @@ from tsuiseki.tracking.trackers.sphere.sphere import SphereTracker
 from tsuiseki.tracking.trackers.sphere.sphere_run import Seen, Start, check_start
 from tsuiseki.tracking.trackers.sphere.sphere_search import find_ball
 from tsuiseki.tracking.types import FloatArray, Frame, Position
-from tsuiseki.tracking.video import Source, open_source, read_image
+from tsuiseki.tracking.video import Source, open_source
 
 BACKGROUND_FRAMES = 25
 

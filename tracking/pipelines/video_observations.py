@@ -11,10 +11,11 @@ from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.image_folder import ImageFolder
 from tsuiseki.tracking.pipelines.observation_cache import cached_observations, files_key
 from tsuiseki.tracking.pipelines.observations import Observation, Observers, observe
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.video import ImageFolder, open_source
+from tsuiseki.tracking.video import open_source
 
 
 def video_observations(

@@ -20,7 +20,7 @@ from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
     LabelledState,
 )
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter, PhdInfo
-from tsuiseki.tracking.filters.finite_sets.phd_identity import PhdState
+from tsuiseki.tracking.filters.finite_sets.phd_state import PhdState
 from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths
 from tsuiseki.tracking.trackers.measurement_model import point_births, point_model, state_columns
 from tsuiseki.tracking.types import FloatArray

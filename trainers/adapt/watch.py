@@ -13,10 +13,11 @@ import numpy as np
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import empty_view
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.tracking.video import Source, open_source, read_image
+from tsuiseki.tracking.video import Source, open_source
 
 FEWEST_FRAMES = 100
 _QUALITY = 95

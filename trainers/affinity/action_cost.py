@@ -30,7 +30,8 @@ from tsuiseki.tracking.features.motion.camera_motion import STANDS_STILL, Camera
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.formats.mot import find_sequences, read_ground_truth
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.pipelines.observation_cache import file_digest
 from tsuiseki.tracking.pipelines.observations import Observation, Observers

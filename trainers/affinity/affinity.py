@@ -25,7 +25,7 @@ from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.formats.mot import find_sequences
+from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray

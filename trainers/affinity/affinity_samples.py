@@ -19,8 +19,8 @@ from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.features.networks.streaming import stream
-from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import Sequence as VideoSequence
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth

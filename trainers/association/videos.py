@@ -14,8 +14,9 @@ from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_d
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.labelled import open_labelled
-from tsuiseki.tracking.formats.mot import Sequence as VideoSequence
-from tsuiseki.tracking.formats.mot import find_sequences, list_images, read_detections
+from tsuiseki.tracking.formats.mot import read_detections
+from tsuiseki.tracking.formats.mot_sequence import Sequence as VideoSequence
+from tsuiseki.tracking.formats.mot_sequence import find_sequences, list_images
 from tsuiseki.tracking.types import Detections, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo

@@ -10,7 +10,7 @@ from tsuiseki.datamodules.footage import read_image
 from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.models.anchors import propose_anchors
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import find_sequences
+from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.networks.detector import Resize
 

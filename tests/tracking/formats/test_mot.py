@@ -8,17 +8,15 @@ import pytest
 from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot import (
-    find_sequences,
     read_classed_detections,
     read_detections,
     read_ground_truth,
-    read_sequence,
     read_tracks,
     write_detections,
     write_ground_truth,
-    write_sequence_info,
     write_tracks,
 )
+from tsuiseki.tracking.formats.mot_sequence import find_sequences, read_sequence, write_sequence_info
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types import FloatArray, ImageArray, Track
 
 SIZE = (160, 120)

@@ -13,7 +13,8 @@ from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity
 from tsuiseki.tracking.association.costs import PairFeatures
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.formats.mot import read_sequence, write_ground_truth, write_sequence_info
+from tsuiseki.tracking.formats.mot import write_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import read_sequence, write_sequence_info
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.affinity.affinity import BoostingSettings, fit_affinity, fit_observation, fit_transition

@@ -10,7 +10,8 @@ from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.tracking.association.affinity import Affinity, FeatureSet
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.networks.exported import Appearance
-from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_sequence
+from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.trackers.people.record import run_tracker
 from tsuiseki.tracking.trackers.people.run import shifted

@@ -12,7 +12,7 @@ import torch
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow, RandomWindows, TrainingWindow
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.exporting.export import load_module

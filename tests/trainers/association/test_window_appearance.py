@@ -15,7 +15,7 @@ from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance
-from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow
 from tsuiseki.trainers.association.losses_beside import contrast_within
 from tsuiseki.trainers.association.training import AssociationTraining

@@ -14,7 +14,7 @@ import torch
 from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detector
-from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow, TrainingWindow
 from tsuiseki.trainers.association.starting import detector_of
 from tsuiseki.trainers.association.training import AssociationTraining

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.cli.options import Video
 from tsuiseki.tracking.cli.run import Run, frames_expected
-from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
+from tsuiseki.tracking.formats.drone.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.pipelines.drone import DroneResult, link
 from tsuiseki.tracking.pipelines.drone_models import DroneMethod, DroneModels

@@ -13,10 +13,10 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
 from tsuiseki.tracking.evaluation.pairs import result_file
 from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
-from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
-from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
+from tsuiseki.tracking.formats.drone.acting_tracks import read_acting_tracks
+from tsuiseki.tracking.formats.drone.drone_action import DRONE_ACTION_CLASSES
+from tsuiseki.tracking.formats.drone.okutama import Protocol, counted_from, okutama_truth
 from tsuiseki.tracking.formats.labelled import open_labelled
-from tsuiseki.tracking.formats.okutama import Protocol, counted_from, okutama_truth
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray

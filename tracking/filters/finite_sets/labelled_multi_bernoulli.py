@@ -15,7 +15,7 @@ import numpy as np
 from tsuiseki.tracking.filters.base import Births, BornParticles, TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.belief_propagation import association_marginals
 from tsuiseki.tracking.filters.finite_sets.labelled_particles import first_particles
-from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
+from tsuiseki.tracking.filters.finite_sets.pairs import draw_by_measurement, find_pairs
 from tsuiseki.tracking.filters.finite_sets.point_models import PointModel, check_measurements
 from tsuiseki.tracking.filters.particles.resampling import systematic_rows
 from tsuiseki.tracking.filters.particles.weights import logarithms
@@ -159,7 +159,7 @@ class LabelledMultiBernoulliFilter:
         pairs = find_pairs(hidden.particles, hidden.starts, measurements, self.model.sensor)
         joint = (detection * weights)[pairs.particle] * np.exp(pairs.log_likelihood)
         mass = pairs.by_measurement(joint, len(measurements))
-        drawn = _draw_by_measurement(pairs, joint, mass, self.particles, rng)
+        drawn = draw_by_measurement(pairs, joint, mass, self.particles, rng)
         # A group much lighter than a track that is pruned can begin none.
         left = _heavy_groups(hidden, (1.0 - detection) * weights, self.prune / 10)
         return mass, hidden.particles[drawn], left
@@ -287,35 +287,6 @@ def _groups_of_one(existence: FloatArray, near: BoolArray) -> list[IntArray]:
             free[members] = False
             groups.append(members)
     return groups
-
-
-def _draw_by_measurement(
-    pairs: Pairs, joint: FloatArray, mass: FloatArray, count: int, rng: np.random.Generator
-) -> IntArray:
-    """Indices of particles ``(M, count)`` drawn for each measurement in proportion to ``joint`` of its entries.
-
-    One systematic draw over all measurements at once: entries in the order of their measurement, each measurement's
-    weights scaled to sum to one.
-    """
-    drawn = np.zeros((len(mass), count), dtype=np.int64)
-    seen = np.flatnonzero(mass > 0)
-    if len(seen) == 0:
-        return drawn
-    order = np.argsort(pairs.measurement, kind="stable")
-    measurement = pairs.measurement[order]
-    row = np.searchsorted(seen, measurement)
-    useful = mass[measurement] > 0
-    order, measurement, row = order[useful], measurement[useful], row[useful]
-    cumulative = np.cumsum(joint[order] / mass[measurement])
-    ends = np.append(np.flatnonzero(np.diff(measurement)), len(measurement) - 1)
-    # Within a measurement the cumulative weight runs from its row number to the next; made exact at both ends.
-    base = np.concatenate([[0.0], cumulative[ends[:-1]]])
-    within = (cumulative - base[row]) / (cumulative[ends] - base)[row]
-    places = np.ceil(count * np.clip(within, 0.0, 1.0) - rng.random(len(seen))[row]).clip(0, count)
-    places[ends] = count
-    copies = np.diff(row * count + places, prepend=0).astype(np.int64)
-    drawn[seen] = np.repeat(pairs.particle[order], copies).reshape(len(seen), count)
-    return drawn
 
 
 def _heavy_groups(hidden: BornParticles, weights: FloatArray, lightest: float) -> BornParticles:

@@ -98,3 +98,32 @@ def _gate(
     inside = np.all((distance >= low[:, None, :] - reach) & (distance <= high[:, None, :] + reach), axis=2)
     groups, chosen = np.nonzero(inside)
     return groups.astype(np.int64), chosen.astype(np.int64)
+
+
+def draw_by_measurement(
+    pairs: Pairs, joint: FloatArray, mass: FloatArray, count: int, rng: np.random.Generator
+) -> IntArray:
+    """Indices of particles ``(M, count)`` drawn for each measurement in proportion to ``joint`` of its entries.
+
+    One systematic draw over all measurements at once: entries in the order of their measurement, each measurement's
+    weights scaled to sum to one.
+    """
+    drawn = np.zeros((len(mass), count), dtype=np.int64)
+    seen = np.flatnonzero(mass > 0)
+    if len(seen) == 0:
+        return drawn
+    order = np.argsort(pairs.measurement, kind="stable")
+    measurement = pairs.measurement[order]
+    row = np.searchsorted(seen, measurement)
+    useful = mass[measurement] > 0
+    order, measurement, row = order[useful], measurement[useful], row[useful]
+    cumulative = np.cumsum(joint[order] / mass[measurement])
+    ends = np.append(np.flatnonzero(np.diff(measurement)), len(measurement) - 1)
+    # Within a measurement the cumulative weight runs from its row number to the next; made exact at both ends.
+    base = np.concatenate([[0.0], cumulative[ends[:-1]]])
+    within = (cumulative - base[row]) / (cumulative[ends] - base)[row]
+    places = np.ceil(count * np.clip(within, 0.0, 1.0) - rng.random(len(seen))[row]).clip(0, count)
+    places[ends] = count
+    copies = np.diff(row * count + places, prepend=0).astype(np.int64)
+    drawn[seen] = np.repeat(pairs.particle[order], copies).reshape(len(seen), count)
+    return drawn

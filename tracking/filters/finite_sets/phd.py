@@ -21,7 +21,8 @@ from tsuiseki.tracking.filters.finite_sets.labelled_particles import (
     joined,
 )
 from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
-from tsuiseki.tracking.filters.finite_sets.phd_identity import Clusters, Extraction, Identity, PhdState, by_measurements
+from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
+from tsuiseki.tracking.filters.finite_sets.phd_state import Clusters, Extraction, PhdState, by_measurements
 from tsuiseki.tracking.filters.finite_sets.point_models import PointModel, check_measurements
 from tsuiseki.tracking.filters.particles.resampling import Resampler, systematic
 from tsuiseki.tracking.filters.particles.weights import logarithms

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import read_sequence
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 

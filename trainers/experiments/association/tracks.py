@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.pipelines.methods import PeopleMethod
 from tsuiseki.tracking.pipelines.people import track_people
 from tsuiseki.tracking.trackers.people.run import shifted

@@ -18,13 +18,8 @@ from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions, re
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.formats.mot import (
-    read_detections,
-    read_ground_truth,
-    read_sequence,
-    read_tracks,
-    write_detections,
-)
+from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks, write_detections
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.pipelines.observation_cache import file_digest
 from tsuiseki.tracking.pipelines.observations import Observation, Observers
 from tsuiseki.tracking.pipelines.video_observations import video_observations

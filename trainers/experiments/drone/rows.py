@@ -18,7 +18,7 @@ from tsuiseki.tracking.evaluation.resampling import Interval, paired_bootstrap, 
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.formats.mot import read_sequence
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.pipelines.drone import suited
 from tsuiseki.tracking.pipelines.drone_models import DroneMethod

@@ -11,7 +11,8 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence
-from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_sequence
+from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.record import run_tracker
 from tsuiseki.tracking.trackers.people.sort import Sort

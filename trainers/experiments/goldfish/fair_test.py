@@ -19,7 +19,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
 from tsuiseki.tracking.formats.bodies.states import read_states
-from tsuiseki.tracking.formats.mot import read_sequence
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.bodies.motion import Steps, learn_motion, pooled_steps

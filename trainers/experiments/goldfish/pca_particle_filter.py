@@ -12,7 +12,7 @@ from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.learnt_motion import motion_text
-from tsuiseki.tracking.formats.mot import read_sequence
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
 from tsuiseki.trainers.experiments.goldfish.plots import draw_particles, plot_success
 from tsuiseki.trainers.experiments.goldfish.runs import prepare_clip

@@ -13,6 +13,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.street.chase import render_chase
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
+from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf import KcfSettings
@@ -22,7 +23,6 @@ from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.methods import SingleMethod, make_tracker
 from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.tracking.video import read_image
 from tsuiseki.trainers.experiments.store import Store
 
 

@@ -17,7 +17,8 @@ from tsuiseki.datamodules.scenes.street.street import (
 )
 from tsuiseki.datamodules.scenes.street.walkers import CrowdSettings, crowd
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import find_sequences, read_ground_truth, read_sequence
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import find_sequences, read_sequence
 
 SETTINGS = StreetSettings(width=160, height=120, frames=6, frame_rate=10, people=4, occluders=3, person_height=(15, 60))
 

@@ -11,7 +11,8 @@ from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
 from tsuiseki.tracking.filters.base import Running
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity, by_clusters, by_measurements
+from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
+from tsuiseki.tracking.filters.finite_sets.phd_state import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths, NoBirths, moving_from
 from tsuiseki.tracking.filters.finite_sets.point_models import (
     GaussianSensor,

@@ -24,7 +24,8 @@ from tsuiseki.tracking.filters.image_regions.region_updates import (
     greatest,
 )
 from tsuiseki.tracking.filters.particles.weights import logarithms
-from tsuiseki.tracking.formats.mot import read_ground_truth, read_sequence
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
 from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.types import Frame

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.formats.mot import write_sequence_info
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.graphs import sequence_graphs
 from tsuiseki.trainers.experiments.association.runs import Result

@@ -13,9 +13,9 @@ from pathlib import Path
 import cv2
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.mot import Sequence, is_sequence, list_images, read_sequence
-from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, LABEL_SIZE, read_okutama
+from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS
+from tsuiseki.tracking.formats.drone.okutama import ACTIONS_FILE, LABEL_SIZE, read_okutama
+from tsuiseki.tracking.formats.mot_sequence import Sequence, is_sequence, list_images, read_sequence
 from tsuiseki.tracking.types.labels import ActionLabels
 
 LABEL_FOLDERS = ("SingleActionTrackingLabels", "MultiActionLabels")

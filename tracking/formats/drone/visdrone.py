@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import list_images
+from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.types import BoolArray, FloatArray

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.actions import OKUTAMA_ACTIONS
+from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS
 from tsuiseki.tracking.frame_range import LAST_FRAME, FrameRange
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray, FloatArray

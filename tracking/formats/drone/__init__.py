@@ -1,0 +1,1 @@
+"""Files of people seen from drones, and of what they do."""

@@ -1,0 +1,168 @@
+"""The folder of a MOTChallenge sequence: ``seqinfo.ini``, ``img1/000001.jpg …``, ``gt/gt.txt`` and ``det/det.txt``."""
+
+from __future__ import annotations
+
+import configparser
+import re
+import warnings
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from tsuiseki.tracking.errors import InputWarning, RequestError
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """A sequence folder.
+
+    Attributes:
+        name: from ``seqinfo.ini``, or the folder's name.
+        folder: where it lies.
+        frame_rate: frames per second.
+        length: number of frames; 0 where neither ``seqinfo.ini`` nor images tell.
+        width: of the images, pixels; 0 where unknown.
+        height: likewise.
+        images: one path a frame, empty where the sequence is text only.
+        rate_missing: ``seqinfo.ini`` does not say the frame rate, and 25 are taken.
+    """
+
+    name: str
+    folder: Path
+    frame_rate: float
+    length: int
+    width: int
+    height: int
+    images: tuple[Path, ...]
+    rate_missing: bool = False
+
+    @property
+    def ground_truth_path(self) -> Path:
+        """``gt/gt.txt``, whether it exists or not."""
+        return self.folder / "gt" / "gt.txt"
+
+    @property
+    def detections_path(self) -> Path:
+        """``det/det.txt``, whether it exists or not."""
+        return self.folder / "det" / "det.txt"
+
+
+def read_sequence(folder: str | Path) -> Sequence:
+    """The sequence in ``folder``.
+
+    Raises:
+        RequestError: no such folder, nothing of a sequence in it, a broken ``seqinfo.ini``, or an image folder
+            that leads out of it.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise RequestError(f"expected a sequence folder at {folder}, found none")
+    if not is_sequence(folder):
+        raise RequestError(f"{folder}: expected seqinfo.ini, img1/ or gt/gt.txt of a MOTChallenge sequence, found none")
+    info = _read_info(folder / "seqinfo.ini")
+    image_folder = info.get("imDir", "img1")
+    if PurePosixPath(image_folder).is_absolute() or ".." in PurePosixPath(image_folder).parts:
+        raise RequestError(f"{folder}/seqinfo.ini: imDir = {image_folder} leads out of the sequence folder")
+    images = list_images(folder / image_folder)
+    length = int(_number(info, "seqLength", len(images), folder))
+    if images and len(images) < length:
+        warnings.warn(
+            f"{folder}: seqinfo.ini promises {length} frames, but {image_folder}/ has {len(images)} images; "
+            "the sequence ends with them",
+            InputWarning,
+            stacklevel=2,
+        )
+        length = len(images)
+    if images and len(images) != length:
+        raise RequestError(
+            f"{folder}: seqinfo.ini promises {length} frames, but {image_folder}/ has {len(images)} images"
+        )
+    return Sequence(
+        name=info.get("name", folder.resolve().name),
+        folder=folder,
+        frame_rate=_frame_rate(info, folder),
+        length=length,
+        width=int(_number(info, "imWidth", 0, folder)),
+        height=int(_number(info, "imHeight", 0, folder)),
+        images=images,
+        rate_missing="frameRate" not in info,
+    )
+
+
+def is_sequence(folder: Path) -> bool:
+    """Whether anything in ``folder`` is of a MOTChallenge sequence."""
+    return any((folder / part).exists() for part in ("seqinfo.ini", "img1", "gt/gt.txt"))
+
+
+def find_sequences(folder: str | Path) -> list[Sequence]:
+    """The sequence that ``folder`` is, or those one level below it, by name.
+
+    Raises:
+        RequestError: there is none.
+    """
+    folder = Path(folder)
+    if folder.is_dir() and is_sequence(folder):
+        return [read_sequence(folder)]
+    found = [p for p in sorted(folder.iterdir()) if p.is_dir() and is_sequence(p)] if folder.is_dir() else []
+    if not found:
+        raise RequestError(f"expected a MOTChallenge sequence or a folder of sequences at {folder}, found none")
+    return [read_sequence(p) for p in found]
+
+
+def list_images(folder: Path) -> tuple[Path, ...]:
+    """The image files of ``folder`` by name, ``9.jpg`` before ``10.jpg``; hidden files are passed over.
+
+    There is none where ``folder`` is no folder.
+    """
+    if not folder.is_dir():
+        return ()
+    images = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    return tuple(sorted(images, key=_by_number))
+
+
+def _by_number(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
+    """Orders names by the values of the numbers in them; the name itself settles what is left."""
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(False, int(part), "") if part.isdecimal() else (True, 0, part) for part in parts], path.name
+
+
+def write_sequence_info(
+    sequence_folder: Path, name: str, frame_rate: float, length: int, width: int, height: int
+) -> None:
+    """Write ``seqinfo.ini`` for images ``img1/000001.jpg …``."""
+    lines = ["[Sequence]", f"name={name}", "imDir=img1", f"frameRate={frame_rate:g}", f"seqLength={length}"]
+    lines += [f"imWidth={width}", f"imHeight={height}", "imExt=.jpg"]
+    (sequence_folder / "seqinfo.ini").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _read_info(path: Path) -> dict[str, str]:
+    if not path.is_file():
+        return {}
+    parser = configparser.ConfigParser(interpolation=None)
+    parser.optionxform = str  # type: ignore[assignment,method-assign]  # keys are written in camel case
+    try:
+        parser.read(path, encoding="utf-8")
+        return dict(parser["Sequence"])
+    except (configparser.Error, KeyError, UnicodeDecodeError) as error:
+        raise RequestError(f"{path}: expected a section [Sequence] with name, seqLength, …: {error!r}") from error
+
+
+def _number(info: dict[str, str], key: str, default: float, folder: Path) -> float:
+    text = info.get(key)
+    if text is None:
+        return float(default)
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value < 1e9:
+        raise RequestError(f"{folder}/seqinfo.ini: expected {key} to be a number, got {text!r}")
+    return value
+
+
+def _frame_rate(info: dict[str, str], folder: Path) -> float:
+    rate = _number(info, "frameRate", 25.0, folder)
+    if rate == 0:
+        raise RequestError(f"{folder}/seqinfo.ini: expected frameRate above 0, got {info['frameRate']!r}")
+    return rate
