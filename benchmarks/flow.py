@@ -23,8 +23,9 @@ from ortools.graph.python import min_cost_flow
 from walkers import machine, peak_memory, walking_people
 
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
-from tsuiseki.tracking.association.flow.network_flow import FlowGraph, scaled, solve
+from tsuiseki.tracking.association.flow.network_flow import FlowGraph, scaled
 from tsuiseki.tracking.association.flow.seen import Seen
+from tsuiseki.tracking.association.flow.sliding_flow import solve_in_windows
 from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput
 from tsuiseki.tracking.trackers.people.record import run_tracker
@@ -52,7 +53,7 @@ def main() -> None:
         seen, scores = _timed(best, "prepare", lambda given=given: given.rows(video))
         observation = settings.input.detection(given.calibration(scores), FRAME_RATE)
         graph = _timed(best, "build", lambda seen=seen, observation=observation: _build(seen, observation, settings))
-        _timed(best, "solve", lambda graph=graph: solve(graph))
+        _timed(best, "solve", lambda graph=graph: solve_in_windows(graph))
         best["bare"] = min(best["bare"], _bare_solve(graph))
     memory = peak_memory()
     tracks = _timed(best, "whole tracker", lambda: run_tracker(video, FlowTracker(settings, frame_rate=FRAME_RATE)))

@@ -183,14 +183,29 @@ def _solution(graph: FlowGraph, fresh: IntArray, before: IntArray) -> FlowSoluti
     """What was chosen: ``before`` is the column of `_matching` that each fresh detection takes."""
     count = len(graph)
     linked = (before < count) & (before != fresh)
-    starts = fresh[before >= count]
     follower = np.full(count, -1, dtype=np.int64)
     follower[before[linked]] = fresh[linked]
     used = np.ones(count, dtype=np.bool_)
     used[fresh[before == fresh]] = False
-    link = np.zeros(count)
+    continued = np.ones(count, dtype=np.bool_)
+    continued[fresh] = False
+    return solution_of(graph, continued, used, follower)
+
+
+def solution_of(graph: FlowGraph, inflow: BoolArray, used: BoolArray, follower: IntArray) -> FlowSolution:
+    """The solution that uses these detections in this order, with what it costs.
+
+    Args:
+        graph: the network.
+        inflow: ``(N,)`` detections that continue a track from before.
+        used: ``(N,)`` those that belong to a track.
+        follower: ``(N,)`` index of the next one on it, -1 for none.
+    """
+    link = np.zeros(len(graph))
     chosen = follower[graph.tail] == graph.head
     link[graph.tail[chosen]] = graph.transition[chosen]
+    starts = used & ~inflow
+    starts[follower[follower >= 0]] = False
     ends = used & (follower < 0)
     cost = graph.observation[used].sum() + graph.entry[starts].sum() + graph.exit[ends].sum() + link.sum()
     return FlowSolution(used, follower, link, float(cost))

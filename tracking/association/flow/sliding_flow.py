@@ -27,8 +27,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.association.flow.flow_safety import safe_detections
-from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, solve
+from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, solution_of, solve
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+# A network of up to so many windows is solved at once.
+AT_ONCE = 8
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class SlidingFlow:
         """``(K,)`` increasing numbers of the detections that are still kept."""
         return self._numbers
 
-    def extend(self, frames: IntArray, graph: FlowGraph) -> None:
+    def extend(self, frames: IntArray, graph: FlowGraph, inflow: BoolArray | None = None) -> None:
         """Add the detections of the next frames.
 
         Args:
@@ -94,6 +97,7 @@ class SlidingFlow:
             graph: observation, entry and exit costs of the N new detections, and all transitions that end at them.
                 Its indices are numbers over the whole video; transitions of ``overlap`` frames or more and those
                 from detections that are decided are left out.
+            inflow: ``(N,)`` those that continue a track from before the network; by default none.
 
         Raises:
             ValueError: a frame is not later, or continuing a track can save more than ``most_saving``.
@@ -105,7 +109,7 @@ class SlidingFlow:
         self._numbers = np.append(self._numbers, np.arange(self._count, self._count + len(frames)))
         self._count += len(frames)
         self._frames = np.append(self._frames, frames)
-        self._inflow = np.append(self._inflow, np.zeros(len(frames), dtype=np.bool_))
+        self._inflow = np.append(self._inflow, np.zeros(len(frames), dtype=np.bool_) if inflow is None else inflow)
         tail, head = np.searchsorted(self._numbers, graph.tail), np.searchsorted(self._numbers, graph.head)
         kept = self._numbers[tail] == graph.tail
         kept &= self._frames[head] - self._frames[tail] < self.overlap
@@ -135,7 +139,7 @@ class SlidingFlow:
     def solution(self) -> FlowSolution:
         """The cheapest flow as it is if the video ends here; its indices count the undecided detections."""
         if self._solution is None:
-            self._solution = solve(self._graph, self._inflow)
+            self._solution = solve_in_windows(self._graph, self._inflow)
         return self._solution
 
     def decide_before(self, frame: int) -> Decision:
@@ -224,6 +228,43 @@ class SlidingFlow:
             graph.transition[arcs],
         )
         self._numbers, self._frames, self._inflow = self._numbers[rest], self._frames[rest], self._inflow[rest]
+
+
+def solve_in_windows(graph: FlowGraph, inflow: BoolArray | None = None, detections: int = 4000) -> FlowSolution:
+    """The same as `solve`, in a time that grows with the length of the video and not faster.
+
+    The matching of a long video has long augmenting paths. So detections come a few thousand at a time, those that the
+    following ones cannot change are decided, and the others stay.
+
+    Args:
+        graph: the network; each transition leads to a detection further on.
+        inflow: ``(N,)`` see `solve`.
+        detections: that come at a time, at least 1; a network of up to eight times as many is solved at once.
+    """
+    count = len(graph)
+    if count <= AT_ONCE * detections:
+        return solve(graph, inflow)
+    inflow = np.zeros(count, dtype=np.bool_) if inflow is None else inflow
+    saving = float(graph.entry.max() - min(graph.transition.min(initial=0.0), 0.0))
+    flow = SlidingFlow(max(int((graph.head - graph.tail).max(initial=1)) + 1, 2), saving)
+    order = np.argsort(graph.head, kind="stable")
+    used, follower = np.zeros(count, dtype=np.bool_), np.full(count, -1, dtype=np.int64)
+    for start in range(0, count, detections):
+        new = np.arange(start, min(start + detections, count))
+        links = order[slice(*np.searchsorted(graph.head, [new[0], new[-1] + 1], sorter=order))]
+        part = FlowGraph(
+            graph.observation[new],
+            graph.entry[new],
+            graph.exit[new],
+            graph.tail[links],
+            graph.head[links],
+            graph.transition[links],
+        )
+        flow.extend(new, part, inflow[new])
+        last = new[-1] == count - 1
+        decision = flow.remainder() if last else flow.decide(int(new[-1]))
+        used[decision.numbers], follower[decision.numbers] = decision.used, decision.follower
+    return solution_of(graph, inflow, used, follower)
 
 
 def _with_predecessors(done: BoolArray, solution: FlowSolution) -> BoolArray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.flow.network_flow import SCALE, FlowGraph, FlowSolution, solve
-from tsuiseki.tracking.association.flow.sliding_flow import SlidingFlow
+from tsuiseki.tracking.association.flow.sliding_flow import SlidingFlow, solve_in_windows
 
 
 def _instance(seed: int) -> tuple[np.ndarray, FlowGraph, int, int]:
@@ -110,6 +110,27 @@ def _walkers(length: int, people: int, seed: int) -> tuple[np.ndarray, FlowGraph
     transition = (x[tail] - x[head]) ** 2 / (4 * gap) + 0.3 * (gap - 1)
     count = len(x)
     return frames, FlowGraph(np.full(count, -2.0), np.full(count, 3.0), np.full(count, 3.0), tail, head, transition)
+
+
+@pytest.mark.parametrize(("seed", "detections"), [(0, 40), (1, 40), (2, 100), (3, 100)])
+def test_a_long_video_is_solved_in_windows(monkeypatch: pytest.MonkeyPatch, seed: int, detections: int) -> None:
+    _, graph = _walkers(120, 8, seed)
+    inflow = np.zeros(len(graph), dtype=np.bool_)
+    inflow[np.random.default_rng(seed).integers(0, 30, 4)] = True
+    whole = solve(graph, inflow)
+    monkeypatch.setattr("tsuiseki.tracking.association.flow.sliding_flow.AT_ONCE", 1)
+    ours = solve_in_windows(graph, inflow, detections)
+    assert ours.cost == pytest.approx(whole.cost, abs=2 * len(graph) / SCALE)
+    np.testing.assert_array_equal(ours.used, whole.used)
+    np.testing.assert_array_equal(ours.follower, whole.follower)
+    np.testing.assert_allclose(ours.link, whole.link)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_windows_cost_as_much_as_all_at_once(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    _, graph, _, _ = _instance(seed)
+    monkeypatch.setattr("tsuiseki.tracking.association.flow.sliding_flow.AT_ONCE", 1)
+    assert solve_in_windows(graph, None, 10).cost == pytest.approx(solve(graph).cost, abs=2 * len(graph) / SCALE)
 
 
 def test_memory_does_not_grow_with_the_video() -> None:
