@@ -18,23 +18,20 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import log_loss
 from threadpoolctl import threadpool_limits
 
-from tsuiseki.datamodules.simulated_detections import DetectorFaults
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet
 from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.tracking.output import check_output_file
+from tsuiseki.tracking.options import OutputFile, Seed, Shared
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.trainers.affinity.affinity_data import LabelledVideo
 from tsuiseki.trainers.affinity.affinity_samples import (
     LabelledDetections,
     PairSamples,
     every_nth,
     join_samples,
-    labelled_parts,
     pair_samples,
 )
 from tsuiseki.trainers.exporting.export_affinity import export_affinity
@@ -86,22 +83,29 @@ class AffinityReport:
     shift: float
 
 
+@dataclass(frozen=True)
+class AffinitySettings(Shared):
+    """What is learnt.
+
+    Attributes:
+        features: ``thesis``: overlap and appearance distance; ``extended``: also gap, size and motion.
+        gate: which pairs to learn from; by default as the flow tracker asks, up to 10 frames apart. The tracker
+            takes the largest gap over from the file.
+        boosting: settings of the trees.
+        b: bias of the observation cost (eq. 2.12).
+    """
+
+    features: Literal["thesis", "extended"] = "extended"
+    gate: GateSettings | None = None
+    boosting: BoostingSettings | None = None
+    b: float = -0.5
+
+
+SETTINGS, CHANCE = AffinitySettings(), Seed()
+
+
 def fit_affinity(
-    folders: list[Path],
-    out: Path,
-    frames: tuple[int, int] | None = None,
-    detections: Literal["given", "simulated"] = "given",
-    detector: Path | None = None,
-    appearance: Path | None = None,
-    cross_fit: list[Path] | None = None,
-    features: Literal["thesis", "extended"] = "extended",
-    gate: GateSettings | None = None,
-    skips: list[int] | None = None,
-    boosting: BoostingSettings | None = None,
-    faults: DetectorFaults | None = None,
-    b: float = -0.5,
-    seed: int = 0,
-    overwrite: bool = False,
+    video: LabelledVideo, output: OutputFile, settings: AffinitySettings = SETTINGS, chance: Seed = CHANCE
 ) -> Path:
     """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
 
@@ -110,50 +114,31 @@ def fit_affinity(
     stretches as there are networks, and network k, which must not have seen stretch k, describes it.
 
     Args:
-        folders: MOTChallenge sequences, or folders of them.
         out: ONNX file to write.
-        frames: first and last frame to learn from, 1-based and both included.
-        detections: ``given`` takes det/det.txt of each sequence; ``simulated`` draws faulty ones from the labels.
-        detector: exported detector to use in place of both.
-        appearance: exported appearance network; without one the appearance counts as unknown.
-        cross_fit: exported appearance networks, one a stretch, in place of ``appearance``.
-        features: ``thesis``: overlap and appearance distance; ``extended``: also gap, size and motion.
-        gate: which pairs to learn from; by default as the flow tracker asks, up to 10 frames apart. The tracker
-            takes the largest gap over from the file.
-        skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
-        boosting: settings of the trees.
-        faults: of simulated detections.
-        b: bias of the observation cost (eq. 2.12).
         seed: of all chance.
         overwrite: replace an existing file.
 
     Raises:
         RequestError: unusable folders or models, no pairs of both kinds, or the file exists.
     """
-    gate, boosting = gate or GateSettings(window=WINDOW), boosting or BoostingSettings()
-    check_output_file(out, overwrite)
-    models = [Appearance(path) for path in (cross_fit or ([appearance] if appearance else []))]
-    find = Detector(detector) if detector is not None else detections
-    rng = np.random.default_rng(seed)
-    found = [
-        part
-        for folder in folders
-        for sequence in find_sequences(folder)
-        for part in labelled_parts(sequence, frames, find, models, faults or DetectorFaults(), rng)
-    ]
+    output.check()
+    out, features = output.out, settings.features
+    gate, boosting = settings.gate or GateSettings(window=WINDOW), settings.boosting or BoostingSettings()
+    rng = np.random.default_rng(chance.seed)
+    found = video.parts(rng)
     samples = join_samples(
         [
             pair_samples(every_nth(part, skip), features, gate, groups=max(1, -(-GROUPS // len(found))))
             for part in found
-            for skip in skips or [1]
+            for skip in video.skips or [1]
         ]
     )
     check_kinds(samples)
     samples = with_unknown(samples, FEATURE_SETS[features].index("appearance"), rng)
-    trees, report = fit_transition(samples, FEATURE_SETS[features], boosting, seed)
-    observation = fit_observation(found, b)
-    card = affinity_card(features, gate, observation, report, folders, frames)
-    export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, overwrite)
+    trees, report = fit_transition(samples, FEATURE_SETS[features], boosting, chance.seed)
+    observation = fit_observation(found, settings.b)
+    card = affinity_card(features, gate, observation, report, video.folders, video.frames)
+    export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, output.overwrite)
     print(f"{out}: {report.pairs} pairs, {report.positives} of the same person")
     print(
         f"on unseen stretches AUC {report.auc:.4f}, log loss {report.log_loss:.4f}; logit scaled by {report.scale:.2f}"

@@ -15,9 +15,17 @@ from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence, write_sequence_info
+from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.affinity.affinity import BoostingSettings, fit_affinity, fit_observation, fit_transition
+from tsuiseki.trainers.affinity.affinity import (
+    AffinitySettings,
+    BoostingSettings,
+    fit_affinity,
+    fit_observation,
+    fit_transition,
+)
+from tsuiseki.trainers.affinity.affinity_data import LabelledVideo
 from tsuiseki.trainers.affinity.affinity_samples import (
     NOBODY,
     LabelledDetections,
@@ -162,8 +170,9 @@ def test_observation_recovers_the_logistic() -> None:
 
 def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
     faults = DetectorFaults(false_alarms=1.0)
-    out = fit_affinity([sequence], tmp_path / "a.onnx", detections="simulated", faults=faults, boosting=QUICK)
-    again = fit_affinity([sequence], tmp_path / "b.onnx", detections="simulated", faults=faults, boosting=QUICK)
+    video, settings = LabelledVideo([sequence], detections="simulated", faults=faults), AffinitySettings(boosting=QUICK)
+    out = fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), settings)
+    again = fit_affinity(video, OutputFile(out=tmp_path / "b.onnx"), settings)
     assert out.read_bytes() == again.read_bytes(), "the same seed gives the same file"
     affinity = Affinity(out)
     assert affinity.card.class_names == FEATURE_SETS["extended"]
@@ -201,20 +210,22 @@ def test_each_network_describes_its_own_stretch(sequence: Path) -> None:
 
 
 def test_frames_count_from_one(sequence: Path, tmp_path: Path) -> None:
+    video = LabelledVideo([sequence], frames=(61, 90), detections="simulated")
     with pytest.raises(RequestError, match=r"no frame lies within \(61, 90\); it has 60"):
-        fit_affinity([sequence], tmp_path / "a.onnx", frames=(61, 90), detections="simulated")
+        fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"))
 
 
 def test_bad_requests(sequence: Path, tmp_path: Path) -> None:
     taken = tmp_path / "taken.onnx"
     taken.write_bytes(b"")
     with pytest.raises(RequestError, match="exists"):
-        fit_affinity([sequence], taken)
+        fit_affinity(LabelledVideo([sequence]), OutputFile(out=taken))
     with pytest.raises(RequestError, match="expected detections at"):
-        fit_affinity([sequence], tmp_path / "a.onnx")
+        fit_affinity(LabelledVideo([sequence]), OutputFile(out=tmp_path / "a.onnx"))
     perfect = DetectorFaults(jitter=0, missed=1e-9, hidden=1e-9, false_alarms=0, doubled=0)
+    video = LabelledVideo([sequence], detections="simulated", faults=perfect)
     with pytest.raises(RequestError, match="expected right and wrong detections"):
-        fit_affinity([sequence], tmp_path / "a.onnx", detections="simulated", faults=perfect, boosting=QUICK)
+        fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), AffinitySettings(boosting=QUICK))
     assert list(tmp_path.glob("a*")) == [], "nothing half-written"
 
 

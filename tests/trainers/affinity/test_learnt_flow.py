@@ -12,11 +12,13 @@ from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.trackers.people.record import run_tracker
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.affinity.affinity import fit_affinity
+from tsuiseki.trainers.affinity.affinity import AffinitySettings, fit_affinity
+from tsuiseki.trainers.affinity.affinity_data import LabelledVideo
 
 FIRST, LAST = 300, 399
 
@@ -28,9 +30,8 @@ def test_learnt_costs_reach_their_bars(data_folder: Path, tmp_path: Path, featur
     """The appearance is the shipped one, which has seen generated people only."""
     network = shipped("appearance_people")
     sequence = read_sequence(data_folder / "mot" / "PETS09-S2L1-first")
-    path = fit_affinity(
-        [sequence.folder], tmp_path / "affinity.onnx", frames=(1, 300), appearance=network, features=features
-    )
+    video = LabelledVideo([sequence.folder], frames=(1, 300), appearance=network)
+    path = fit_affinity(video, OutputFile(out=tmp_path / "affinity.onnx"), AffinitySettings(features))
     affinity, appearance = Affinity(path, threads=1), Appearance(network, threads=1)
     found = read_detections(sequence.detections_path, sequence.length)
     described = [
