@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -115,3 +118,15 @@ def _shared(a: FloatArray, b: FloatArray) -> float:
     if kind == cv2.INTERSECT_NONE or points is None:
         return 0.0
     return float(cv2.contourArea(cv2.convexHull(points)))
+
+
+def on_level(position: FloatArray, directions: NDArray[np.floating[Any]], height: float = 0.0) -> FloatArray:
+    """Where rays from ``position`` ``(3,)`` along ``directions`` ``(N, 3)`` meet the plane z = ``height``.
+
+    Returns:
+        ``(N, 3)``, NaN for rays that do not meet it.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (height - position[2]) / directions[:, 2]
+    distance[~(distance > 0) | ~np.isfinite(distance)] = np.nan
+    return np.asarray(position + distance[:, None] * directions)

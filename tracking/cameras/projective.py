@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.distortion import distort, undistort
+from tsuiseki.tracking.geometry import on_level
 from tsuiseki.tracking.types import FloatArray
 
 
@@ -145,8 +146,4 @@ class PinholeCamera:
 
     def ground(self, pixels: FloatArray, height: float = 0.0) -> FloatArray:
         """Where the rays of ``(N, 2)`` pixels meet the plane z = ``height``: ``(N, 3)``, NaN where they do not."""
-        directions = self.rays(np.asarray(pixels, dtype=np.float64))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (height - self.position[2]) / directions[:, 2]
-        distance[~(distance > 0) | ~np.isfinite(distance)] = np.nan
-        return np.asarray(self.position + distance[:, None] * directions)
+        return on_level(self.position, self.rays(np.asarray(pixels, dtype=np.float64)), height)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import takewhile
 from pathlib import Path
 
 import cv2
@@ -11,8 +12,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.report.overlay import without_flicker
-from tsuiseki.tracking.report.webm import VideoWriter
+from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Position
 
@@ -86,15 +86,12 @@ def write_sphere_overlay(
     at = {m.frames[view]: k for k, m in enumerate(log.moments) if m.frames[view] is not None}
     points = np.array([p.point for p in log.positions])
     last = max((frame for frame in at if frame is not None), default=-1)
-    shown: ImageArray | None = None
-    with VideoWriter(path, frame_rate) as writer:
-        for frame in frames:
-            if frame.index > last:
-                break
-            shown = without_flicker(frame.image, shown)
-            moment = at.get(frame.index)
-            if moment is None:
-                writer.write(shown)
-                continue
-            trail = points[max(moment - TRAIL_MOMENTS, 0) : moment + 1]
-            writer.write(draw_sphere(shown, camera, log.positions[moment], radius, view, trail))
+
+    def draw(frame: Frame) -> ImageArray:
+        moment = at.get(frame.index)
+        if moment is None:
+            return frame.image
+        trail = points[max(moment - TRAIL_MOMENTS, 0) : moment + 1]
+        return draw_sphere(frame.image, camera, log.positions[moment], radius, view, trail)
+
+    write_drawn(path, takewhile(lambda frame: frame.index <= last, frames), frame_rate, draw)
