@@ -91,7 +91,7 @@ def observe(
         if path is not None:
             with times.measure("camera"):
                 path.add(frame.image, found.boxes)
-                motion = path.step(len(path.transforms) - 1)
+                motion = path.step(len(path) - 1)
         if bridge is not None:
             with times.measure("bridge"):
                 missed = bridge.step(frame.image, found, None if motion is None else motion.similarity)

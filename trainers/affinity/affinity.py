@@ -109,9 +109,10 @@ def fit_affinity(
 ) -> Path:
     """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
 
-    An appearance network that was trained on the same people tells them apart better there than in video it has not
-    seen, and the affinity would learn to trust it too much. With ``cross_fit`` the frames are cut into as many equal
-    stretches as there are networks, and network k, which must not have seen stretch k, describes it.
+    A network that was trained on the same frames does better there than in video it has not seen, and the costs would
+    learn to trust it too much. One that says so of itself is refused. With ``cross_fit`` or ``cross_fit_detectors`` the
+    frames are cut into as many equal stretches as there are networks, and network k, which must not have seen stretch
+    k, looks at it.
 
     Args:
         out: ONNX file to write.
@@ -119,7 +120,8 @@ def fit_affinity(
         overwrite: replace an existing file.
 
     Raises:
-        RequestError: unusable folders or models, no pairs of both kinds, or the file exists.
+        RequestError: unusable folders or models, a network that has seen what it shall look at, no pairs of both
+            kinds, or the file exists.
     """
     output.check()
     out, features = output.out, settings.features

@@ -171,31 +171,50 @@ def join_samples(parts: Sequence[PairSamples]) -> PairSamples:
 def labelled_parts(
     sequence: VideoSequence,
     frames: tuple[int, int] | None,
-    find: Detector | Literal["given", "simulated"],
+    find: Sequence[Detector] | Literal["given", "simulated"],
     models: Sequence[Appearance],
     faults: DetectorFaults,
     rng: np.random.Generator,
 ) -> Iterator[LabelledDetections]:
-    """The labelled detections of a sequence, one stretch for every appearance network."""
+    """The labelled detections of a sequence, in as many equal stretches as there are networks of a kind.
+
+    Args:
+        sequence: labelled.
+        frames: first and last one, counted from 1; None takes all.
+        find: where detections come from; of several detectors each looks at its stretch.
+        models: appearance networks, likewise; one describes all stretches, none describes nothing.
+        faults: of simulated detections.
+        rng: of those.
+    """
     truth = read_ground_truth(sequence.ground_truth_path)
-    first, last = (1, sequence.length) if frames is None else frames
-    first, last = max(first, 1) - 1, min(last, sequence.length) - 1
-    if first > last:
-        raise RequestError(f"{sequence.folder}: no frame lies within {frames}; it has {sequence.length}")
-    given: list[Detections] | Detector
+    given: list[Detections] = []
     if find == "given":
         given = read_detections(sequence.detections_path, sequence.length)
     elif find == "simulated":
         given = simulate_detections(rng, truth, sequence.length, sequence.width, sequence.height, faults)
-    else:
-        given = find
-    borders = np.linspace(first, last + 1, max(len(models), 1) + 1).round().astype(int)
-    for k, (start, stop) in enumerate(itertools.pairwise(borders.tolist())):
-        if isinstance(given, list) and not models:
+    detectors: Sequence[Detector] = () if isinstance(find, str) else find
+    for k, (start, stop) in enumerate(stretches(sequence, frames, max(len(models), len(detectors)))):
+        model = models[k % len(models)] if models else None
+        if not detectors and model is None:
             found = given[start:stop]
         else:
-            found = [d for _, d in stream(_frames(sequence, start, stop), given, models[k] if models else None)]
+            detect = detectors[k % len(detectors)] if detectors else given
+            found = [d for _, d in stream(_frames(sequence, start, stop), detect, model)]
         yield label_detections(found, truth, start)
+
+
+def stretches(sequence: VideoSequence, frames: tuple[int, int] | None, count: int) -> list[tuple[int, int]]:
+    """First frame, from 0, and the one after the last of ``count`` equal stretches, at least one.
+
+    Raises:
+        RequestError: the sequence has no such frame.
+    """
+    first, last = (1, sequence.length) if frames is None else frames
+    first, last = max(first, 1) - 1, min(last, sequence.length) - 1
+    if first > last:
+        raise RequestError(f"{sequence.folder}: no frame lies within {frames}; it has {sequence.length}")
+    borders = np.linspace(first, last + 1, max(count, 1) + 1).round().astype(int)
+    return list(itertools.pairwise(borders.tolist()))
 
 
 def _frames(sequence: VideoSequence, start: int, stop: int) -> Iterator[Frame]:

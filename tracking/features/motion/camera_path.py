@@ -32,7 +32,7 @@ class CameraPath:
 
     Attributes:
         settings: of the estimate.
-        transforms: one ``(2, 3)`` similarity a frame, from its pixels to those of the first.
+        transforms: one ``(2, 3)`` similarity a frame that is not forgotten, from its pixels to those of the first.
         deviations: by frame, standard deviation in pixels of where the frame before lies in it, where that is in doubt.
         unknown: frames whose movement nothing told; they lie where the frame before does.
     """
@@ -43,10 +43,23 @@ class CameraPath:
     unknown: list[int] = field(default_factory=list)
     _before: _Placed | None = None
     _lost_from: _Placed | None = None
+    _forgotten: int = 0
+
+    def __len__(self) -> int:
+        """Frames so far, forgotten ones among them."""
+        return self._forgotten + len(self.transforms)
+
+    def forget(self, before: int) -> None:
+        """Drop where the frames before one lie, but for what the step into that one takes. ``unknown`` is kept."""
+        count = min(before, len(self)) - 1 - self._forgotten
+        if count > 0:
+            del self.transforms[:count]
+            self._forgotten += count
+            self.deviations = {frame: value for frame, value in self.deviations.items() if frame >= self._forgotten}
 
     def add(self, image: ImageArray, people: FloatArray | None = None) -> FloatArray:
         """Take the next frame, in which ``people`` ``(N, 4)`` may move by themselves; returns its transform."""
-        frame, before = len(self.transforms), self._before
+        frame, before = len(self), self._before
         view = View.of(image, self.settings, None if people is None else np.asarray(people, dtype=np.float64))
         transform = STANDS_STILL if before is None else self._transform(before, view, frame)
         self.transforms.append(transform)
@@ -57,7 +70,7 @@ class CameraPath:
 
     def follow(self, step: CameraStep) -> None:
         """Take a step that is known from elsewhere instead of the next frame."""
-        frame = len(self.transforms)
+        frame = len(self)
         if frame and np.isinf(step.deviation):
             self.unknown.append(frame)
         elif frame and step.deviation > 0:
@@ -68,7 +81,7 @@ class CameraPath:
         """Where pixels of the frame before lie in a frame, of infinite deviation where nothing told."""
         if frame == 0:
             return CameraStep(STANDS_STILL)
-        earlier, now = (np.vstack([self.transforms[k], [0, 0, 1]]) for k in (frame - 1, frame))
+        earlier, now = (np.vstack([self.transforms[k - self._forgotten], [0, 0, 1]]) for k in (frame - 1, frame))
         # A camera that stood still is told from one that moved by less than rounding.
         same = np.array_equal(earlier, now)
         similarity = STANDS_STILL if same else np.asarray(np.linalg.solve(now, earlier)[:2])

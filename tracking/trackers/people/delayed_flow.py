@@ -247,6 +247,8 @@ class DelayedFlow:
         kept = np.isin(numbers, self.window.seen.numbers, assume_unique=True)
         self._scores, self._owner = self._scores[kept], self._owner[kept]
         self.input.camera.forget(min(first, int(self.window.seen.frames.min(initial=first))))
+        if self.input.path is not None:
+            self.input.path.forget(len(self.input.camera))
 
 
 def mean_of(sums: FloatArray) -> FloatArray:

@@ -12,6 +12,8 @@ from tests.tracking.trackers.people.test_people_trackers import crowd, owners
 from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.association.score_calibration import DetectionCost
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.trackers.people.flow_input import InputSettings
 from tsuiseki.tracking.trackers.people.record import run_tracker
@@ -101,6 +103,26 @@ def test_the_state_does_not_grow() -> None:
             sizes[frame + 1] = len(pickle.dumps(tracker))
     assert sizes[2000] < 1.1 * sizes[200] + 2000
     assert len(tracker.tracks()) > 0
+
+
+def test_the_camera_of_the_images_is_forgotten_too() -> None:
+    whole, path = CameraPath(), CameraPath()
+    trackers = [FlowTracker(frame_rate=10.0, delay=1.0, camera=camera) for camera in (whole, path)]
+    whole.forget = lambda before: None  # type: ignore[method-assign]  # noqa: ARG005
+    answers: list[list[Targets | None]] = [[], []]
+    for frame in range(120):
+        step = CameraStep(np.array([[1.0, 0, 5.0 * (frame % 3)], [0, 1, 0]]), 0.5)
+        box = np.array([100.0, 100, 130, 170]) + 5.0 * np.array([1, 0, 1, 0]) * sum(k % 3 for k in range(frame + 1))
+        for camera, tracker, found in zip((whole, path), trackers, answers, strict=True):
+            camera.follow(step)
+            found.append(tracker.update([[*box, 0.9]]))
+            tracker.forget()
+        assert len(path.transforms) + len(path.deviations) < 30
+    assert len(path) == len(whole) == 120
+    for one, other in zip(*answers, strict=True):
+        assert (one is None) == (other is None)
+        if one is not None and other is not None:
+            np.testing.assert_array_equal(one.boxes, other.boxes)
 
 
 def test_tracks_begin_with_the_first_frame_that_was_not_forgotten() -> None:
