@@ -16,6 +16,10 @@ from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidire
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import build_table
 from tsuiseki.tracking.cameras.rectification import upright_crops
+from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.unrolled import UnrolledDetector
+from tsuiseki.tracking.pipelines.fisheye import DETECTORS
+from tsuiseki.tracking.weights import shipped
 
 WIDTH, HEIGHT, PEOPLE = 1280, 960, 10
 
@@ -44,15 +48,20 @@ def main() -> None:
     boxes = table.upright[rng.integers(0, len(table), PEOPLE)] + rng.normal(0, 3, (PEOPLE, 4)).cumsum(axis=1) * 0.1
     image = rng.integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
     rotated = table.look_up(boxes)[0]
+    detector = Detector(shipped(DETECTORS["unrolled"]), threads=1)
+    unrolled = UnrolledDetector(detector, camera, detector.input_size)
     print(f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}, OpenCV {cv2.__version__}")
     rows = (
         (f"rotated boxes and places of {PEOPLE} people, of {len(table)}", lambda: table.look_up(boxes), 200, 0.3),
         (f"{PEOPLE} crops turned upright, 128x64", lambda: upright_crops(image, rotated, 128, 64), 100, 2.0),
         ("table of a 1280x960 camera", lambda: build_table(camera, np.array([0.0, 0.0, 8.0, 16.0])), 3, 5000.0),
         ("100,000 points to pixels", lambda: lens.project(points), 30, 6.0),
+        (f"the image unrolled into {len(unrolled.tiles)} views", lambda: unrolled.unroll(image), 30, None),
+        ("people found in them", lambda: unrolled.detect([image]), 10, None),
     )
     for name, work, rounds, most in rows:
-        print(f"{name:50} {milliseconds(work, rounds):9.3f} ms   at most {most:g}")
+        asked = "" if most is None else f"   at most {most:g}"
+        print(f"{name:50} {milliseconds(work, rounds):9.3f} ms{asked}")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """A detector of upright people that looks through a ceiling camera: the picture is unrolled into upright views.
 
 A fisheye picture from a ceiling shows people lying outward, and no two directions alike. In the views of `panorama`
-everybody stands upright. A ring of tiles shows people from about half the camera's height away on, each as tall as
-the network likes it; a smaller ring shows those who are nearer; a view straight down shows those right below. What is
-found there goes back to the picture as boxes turned about their centres.
+everybody stands upright. Rings of tiles show them at several scales, those who are near and those who are farther away;
+a view straight down shows who is right below. What is found there goes back to the picture as boxes turned about their
+centres, unless it is lower or higher than people are.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ Tile: TypeAlias = CylinderView | DownwardView
 AT_BORDER = 0.008
 # Of a box's diameter, how near to the point below the camera it must lie for the view down to be believed.
 BELOW = 0.6
+MOST_TILES = 16
 
 
 @dataclass(frozen=True)
@@ -35,37 +36,41 @@ class UnrollingSettings:
     """The views.
 
     Attributes:
-        far: tiles of the ring of people farther away; more of them show those larger.
-        near: tiles of the ring of people who are nearer; 0 leaves it out.
+        rings: number of tiles of each ring about the camera. More tiles show people larger; with tiles of 4:3 a ring
+            of n shows those whole who stand farther away than n / 6 of the camera's height.
         downward: look straight down, too.
         overlap: share of a tile that the next one shows again, in [0, 0.5].
         horizon: row of a tile that is as high as the camera, share of the height.
         iou: overlap from which two turned boxes are one person.
         inside: share of a box of one tile within that of another from which they are one person.
+        heights: (least, greatest) height over the floor that a person's box may reach, metres: it follows from the rows
+            of head and feet and from the camera's height.
     """
 
-    far: int = 3
-    near: int = 1
+    rings: tuple[int, ...] = (1, 3)
     downward: bool = True
     overlap: float = 0.25
     horizon: float = 0.03
     iou: float = 0.4
     inside: float = 0.7
+    heights: tuple[float, float] = (0.7, 2.4)
 
     def __post_init__(self) -> None:
-        if self.far < 1 or not 0 <= self.near < self.far or not 0 <= self.overlap <= 0.5:
+        if not self.rings or min(self.rings) < 1 or max(self.rings) > MOST_TILES or not 0 <= self.overlap <= 0.5:
             raise RequestError(
-                "unrolled views: expected at least one far tile, fewer near ones and an overlap in [0, 0.5], got "
-                f"far {self.far}, near {self.near}, overlap {self.overlap:g}"
+                f"unrolled views: expected rings of 1 to {MOST_TILES} tiles and an overlap in [0, 0.5], got rings "
+                f"{','.join(map(str, self.rings)) or 'none'} and overlap {self.overlap:g}"
             )
+        if not 0 <= self.heights[0] < self.heights[1]:
+            raise RequestError(f"unrolled views: expected heights as (least, greatest) from 0, got {self.heights}")
 
 
 def tiles_around(camera: Camera, size: tuple[int, int], settings: UnrollingSettings) -> list[Tile]:
     """The views from a camera; ``size`` is the height and width of a tile, pixels."""
     height, width = size
     tiles: list[Tile] = []
-    for count in (settings.far, settings.near):
-        scale = count * width * (1 - settings.overlap) / (2 * np.pi) if count else 0.0
+    for count in settings.rings:
+        scale = count * width * (1 - settings.overlap) / (2 * np.pi)
         for k in range(count):
             middle = -2 * np.pi * k / count
             tiles.append(CylinderView(camera.position, middle, scale, settings.horizon * height, width, height))
@@ -121,7 +126,7 @@ class UnrolledDetector:
         """What was found in the tiles of one image as detections of the image."""
         rotated, scores, owners = [np.empty((0, 5))], [np.empty(0)], [np.empty(0, dtype=np.int64)]
         for number, (tile, each) in enumerate(zip(self.tiles, found, strict=True)):
-            kept = each.select(_whole(tile, each.boxes))
+            kept = each.select(_whole(tile, each.boxes) & self._plausible(tile, each.boxes))
             boxes = in_image(tile, self.camera, kept.boxes)
             seen = np.isfinite(boxes).all(axis=1) & (boxes[:, 2:4] >= 1).all(axis=1)
             rotated.append(boxes[seen])
@@ -132,6 +137,16 @@ class UnrolledDetector:
         boxes, half = boxes[chosen], boxes[chosen, 2:4] / 2
         corners = np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
         return Detections(corners, score[chosen], angles=boxes[:, 4])
+
+    def _plausible(self, tile: Tile, boxes: FloatArray) -> BoolArray:
+        """``(N,)`` whether boxes are as high over the floor as people may be."""
+        if isinstance(tile, DownwardView):
+            return np.ones(len(boxes), dtype=np.bool_)
+        head, feet = boxes[:, 1] - tile.horizon, boxes[:, 3] - tile.horizon
+        low, high = self.settings.heights
+        # Feet at depression tan b stand H / tan b away, where a row of tan a is H (1 - tan a / tan b) over the floor.
+        above = tile.position[2] * (1 - head / np.maximum(feet, 1e-6))
+        return np.asarray((feet > 0) & (above >= low) & (above <= high))
 
 
 def in_image(tile: Tile, camera: Camera, boxes: FloatArray) -> FloatArray:

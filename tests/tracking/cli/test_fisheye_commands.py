@@ -63,15 +63,24 @@ def test_the_pictures_are_looked_at_with_the_shipped_appearance(room, tmp_path):
 def test_detectors_look_at_unrolled_views_and_at_images(room, tmp_path):
     for view in ("unrolled", "image"):
         out = tmp_path / view
-        more = ["--view", view, "--appearance", "none", "--cameras", str(room / "cameras.yaml"), "--unrolling.far", "2"]
+        more = [
+            "--view",
+            view,
+            "--appearance",
+            "none",
+            "--cameras",
+            str(room / "cameras.yaml"),
+            "--unrolling.rings",
+            "1,2",
+        ]
         assert track(room, out, *more) == 0
         assert json.loads((out / "run.json").read_text())["seconds"]["detect"] > 0
 
 
 def test_impossible_views_are_refused(room, tmp_path, capsys):
-    more = ["--unrolling.near", "5", "--cameras", str(room / "cameras.yaml")]
+    more = ["--unrolling.rings", "0", "--cameras", str(room / "cameras.yaml")]
     assert track(room, tmp_path / "out", *more) == 2
-    assert "fewer near ones" in capsys.readouterr().err
+    assert "rings of 1 to 16 tiles" in capsys.readouterr().err
 
 
 def one_line(capsys, text):

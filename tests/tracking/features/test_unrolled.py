@@ -95,8 +95,8 @@ def test_the_views_show_the_image(camera):
     image[:240, 310:330] = [200, 100, 50]
     tiles = unrolled(camera, []).unroll(image)
     settings = UnrollingSettings()
-    assert len(tiles) == settings.far + settings.near + 1
-    near = tiles[settings.far]
+    assert len(tiles) == sum(settings.rings) + 1
+    near = tiles[settings.rings.index(1)]
     scale = 320 * (1 - settings.overlap) / (2 * np.pi)
     column = int((160 - scale * np.pi / 2) % (2 * np.pi * scale))
     assert near[60:120, column].mean(axis=0) == pytest.approx([200, 100, 50], abs=20)
@@ -104,5 +104,21 @@ def test_the_views_show_the_image(camera):
 
 
 def test_impossible_views_are_refused():
-    with pytest.raises(RequestError, match="at least one far tile"):
-        UnrollingSettings(far=1, near=1)
+    with pytest.raises(RequestError, match="rings of 1 to 16 tiles"):
+        UnrollingSettings(rings=(0, 3))
+    with pytest.raises(RequestError, match="least, greatest"):
+        UnrollingSettings(heights=(2.0, 1.0))
+
+
+def test_what_is_no_height_of_people_is_left_out(camera):
+    class Flat(Seeing):
+        """Finds what lies on the floor."""
+
+        def _shown(self, tile, place):
+            return [p[p[:, 1] > p[:, 1].max() - 20] for p in super()._shown(tile, place)]
+
+    places = camera.position[None, :2] + np.array([1.5, 0.5])
+    detector = unrolled(camera, places)
+    detector.detector = Flat(places)
+    detector.detector.tiles = detector.tiles
+    assert len(detector.detect([np.zeros((480, 640, 3), np.uint8)])[0]) == 0
