@@ -33,7 +33,7 @@ FloorMethod: TypeAlias = Literal["hungarian", "flow"]
 CeilingLook: TypeAlias = Literal["unrolled", "image"]
 REACH = 10.0
 # The shipped detector for each way of looking.
-DETECTORS: dict[CeilingLook, str] = {"unrolled": "detector_street", "image": "detector_drone"}
+DETECTORS: dict[CeilingLook, str] = {"unrolled": "detector_ceiling", "image": "detector_drone"}
 # Height and width of a tile for a network that takes any size, pixels.
 TILE = (480, 640)
 

@@ -74,7 +74,8 @@ class Store:
             TypeError: as `recall`.
         """
         home = self._entry(write, (name, *args), kwargs)
-        if not home.is_dir():
+        # A run that was killed leaves its folder behind, without what it was to hold.
+        if not (home / name).is_dir():
             with output_folder(home, overwrite=True) as work:
                 write(work / name, *args, **kwargs)
             _clear_older(home)
@@ -84,7 +85,7 @@ class Store:
         self, name: str, write: Callable[Concatenate[Path, P], Any], *args: P.args, **kwargs: P.kwargs
     ) -> bool:
         """Whether `made` would find the folder on disk."""
-        return self._entry(write, (name, *args), kwargs).is_dir()
+        return (self._entry(write, (name, *args), kwargs) / name).is_dir()
 
     def _entry(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Path:
         """The path of an entry, without suffix: its name tells what was asked, and what answered."""

@@ -18,6 +18,7 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_int8 import quantise_detector
+from tsuiseki.trainers.exporting.exported_weights import exported_weights
 from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.calibration import calibration_of
 from tsuiseki.trainers.networks.detector import COCO_NORMALISATIONS, FIXED_SIDES, DetectorTraining, detector_card
@@ -50,6 +51,7 @@ class RawHeads(nn.Module):
 def export_detector(
     output: ModelFile,
     checkpoint: Path | None = None,
+    blend: Path | None = None,
     weights: Literal["coco"] | None = None,
     architecture: CocoArchitecture = "ssdlite320",
     state: Path | None = None,
@@ -65,6 +67,8 @@ def export_detector(
 
     Args:
         checkpoint: best.ckpt of tsuiseki train detector.
+        blend: exported detector of the same structure, such as the one that the training started from; each weight
+            becomes the mean of both (Wortsman et al., Robust fine-tuning of zero-shot models, 2022).
         weights: coco downloads torchvision's weights.
         architecture: of the COCO weights.
         state: file of those weights, for a machine that cannot download them.
@@ -87,8 +91,12 @@ def export_detector(
         raise RequestError("expected `float16` or `int8`, got both")
     if (checkpoint is None) == (weights is None):
         raise RequestError("expected either one of `checkpoint` and `weights`")
+    if blend is not None and checkpoint is None:
+        raise RequestError("expected `blend` with `checkpoint`, got it alone")
     size = None if height is None or width is None else (height, width)
     network, card = _coco(architecture, state) if checkpoint is None else _trained(checkpoint, size)
+    if blend is not None:
+        blend_weights(network, card, blend)
     card = dataclasses.replace(card, training_data=output.training_data or card.training_data)
     with tempfile.TemporaryDirectory() as folder:
         whole = dataclasses.replace(output, out=output.out if int8 is None else Path(folder) / "whole.onnx")
@@ -106,6 +114,25 @@ def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[Detector |
     except ValueError as error:  # the network does not take this size
         raise RequestError(str(error)) from error
     return module.network, module.card
+
+
+def blend_weights(network: Detector | OneClass, card: ModelCard, path: Path) -> None:
+    """Make the weights of ``network`` the means of its own and of those in the exported detector at ``path``.
+
+    Exported weights have the normalisations folded into them, so both are in the same form.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        own = Path(folder) / "own.onnx"
+        export_onnx(RawHeads(network), card, own, torch.zeros(2, 3, card.input_height, card.input_width), OUTPUTS)
+        first, second = (
+            {name: each for name, each in exported_weights(file).items() if name != "anchors"} for file in (own, path)
+        )
+    if {name: each.shape for name, each in first.items()} != {name: each.shape for name, each in second.items()}:
+        raise RequestError(f"`blend`: expected a detector of the structure of `checkpoint`, got another in {path}")
+    network.load_state_dict({name: (each + second[name]) / 2 for name, each in first.items()}, strict=False)
+    for norm in network.modules():
+        if isinstance(norm, nn.BatchNorm2d) and norm.running_var is not None:
+            norm.running_var.fill_(1 - norm.eps)  # a folded one only adds its bias
 
 
 def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[Detector | OneClass, ModelCard]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -158,6 +159,11 @@ def test_a_folder_is_made_once_and_whole(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError):
         store.made("clip", breaks_off, "text")
     assert not store.has_made("clip", breaks_off, "text")
+
+    # A run that is killed cannot tidy up: its folder stays, empty.
+    shutil.rmtree(first)
+    assert not store.has_made("clip", write, "text")
+    assert (store.made("clip", write, "text") / "text.txt").read_text() == "text"
 
 
 def breaks_off(folder: Path, text: str) -> None:

@@ -19,7 +19,7 @@ from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.trainers.exporting import export
 from tsuiseki.trainers.exporting.export import export_onnx
-from tsuiseki.trainers.exporting.export_detector import export_detector
+from tsuiseki.trainers.exporting.export_detector import OUTPUTS, RawHeads, blend_weights, export_detector
 from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 
@@ -136,6 +136,25 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
     # The best are the same; further down, boxes that are cut off at the image's and not the input's border differ.
     assert np.allclose(inside[:1], expected.boxes[:1], atol=1e-2)
     assert np.allclose(found.scores[:1], expected.scores[:1], atol=1e-4)
+
+
+@pytest.mark.slow
+def test_blended_weights_are_the_mean_of_both(tmp_path: Path) -> None:
+    anchors = [[(12.0, 28.0)], [(20.0, 50.0)], [(30.0, 60.0)]]
+    networks = []
+    for seed in (0, 1):
+        torch.manual_seed(seed)
+        networks.append(DetectorTraining(height=64, width=64, anchors=anchors, channels=16).eval())
+    path, card = tmp_path / "other.onnx", networks[0].card
+    export_onnx(RawHeads(networks[1].network), card, path, torch.zeros(2, 3, 64, 64), OUTPUTS)
+    own = networks[0].network.state_dict()["class_heads.0.1.weight"].clone()
+    blend_weights(networks[0].network, card, path)
+    mixed = networks[0].network.state_dict()["class_heads.0.1.weight"]
+    assert torch.allclose(mixed, (own + networks[1].network.state_dict()["class_heads.0.1.weight"]) / 2, atol=1e-6)
+    with torch.no_grad():
+        assert all(torch.isfinite(part).all() for part in networks[0].network(torch.zeros(1, 3, 64, 64)))
+    with pytest.raises(RequestError, match="with `checkpoint`"):
+        export_detector(ModelFile(out=path), weights="coco", blend=path)
 
 
 @pytest.mark.thesis_size

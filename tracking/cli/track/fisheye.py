@@ -33,7 +33,7 @@ def fisheye(
     output: SeededOutput,
     finding: Detecting = DETECTING,
     method: Literal["hungarian", "flow"] = "hungarian",
-    view: Literal["unrolled", "image"] = "image",
+    view: Literal["unrolled", "image"] = "unrolled",
     detections: list[Path] | None = None,
     crops: Literal["upright", "standing", "image"] = "upright",
     person_height: float = 1.7,
@@ -59,7 +59,7 @@ def fisheye(
         detections: MOTChallenge detections (det.txt) of each source, separated by commas, instead of a detector.
         view: what the detector looks at: the image unrolled into views in which people stand upright, or the image as
             it is. In the first, any detector of ordinary pictures will do.
-        detector: detector of this toolkit or of another, as ONNX; by default the shipped detector_street.onnx for
+        detector: detector of this toolkit or of another, as ONNX; by default the shipped detector_ceiling.onnx for
             unrolled views, detector_drone.onnx for images.
         crops: what it sees: people turned upright, as on a standing screen without perspective, or as in the image.
         person_height: of the model of a person, metres.

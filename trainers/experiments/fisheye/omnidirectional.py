@@ -76,7 +76,7 @@ def reproduce(
     fast_seconds: int = 10,
     calibration: Path | None = None,
     detector: Path | None = None,
-    view: CeilingLook = "image",
+    view: CeilingLook = "unrolled",
     appearance: Path | None = None,
     simulated_detections: bool = False,
     full: bool = False,
