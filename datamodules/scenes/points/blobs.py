@@ -48,6 +48,8 @@ class BlobSceneSettings:
         size: least and greatest side, pixels.
         speed: mean, pixels a frame.
         clutter: patches of the same colour, smaller than objects, in the background.
+        clutter_reach: their greatest radius, as a share of the least side of an object.
+        flashes: patches of the same colour and sizes that show in one frame only, in each frame.
         enter: share of the objects that enter after the start.
         stay: objects turn back at the border instead of leaving.
     """
@@ -62,6 +64,8 @@ class BlobSceneSettings:
     size: tuple[float, float] = (26.0, 44.0)
     speed: float = 3.0
     clutter: int = 12
+    clutter_reach: float = 1 / 6
+    flashes: int = 0
     enter: float = 0.4
     stay: bool = False
 
@@ -70,6 +74,10 @@ class BlobSceneSettings:
             raise RequestError(f"expected a colour of {', '.join(HUES)}, got {self.colour!r}")
         if not 0 < self.purity[0] <= self.purity[1] <= 1 or not 4 <= self.size[0] <= self.size[1]:
             raise RequestError(f"expected purities in (0, 1] and sides from 4, got {self.purity} and {self.size}")
+        if not 0 < self.clutter_reach <= 1 or self.flashes < 0:
+            raise RequestError(
+                f"expected clutter_reach in (0, 1] and flashes from 0, got {self.clutter_reach:g} and {self.flashes}"
+            )
         if self.frames < 1 or self.objects < 1 or self.clutter < 0 or not 0 < self.frame_rate < np.inf:
             raise RequestError(
                 "expected at least one frame, one object, no negative clutter and a frame rate above 0, got "
@@ -128,6 +136,7 @@ def blob_frames(settings: BlobSceneSettings, seed: int) -> Iterator[Drawn]:
     ground = _ground(settings, rng)
     for boxes in paths.boxes:
         image = ground.copy()
+        _stain_colour(image, settings, settings.flashes, rng)
         for box, sprite, shape in zip(boxes, paths.sprites, paths.shapes, strict=True):
             if np.isfinite(box[0]):
                 _paste(image, sprite, shape, box)
@@ -237,10 +246,15 @@ def _ground(settings: BlobSceneSettings, rng: np.random.Generator) -> ImageArray
     for _ in range(width * height // 900):
         colour = palette[rng.integers(len(palette))] * [1, 1, rng.uniform(0.6, 1.3)]
         _stain(image, np.clip(colour, 0, [360, 1, 1]), rng.uniform(3, 14, 2), rng)
-    for _ in range(settings.clutter):
-        colour = np.array([HUES[settings.colour], rng.uniform(0.5, 0.9), rng.uniform(0.4, 0.8)])
-        _stain(image, colour, rng.uniform(1.5, settings.size[0] / 6, 2), rng)
+    _stain_colour(image, settings, settings.clutter, rng)
     return cv2.GaussianBlur(image, (0, 0), 0.7).astype(np.uint8)
+
+
+def _stain_colour(image: ImageArray, settings: BlobSceneSettings, count: int, rng: np.random.Generator) -> None:
+    """So many patches of the objects' colour anywhere."""
+    for _ in range(count):
+        colour = np.array([HUES[settings.colour], rng.uniform(0.5, 0.9), rng.uniform(0.4, 0.8)])
+        _stain(image, colour, rng.uniform(1.5, max(settings.size[0] * settings.clutter_reach, 1.5), 2), rng)
 
 
 def _stain(image: ImageArray, hsv: FloatArray, radii: FloatArray, rng: np.random.Generator) -> None:
