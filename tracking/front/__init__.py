@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.pipelines.measurements import follow_measurements, track_measurements
     from tsuiseki.tracking.pipelines.people import follow_people, track_people
     from tsuiseki.tracking.pipelines.single import follow
-    from tsuiseki.tracking.pipelines.sphere import track_sphere
+    from tsuiseki.tracking.pipelines.sphere import follow_sphere, track_sphere
     from tsuiseki.tracking.pipelines.sphere_points import track_sphere_points
     from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings
     from tsuiseki.tracking.trackers.blobs import BlobSettings
@@ -58,7 +58,7 @@ _MODULES = {
     "pipelines.measurements": "follow_measurements track_measurements",
     "pipelines.people": "follow_people track_people",
     "pipelines.single": "follow",
-    "pipelines.sphere": "track_sphere",
+    "pipelines.sphere": "follow_sphere track_sphere",
     "pipelines.sphere_points": "track_sphere_points",
     "pipelines.sphere_settings": "SphereSettings",
     "trackers.blobs": "BlobSettings",
@@ -124,6 +124,7 @@ __all__ = [
     "follow_measurements",
     "follow_people",
     "follow_points",
+    "follow_sphere",
     "read_tracks",
     "shipped",
     "track_blobs",

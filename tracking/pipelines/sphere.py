@@ -14,6 +14,7 @@ from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras
 from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.image_folder import read_image
+from tsuiseki.tracking.latest_frames import LatestFrames
 from tsuiseki.tracking.likelihoods.background import median_background
 from tsuiseki.tracking.likelihoods.printed_contour import PrintedContourLikelihood
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
@@ -57,11 +58,32 @@ def track_sphere(
         RunError: a video breaks off, or no two show the same moment.
     """
     chosen = sphere_run(sources, cameras, radius, start=start, volume=volume, settings=settings)
+    if chosen.length is None:
+        raise RequestError("live cameras do not end by themselves; use follow_sphere")
     return chosen.run(np.random.default_rng(seed), StageTimes(), lambda items: items).positions
 
 
+def follow_sphere(
+    sources: Sequence[str | Path | int],
+    cameras: str | Path,
+    radius: float,
+    *,
+    start: ArrayLike | None = None,
+    volume: ArrayLike | None = None,
+    settings: SphereSettings | None = None,
+    seed: int = 0,
+) -> Iterator[Position]:
+    """Where a ball is, while the videos come; see `track_sphere`.
+
+    Sources may be live: numbers of webcams or addresses of streams. Their newest frames are paired by the time at which
+    they came, counted from the first; a camera that stalls is left out until it delivers again.
+    """
+    chosen = sphere_run(sources, cameras, radius, start=start, volume=volume, settings=settings)
+    return chosen.follow(np.random.default_rng(seed))
+
+
 def sphere_run(
-    sources: Sequence[str | Path],
+    sources: Sequence[str | Path | int],
     cameras: str | Path,
     radius: float,
     *,
@@ -74,7 +96,7 @@ def sphere_run(
     """A run of `track_sphere`.
 
     Args:
-        sources, cameras, radius, start, volume, settings: see `track_sphere`.
+        sources, cameras, radius, start, volume, settings: see `track_sphere`; all sources may be live.
         backgrounds: one picture of the empty scene per video; by default the median of the video.
         times: of the frames; by default as the camera file says.
 
@@ -91,7 +113,12 @@ def sphere_run(
             f"cameras in {cameras}; give the videos in the order of its entries"
         )
     opened = [open_source(str(source)) for source in sources]
-    stamps = (times or FrameTimes()).of_videos(opened, placed)
+    live = all(source.live for source in opened)
+    if live and times is not None and (times.offsets or times.timestamps):
+        raise RequestError("`offsets` and `timestamps`: expected only with recorded videos; live frames have their own")
+    if live and settings.likelihood == "background" and backgrounds is None:
+        raise RequestError("`backgrounds`: expected pictures of the empty scene with live cameras, got none")
+    stamps = [] if live else (times or FrameTimes()).of_videos(opened, placed)
     pinholes = [p.camera for p in placed]
     box = common_volume(pinholes, radius) if volume is None else _box(volume)
     place = None if start is None else np.asarray(start, dtype=np.float64)
@@ -114,10 +141,21 @@ def sphere_run(
     begin = Start(place, settings.spread, settings.particles, search)
 
     def seen(moments: Sequence[Moment]) -> Iterator[Seen]:
+        if live:
+            frames = [partial(checked_frames, source, camera) for source, camera in zip(opened, placed, strict=True)]
+            return LatestFrames(frames, live_tolerance(opened, settings.tolerance)).moments()
         videos = [checked_frames(source, camera) for source, camera in zip(opened, placed, strict=True)]
         return moments_with_images(moments, videos)
 
     return SphereRun(placed, stamps, settings.tolerance, tracker, begin, seen, opened)
+
+
+def live_tolerance(sources: Sequence[Source], wanted: float | None) -> float:
+    """Seconds within which live frames count as taken together: by default half the shortest time between frames.
+
+    Cameras of one rate then have a frame each in every moment but the first, whatever their phases.
+    """
+    return 0.5 / max(source.frame_rate for source in sources) if wanted is None else wanted
 
 
 def checked_frames(source: Source, placed: PlacedCamera) -> Iterator[Frame]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -16,8 +16,15 @@ from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.synchronise import Moment, align, default_tolerance, read_timestamps
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.sphere.sphere import SphereTracker
-from tsuiseki.tracking.trackers.sphere.sphere_run import Seen, SphereLog, Start, check_lengths, run_sphere
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.trackers.sphere.sphere_run import (
+    Seen,
+    SphereLog,
+    Start,
+    check_lengths,
+    follow_ball,
+    run_sphere,
+)
+from tsuiseki.tracking.types import FloatArray, Position
 from tsuiseki.tracking.video import Source
 
 Watched: TypeAlias = Callable[[Iterable[Seen]], Iterable[Seen]]
@@ -29,12 +36,12 @@ class SphereRun:
 
     Attributes:
         placed: the cameras.
-        stamps: ``(T,)`` of each camera, the time of every frame, seconds.
+        stamps: ``(T,)`` of each camera, the time of every frame, seconds; none of live cameras.
         tolerance: frames within so many seconds count as taken together; None takes a quarter of the shortest time
             between frames.
         tracker: the filter.
         start: where the ball is looked for first.
-        seen: what the cameras see at these moments.
+        seen: what the cameras see at these moments; of live ones, from now on.
         sources: the videos, where there are some.
     """
 
@@ -46,11 +53,27 @@ class SphereRun:
     seen: Callable[[Sequence[Moment]], Iterable[Seen]]
     sources: Sequence[Source] = ()
 
+    @property
+    def length(self) -> int | None:
+        """Frames of the longest video; None of live cameras."""
+        return max(map(len, self.stamps)) if self.stamps else None
+
     def run(self, rng: np.random.Generator, times: StageTimes, watch: Watched) -> SphereLog:
         """See `run_sphere`."""
+        return run_sphere(self.tracker, self.start, self._moments(), rng, times, watch)
+
+    def follow(self, rng: np.random.Generator) -> Iterator[Position]:
+        """Each position as soon as it is known; nothing is kept."""
+        log = SphereLog()
+        for position in follow_ball(self.tracker, self.start, self._moments(), rng, StageTimes(), log):
+            yield position
+            log.forget()
+
+    def _moments(self) -> Iterable[Seen]:
         stamps = list(self.stamps)
-        moments = align(stamps, default_tolerance(stamps) if self.tolerance is None else self.tolerance)
-        return run_sphere(self.tracker, self.start, self.seen(moments), rng, times, watch)
+        if not stamps:
+            return self.seen([])
+        return self.seen(align(stamps, default_tolerance(stamps) if self.tolerance is None else self.tolerance))
 
 
 @dataclass(frozen=True)
@@ -124,7 +147,7 @@ def frame_count(source: Source) -> int:
         RequestError: the source is live.
     """
     if source.live:
-        raise RequestError(f"{source.name}: expected recorded videos, for several live cameras share no clock")
+        raise RequestError(f"{source.name}: expected recorded videos beside recorded ones, got a live camera")
     if source.length is not None:
         return source.length
     count = 0

@@ -37,7 +37,7 @@ class SphereSettings(Shared):
         spin: X,Y,Z of a ballistic ball: its acceleration is the cross product of this with the velocity, 1/s.
         likelihood: the ball's outline, or the difference from the background.
         tolerance: frames of different videos within so many seconds count as taken together; by default a quarter of
-            the shortest time between frames.
+            the shortest time between frames, half of it with live cameras.
     """
 
     preset: PresetName = "extended"

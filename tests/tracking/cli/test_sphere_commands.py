@@ -2,11 +2,14 @@
 
 import csv
 import json
+import time
 
+import cv2
 import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
+from tsuiseki.tracking import video
 from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.evaluation.space import distance_to_position
@@ -196,3 +199,78 @@ def test_cameras_out_of_step_find_the_ball_without_a_start(film, track):
     away = distance_to_position(read_path3d(result / "track3d.csv"), read_path3d(film / "truth.csv"))
     # The second camera's frames are said to be half a frame late, and the ball moves at up to 0.7 m/s.
     assert np.nanmean(away) < 0.03
+
+
+class FakeCamera:
+    """Stands for `cv2.VideoCapture` of a webcam: plays a camera of the film in time, then ends."""
+
+    film = None
+
+    def __init__(self, address):
+        self.pictures = sorted((self.film / f"camera{address + 1}").rglob("*.jpg"))
+        self.next = 0
+
+    def isOpened(self):  # noqa: N802
+        return bool(self.pictures)
+
+    def get(self, _):
+        return 15.0
+
+    def grab(self):
+        time.sleep(0.06)
+        self.next += 1
+        return self.next <= len(self.pictures)
+
+    def retrieve(self):
+        return True, cv2.imread(str(self.pictures[self.next - 1]))
+
+    def release(self):
+        pass
+
+
+@pytest.fixture
+def webcams(film, monkeypatch):
+    monkeypatch.setattr(FakeCamera, "film", film)
+    monkeypatch.setattr(video.cv2, "VideoCapture", FakeCamera)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("webcams")
+def test_two_webcams_are_followed_while_they_come(film, tmp_path):
+    words = ["track", "sphere", "0", "1", "--cameras", str(film / "cameras.yaml"), "--radius", "0.1"]
+    assert main([*words, "--start", start_of(film), "--tolerance", "5", "--out", str(tmp_path / "live")]) == 0
+    truth, found = read_path3d(film / "truth.csv").points, read_path3d(tmp_path / "live/track3d.csv").points
+    frames = json.loads((tmp_path / "live/run.json").read_text())["frames"]["frame_of_each_video"]
+    assert len(frames) == len(found) >= 2
+    for place, (first, second) in zip(found, frames, strict=True):
+        # A busy machine may give one camera's next frame; the ball moves less than 5 cm in that time.
+        assert abs(first - second) <= 1
+        assert np.linalg.norm(place - truth[first - 1]) < 0.06
+
+
+@pytest.mark.usefixtures("webcams")
+def test_live_cameras_refuse_what_needs_a_recording(film, tmp_path, capsys):
+    words = ["track", "sphere", "0", "1", "--cameras", str(film / "cameras.yaml"), "--radius", "0.1"]
+    for more, text in (
+        (["--overlay"], "--overlay: expected recorded videos"),
+        (["--offsets", "0,1"], "--offsets and --timestamps: expected only with recorded videos"),
+        (["--likelihood", "background"], "--backgrounds: expected pictures of the empty scene with live cameras"),
+    ):
+        assert main([*words, *more, "--out", str(tmp_path / "live")]) == 2
+        assert text in capsys.readouterr().err
+    mixed = ["track", "sphere", str(film / "camera1"), "1", *words[4:]]
+    assert main([*mixed, "--out", str(tmp_path / "live")]) == 2
+    assert "got a live camera" in capsys.readouterr().err
+
+
+def test_a_film_is_followed_as_it_is_tracked(film):
+    import tsuiseki
+
+    start = read_path3d(film / "truth.csv").points[0]
+    films = [film / "camera1", film / "camera2"]
+    settings = tsuiseki.SphereSettings(particles=100)
+    asked = {"cameras": film / "cameras.yaml", "radius": 0.1, "start": start, "settings": settings}
+    followed = list(tsuiseki.follow_sphere(films, **asked))
+    tracked = tsuiseki.track_sphere(films, **asked)
+    assert [p.time for p in followed] == [p.time for p in tracked]
+    np.testing.assert_array_equal([p.position for p in followed], [p.position for p in tracked])

@@ -44,7 +44,7 @@ def sphere(
 
     Args:
         source: two or more videos or folders of images, in the order of the cameras; folders run at the frame_rate in
-            cameras.yaml, else at 25 frames/s.
+            cameras.yaml, else at 25 frames/s. Or numbers of webcams and addresses of streams, all live, until Ctrl-C.
         cameras: cameras.yaml with one entry per video; tsuiseki calibrate points writes it.
         radius: of the ball, metres; with --points only for its bounces.
         points: instead of videos, a CSV of measured pixels for each camera, separated by commas: frame,x,y, or as
@@ -88,9 +88,11 @@ def sphere(
             backgrounds=backgrounds,
             times=times,
         )
+    if drawing.overlay and chosen.length is None:
+        raise RequestError("`overlay`: expected recorded videos, which can be played again; got live cameras")
     rng = np.random.default_rng(output.seed)
     with output.run() as run:
-        log = chosen.run(rng, run.times, lambda items: run.steps(items, total=max(map(len, chosen.stamps))))
+        log = chosen.run(rng, run.times, lambda items: run.steps(items, total=chosen.length))
         run.columns = log.columns()
         run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
         plot = path_figure(log.positions, chosen.placed, true_path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
@@ -67,6 +67,12 @@ class SphereLog:
     moments: list[Moment] = field(default_factory=list)
     searches: list[int] = field(default_factory=list)
     last_search: float = -np.inf
+
+    def forget(self) -> None:
+        """Drop what happened; a run goes on as before."""
+        self.positions.clear()
+        self.moments.clear()
+        self.searches.clear()
 
     def columns(self) -> dict[str, list[Any]]:
         """What happened at each moment, for ``run.json``: one list a column."""
@@ -133,9 +139,25 @@ def run_sphere(
         RunError: no moment had an image.
     """
     log = SphereLog()
+    for _ in follow_ball(tracker, start, watch(seen), rng, times, log):
+        pass
+    if not log.positions:
+        raise RunError("expected frames of two videos at about one time, got none; check `offsets` or `timestamps`")
+    return log
+
+
+def follow_ball(
+    tracker: SphereTracker,
+    start: Start,
+    seen: Iterable[Seen],
+    rng: np.random.Generator,
+    times: StageTimes,
+    log: SphereLog,
+) -> Iterator[Position]:
+    """Each position as soon as it is known; ``log`` gets what happens. See `run_sphere`."""
     state: SphereState | None = None
     recent = _Recent()
-    for moment, views in watch(seen):
+    for moment, views in seen:
         observation = TimedViews(moment.time, views)
         recent.add(observation)
         if state is None and start.position is not None:
@@ -156,9 +178,7 @@ def run_sphere(
             state, info = tracker.step(state, observation, rng)
         log.positions.append(info.position)
         log.moments.append(moment)
-    if not log.positions:
-        raise RunError("expected frames of two videos at about one time, got none; check `offsets` or `timestamps`")
-    return log
+        yield info.position
 
 
 class _Recent:

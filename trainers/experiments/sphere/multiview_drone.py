@@ -26,6 +26,7 @@ from tsuiseki.trainers.experiments.sphere.flights import (
     surveyed_errors,
     try_noise,
 )
+from tsuiseki.trainers.experiments.sphere.look_ahead import LookAhead, look_ahead, look_ahead_table
 
 
 def reproduce(bench: Bench, data: Path = Path("../shared/data/stereo/multiview-drone-3"), seed: int = 0) -> Outcome:
@@ -46,6 +47,7 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data/stereo/multiview-d
     flight = read_drone_flight(data)
     cameras = calibrate_flight(flight, bench.watch)
     scores, trials = [], {}
+    ahead: list[LookAhead] = []
     for count in CAMERA_COUNTS:
         used = cameras[:count]
         noises = list(itertools.product(AGITATIONS, INFLATIONS))
@@ -55,11 +57,13 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data/stereo/multiview-d
         ]
         best = chosen(trials[count]).settings
         scores.append(bench.store.recall(score_flight, used, *half_of(flight, used, first=False), best, seed))
+        ahead += bench.store.recall(look_ahead, flight, used, best, seed)
     values = {
         "scores": [asdict(s) for s in scores],
+        "look_ahead": [asdict(row) for row in ahead],
         "trials": {str(count): [asdict(t) for t in tried] for count, tried in trials.items()},
     }
-    tables = [_score_table(scores), _camera_table(cameras), _choice_table(trials)]
+    tables = [_score_table(scores), _camera_table(cameras), _choice_table(trials), look_ahead_table(ahead)]
     return Outcome(values, tables, notes=_survey(data, cameras))
 
 
