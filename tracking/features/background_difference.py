@@ -67,6 +67,24 @@ class Background:
         return _difference(image, self.image, self.contrast)
 
 
+@dataclass(frozen=True)
+class StandingOut:
+    """The pixels that stand out from a background, whatever their colour.
+
+    Attributes:
+        background: that a fixed camera sees.
+        smooth: side in pixels, odd, of the median filter that takes specks away and closes pinholes; 1 leaves it out.
+    """
+
+    background: Background
+    smooth: int = 5
+
+    def pixels(self, image: ImageArray) -> Grey:
+        """``(H, W)`` uint8, 255 where an RGB image stands out and 0 elsewhere."""
+        mask = np.where(self.background.difference(image) > self.background.threshold, 255, 0).astype(np.uint8)
+        return np.asarray(cv2.medianBlur(mask, self.smooth), dtype=np.uint8) if self.smooth > 1 else mask
+
+
 def learn_background(
     images: Sequence[ImageArray], contrast: Contrast = "auto", share: float = 0.1, threshold: float | None = None
 ) -> Background:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.features.networks.exported import Appearance, Detector
     from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
     from tsuiseki.tracking.interchange import as_detections
+    from tsuiseki.tracking.pipelines.animals import SkeletonSettings, track_animals
     from tsuiseki.tracking.pipelines.blobs import follow_blobs, follow_points, track_blobs, track_points
     from tsuiseki.tracking.pipelines.deformable import follow_deformable, track_deformable
     from tsuiseki.tracking.pipelines.drone import track_drone
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.pipelines.sphere import follow_sphere, track_sphere
     from tsuiseki.tracking.pipelines.sphere_points import track_sphere_points
     from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings
+    from tsuiseki.tracking.trackers.animals.linking import AnimalSettings
     from tsuiseki.tracking.trackers.blobs import BlobSettings
     from tsuiseki.tracking.trackers.deformable import DeformableSettings
     from tsuiseki.tracking.trackers.drone import DroneSettings
@@ -51,6 +53,7 @@ _MODULES = {
     "features.networks.exported": "Appearance Detector",
     "formats.mot": "read_tracks write_tracks",
     "interchange": "as_detections",
+    "pipelines.animals": "SkeletonSettings track_animals",
     "pipelines.blobs": "follow_blobs follow_points track_blobs track_points",
     "pipelines.deformable": "follow_deformable track_deformable",
     "pipelines.drone": "track_drone",
@@ -61,6 +64,7 @@ _MODULES = {
     "pipelines.sphere": "follow_sphere track_sphere",
     "pipelines.sphere_points": "track_sphere_points",
     "pipelines.sphere_settings": "SphereSettings",
+    "trackers.animals.linking": "AnimalSettings",
     "trackers.blobs": "BlobSettings",
     "trackers.people.bytetrack": "ByteTrack ByteTrackSettings",
     "trackers.people.deepsort": "DeepSort DeepSortSettings",
@@ -80,6 +84,7 @@ _HOMES = {name: f"tsuiseki.tracking.{module}" for module, names in _MODULES.item
 
 __all__ = [
     "ActingTrack",
+    "AnimalSettings",
     "Appearance",
     "BlobSettings",
     "BodyTrack",
@@ -107,6 +112,7 @@ __all__ = [
     "SensedTargets",
     "SensedTrack",
     "SensingModel",
+    "SkeletonSettings",
     "Sort",
     "SortSettings",
     "SphereSettings",
@@ -127,6 +133,7 @@ __all__ = [
     "follow_sphere",
     "read_tracks",
     "shipped",
+    "track_animals",
     "track_blobs",
     "track_deformable",
     "track_drone",

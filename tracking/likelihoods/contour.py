@@ -7,7 +7,7 @@ the nearest edge. A particle then costs one look-up for each of its contour poin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias, TypeVar
+from typing import Protocol, TypeAlias, TypeVar
 
 import cv2
 import numpy as np
@@ -51,6 +51,12 @@ class Extraction:
         return np.asarray(cv2.medianBlur(mask, self.smooth), dtype=np.uint8) if self.smooth > 1 else mask
 
 
+class BodyPixels(Protocol):
+    """Says which pixels ``(H, W)`` of an image are of bodies: `Extraction`, or a difference from a background."""
+
+    def pixels(self, image: ImageArray) -> Mask: ...
+
+
 @dataclass(frozen=True)
 class EdgeImage:
     """A frame as the contour likelihood sees it.
@@ -66,7 +72,7 @@ class EdgeImage:
     has_edges: bool
 
     @classmethod
-    def of(cls, image: ImageArray, extraction: Extraction) -> EdgeImage:
+    def of(cls, image: ImageArray, extraction: BodyPixels) -> EdgeImage:
         """Extract, find edges, and measure the distance to them."""
         return cls.of_mask(extraction.pixels(image))
 

@@ -11,7 +11,8 @@ import numpy as np
 from tsuiseki.tracking.bodies.skeleton import learn_skeleton
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Background, Contrast, learn_background
-from tsuiseki.tracking.formats.bodies.points import PointTable, read_poses_file
+from tsuiseki.tracking.formats.bodies.point_table import PointTable
+from tsuiseki.tracking.formats.bodies.points import read_poses_file
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.trackers.animals.linking import FIELDS, Animal, AnimalSettings, link_animals
@@ -37,7 +38,8 @@ class SkeletonSettings(Shared):
     """What is known of the animals' points.
 
     Attributes:
-        points: points seen in every frame, as SLEAP's analysis CSV or DeepLabCut's CSV; the image is not looked at.
+        points: points seen in every frame: SLEAP's .slp, .h5 or analysis CSV, or DeepLabCut's CSV; the image is not
+            looked at.
         labels: points that you marked in a few frames of this video, likewise; they teach where on the body each lies.
         line: names of a point at the back and one at the front of the body, such as tail,nose; by default found.
         centre: name of the point whose place is reported; by default the middle of the body.

@@ -13,18 +13,21 @@ from numpy.typing import ArrayLike
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.background_difference import Contrast, StandingOut
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk
 from tsuiseki.tracking.filters.motion.learnt_motion import read_motion
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
-from tsuiseki.tracking.likelihoods.contour import Extraction
+from tsuiseki.tracking.likelihoods.contour import BodyPixels, Extraction
 from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.pipelines.animals import video_background
 from tsuiseki.tracking.trackers.body_starts import wide_noise
 from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.types import FloatArray, Frame
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video import Source, open_source
 
+CONTRASTS: dict[str, Contrast] = {"any": "auto", "bright": "bright", "dark": "dark"}
 MotionPreset = Literal["learnt", "paper", "conditional", "independent", "velocity", "walk", "wide"]
 
 
@@ -43,8 +46,9 @@ class BodyChoice(Shared):
         widen: times the learnt deviations; with few particles wider noise, such as 1.6, loses fewer bodies.
         init: state of a body in the first frame, a,b,theta,phi in pixels and radians (for the ball a,b,theta,squash);
             once for each body. By default the bodies are found.
-        colour: red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with hues in
-            degrees.
+        colour: any, bright or dark: what stands out so from the background behind the bodies, learnt from the video of
+            a fixed camera. Or red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with
+            hues in degrees.
         deformable: settings of the tracker.
     """
 
@@ -53,13 +57,22 @@ class BodyChoice(Shared):
     preset: MotionPreset | None = None
     widen: float = 1.0
     init: list[list[float]] | None = None
-    colour: str = "orange"
+    colour: str = "any"
     deformable: DeformableSettings = field(default_factory=DeformableSettings)
 
-    @property
-    def extraction(self) -> Extraction:
-        """How the bodies' edges are found in an image."""
-        return Extraction(parse_colour(self.colour), self.deformable.smooth)
+    def pixels(self, source: Source) -> BodyPixels:
+        """How bodies are told from what lies behind them; for a contrast the video is played once.
+
+        Raises:
+            RequestError: there is no such colour, or a contrast is asked of a live source.
+        """
+        if self.colour not in CONTRASTS:
+            return Extraction(parse_colour(self.colour), self.deformable.smooth)
+        if source.live:
+            raise RequestError(
+                f"`colour`: expected one with a live source, which cannot be played twice, got {self.colour}"
+            )
+        return StandingOut(video_background(source, CONTRASTS[self.colour]), self.deformable.smooth)
 
     def tracker(self, source: Source, seed: int = 0) -> DeformableTracker:
         """A fresh tracker for the bodies in a video.
@@ -70,14 +83,14 @@ class BodyChoice(Shared):
         body = parse_body(self.body)
         moves = chosen_motion(body, self.motion, self.preset, source.frame_rate, self.widen)
         states = starting_states(self.init, body, source)
-        return DeformableTracker(body, moves, self.extraction, self.deformable, states, seed)
+        return DeformableTracker(body, moves, self.pixels(source), self.deformable, states, seed)
 
 
 def track_deformable(
     source: str | Path | int,
     body: str = "goldfish",
     *,
-    colour: str = "orange",
+    colour: str = "any",
     motion: str | Path | None = None,
     preset: MotionPreset | None = None,
     init: ArrayLike | None = None,
@@ -91,7 +104,9 @@ def track_deformable(
         source: a video file, a folder of images, or a MOTChallenge sequence folder.
         body: ``goldfish`` or ``ball``, with its sizes in pixels where they differ, such as
             ``"goldfish,length=40,width=14,tail=20"``, or a file of `tsuiseki train body`.
-        colour: theirs, by name or as ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees.
+        colour: theirs, by name or as ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees; or ``any``, ``bright`` or ``dark``
+            for what stands out in this way from a background that a fixed camera sees behind them. A live source needs
+            a colour.
         motion: file of `tsuiseki train motion`, what was learnt of this body.
         preset: how the body is expected to move; by default ``learnt`` with ``motion`` and ``wide`` without.
         init: ``(K, D)`` states of the bodies in the first frame; by default they are found there.
@@ -118,7 +133,7 @@ def follow_deformable(
     source: str | Path | int,
     body: str = "goldfish",
     *,
-    colour: str = "orange",
+    colour: str = "any",
     motion: str | Path | None = None,
     preset: MotionPreset | None = None,
     init: ArrayLike | None = None,

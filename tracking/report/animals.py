@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.formats.bodies.points import PointTable
+from tsuiseki.tracking.formats.bodies.point_table import PointTable
 from tsuiseki.tracking.report.overlay import draw_label, track_colour, write_drawn
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack

@@ -21,10 +21,10 @@ from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber, 
 from tsuiseki.tracking.filters.particles.weights import weighted_mean
 from tsuiseki.tracking.likelihoods.contour import (
     FARTHEST,
+    BodyPixels,
     BodyView,
     ContourLikelihood,
     EdgeImage,
-    Extraction,
     Mask,
     Points,
 )
@@ -132,7 +132,7 @@ class DeformableTracker:
         self,
         body: Body,
         motion: BodyMotion,
-        extraction: Extraction | None,
+        extraction: BodyPixels | None,
         settings: DeformableSettings | None = None,
         starts: FloatArray | None = None,
         seed: int = 0,
@@ -159,9 +159,17 @@ class DeformableTracker:
         Raises:
             ValueError: the tracker has no extraction.
         """
+        self.update_edges(frame.index, self.edges(frame))
+
+    def edges(self, frame: Frame) -> EdgeImage:
+        """The edges of the bodies in a frame, for `update_edges`.
+
+        Raises:
+            ValueError: the tracker has no extraction.
+        """
         if self.extraction is None:
             raise ValueError("expected an extraction to find edges by; give one, or use update_edges")
-        self.update_edges(frame.index, EdgeImage.of(frame.image, self.extraction))
+        return EdgeImage.of(frame.image, self.extraction)
 
     def update_edges(self, index: int, edges: EdgeImage) -> None:
         """Take the next frame, whose edges are known."""

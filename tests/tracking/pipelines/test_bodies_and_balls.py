@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -121,3 +122,17 @@ def test_balls_that_cannot_be_say_so(film: Path, options: dict[str, Any], messag
 def test_settings_of_a_ball_are_checked(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(RequestError, match=message):
         SphereSettings(**settings)
+
+
+@pytest.mark.parametrize("colour", ["any", "dark"])
+def test_what_stands_out_is_followed_without_a_colour(tmp_path: Path, colour: str) -> None:
+    rng = np.random.default_rng(4)
+    ground = cv2.GaussianBlur(rng.integers(120, 200, (160, 240, 3)).astype(np.uint8), (0, 0), 3.0)
+    places = np.array([[30.0 + 12 * t, 60.0 + 3 * t] for t in range(14)])
+    for t, place in enumerate(places):
+        image = ground.copy()
+        cv2.circle(image, np.round(place).astype(int).tolist(), 15, (40, 45, 50), -1, cv2.LINE_AA)
+        cv2.imwrite(str(tmp_path / f"{t + 1:06d}.png"), image)
+    settings = replace(SETTINGS, particles=1000)
+    (track,) = track_deformable(tmp_path, "ball,diameter=30", colour=colour, init=[[30, 60, 0, 0]], settings=settings)
+    assert np.linalg.norm(track.states[:, :2] - places, axis=1).max() < 4.0

@@ -22,7 +22,8 @@ def animals(
     """Track several animals before a fixed camera: place, heading and size of each, through contact, entering, leaving.
 
     DIR gets states.csv (frame, id, a,b,theta,length,width in pixels and radians, score, status), run.json and, with
-    --overlay, overlay.webm; with --points or --labels also points.sleap.csv and points.dlc.csv.
+    --overlay, overlay.webm; with --points or --labels also points.sleap.csv and points.dlc.csv, and
+    points.sleap.h5 where h5py is installed.
 
     Args:
         contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.
@@ -32,6 +33,7 @@ def animals(
     """
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.formats.bodies.points import write_deeplabcut, write_sleap
+    from tsuiseki.tracking.formats.bodies.sleap_hdf5 import hdf5_installed, write_sleap_analysis
     from tsuiseki.tracking.formats.bodies.states import write_states
     from tsuiseki.tracking.pipelines.animals import (
         finished,
@@ -73,6 +75,8 @@ def animals(
         if placed is not None:
             run.write("points.sleap.csv", lambda path: write_sleap(path, placed))
             run.write("points.dlc.csv", lambda path: write_deeplabcut(path, placed, numbers[-1] + 1))
+            if hdf5_installed():
+                run.write("points.sleap.h5", lambda path: write_sleap_analysis(path, placed, numbers[-1] + 1))
         video.draw(run, source, lambda path, again: write_animals(path, again, tracks, placed, source.frame_rate))
         hint = "" if tracks else "; nothing stands out, give `threshold` or another `contrast`"
         run.done(f"{count(len(tracks), 'animal', 'animals')} in {run.count} frames: {output.out / 'states.csv'}{hint}")

@@ -17,19 +17,18 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
     """
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.formats.bodies.states import write_states
-    from tsuiseki.tracking.likelihoods.contour import EdgeImage
-    from tsuiseki.tracking.pipelines.deformable import columns_of
+    from tsuiseki.tracking.pipelines.deformable import CONTRASTS, columns_of
     from tsuiseki.tracking.report.bodies import write_contours
     from tsuiseki.tracking.report.state_plots import plot_states
 
     source = video.open(images=True)
     tracker = choice.tracker(source, output.seed)
-    body, extraction, frames = tracker.body, choice.extraction, list[int]()
+    body, frames = tracker.body, list[int]()
     with output.run() as run:
         run.facts["frame_rate"] = source.frame_rate
         for frame in run.steps(run.frames(source, record=video.overlay), total=frames_expected(source)):
             with run.times.measure("edges"):
-                edges = EdgeImage.of(frame.image, extraction)
+                edges = tracker.edges(frame)
             with run.times.measure("particles"):
                 tracker.update_edges(frame.index, edges)
             frames.append(frame.index)
@@ -41,6 +40,7 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
         seen = sum(int(track.tracking.sum()) for track in tracks)
         bodies, place = count(len(tracks), "body", "bodies"), output.out / "states.csv"
         share = f"seen {100 * seen / max(sum(map(len, tracks)), 1):.0f} %"
-        hint = f"; nothing of the colour {choice.colour} fits a body, give another --colour, or --init"
+        what = "that stands out" if choice.colour in CONTRASTS else f"of the colour {choice.colour}"
+        hint = f"; nothing {what} fits a body, give another --colour, or --init"
         run.done(f"{bodies} in {run.count} frames, {share}: {place}{'' if seen else hint}")
     return run.status

@@ -1,7 +1,7 @@
 """Points of animals as SLEAP and DeepLabCut write them, and as a ``states.csv`` with labelled points has them.
 
-* SLEAP's analysis CSV: ``track,frame_idx,instance.score,head.x,head.y,head.score,…``, frames from 0. A project (.slp)
-  or an analysis file (.h5) is HDF5: export it with ``sleap-convert --format analysis.csv``.
+* SLEAP's analysis CSV: ``track,frame_idx,instance.score,head.x,head.y,head.score,…``, frames from 0. Its
+  projects and analysis files are HDF5: `sleap_hdf5`.
 * DeepLabCut's CSV: header lines scorer, (individuals,) bodyparts, coords; then a line a frame, from 0. In files of
   labels the frame is the number in the name of the image.
 * ours: ``frame,id,…,head_x,head_y,…``, frames from 1.
@@ -14,82 +14,49 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.formats.bodies.point_table import PointTable
+from tsuiseki.tracking.formats.bodies.sleap_hdf5 import is_hdf5, read_sleap_hdf5
 
 DLC_FIRST = "scorer"
 DLC_ROWS = ("individuals", "bodyparts", "coords")
 
 
-@dataclass(frozen=True)
-class PointTable:
-    """Points of N animals in frames.
-
-    Attributes:
-        nodes: K names.
-        frames: ``(N,)`` 0-based.
-        tracks: N names of who it is; empty where that is not known.
-        points: ``(N, K, 2)`` pixels; NaN where a point is not seen.
-        scores: ``(N, K)``; NaN where a point has none.
-    """
-
-    nodes: tuple[str, ...]
-    frames: IntArray
-    tracks: tuple[str, ...]
-    points: FloatArray
-    scores: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def node(self, name: str) -> int:
-        """Number of a node.
-
-        Raises:
-            RequestError: there is none of that name.
-        """
-        if name not in self.nodes:
-            raise RequestError(f"expected a point of {', '.join(self.nodes)}, got {name!r}")
-        return self.nodes.index(name)
-
-
 def read_poses_file(path: Path) -> PointTable:
-    """The points in a CSV file of SLEAP, DeepLabCut or ours.
+    """The points in a CSV file of SLEAP, DeepLabCut or ours, or in SLEAP's .slp or .h5.
 
     Raises:
         RequestError: it is none of them, is broken, or holds no point.
     """
     if not path.is_file():
         raise RequestError(f"expected points of animals at {path}, found no file")
-    with path.open("rb") as raw:
-        if raw.read(8) == b"\x89HDF\r\n\x1a\n":
-            raise RequestError(
-                f"{path} is HDF5; expected CSV: sleap-convert --format analysis.csv, or DeepLabCut's CSV beside its .h5"
-            )
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    first = [cell.strip() for cell in rows[0]] if rows else []
-    if first[:1] == [DLC_FIRST]:
-        table = _deeplabcut(path, rows)
-    elif "frame_idx" in first:
-        table = _sleap(path, first, rows[1:])
-    elif first[:2] == ["frame", "id"]:
-        table = _ours(path, first, rows[1:])
-    else:
-        raise RequestError(
-            f"{path}: expected SLEAP's analysis CSV (track,frame_idx,…), DeepLabCut's (scorer,…) or frame,id,head_x,…, "
-            f"got {','.join(first)[:60]}"
-        )
+    table = read_sleap_hdf5(path) if is_hdf5(path) else _text_table(path)
     seen = np.isfinite(table.points).all(axis=2).sum(axis=1) > 0
     if not seen.any():
         raise RequestError(f"{path}: expected at least one point, got none")
     tracks = tuple(name for name, one in zip(table.tracks, seen, strict=True) if one)
     return PointTable(table.nodes, table.frames[seen], tracks, table.points[seen], table.scores[seen])
+
+
+def _text_table(path: Path) -> PointTable:
+    """The points in a CSV file."""
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
+    first = [cell.strip() for cell in rows[0]] if rows else []
+    if first[:1] == [DLC_FIRST]:
+        return _deeplabcut(path, rows)
+    if "frame_idx" in first:
+        return _sleap(path, first, rows[1:])
+    if first[:2] == ["frame", "id"]:
+        return _ours(path, first, rows[1:])
+    raise RequestError(
+        f"{path}: expected SLEAP's analysis CSV (track,frame_idx,…), DeepLabCut's (scorer,…) or frame,id,head_x,…, "
+        f"got {','.join(first)[:60]}"
+    )
 
 
 def write_sleap(path: Path, table: PointTable) -> None:

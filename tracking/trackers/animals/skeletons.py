@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.bodies.skeleton import Skeleton, line_of
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.points import PointTable
+from tsuiseki.tracking.formats.bodies.point_table import PointTable
 from tsuiseki.tracking.trackers.animals.linking import Animal
 from tsuiseki.tracking.trackers.animals.pose import AnimalPose
 from tsuiseki.tracking.types import FloatArray

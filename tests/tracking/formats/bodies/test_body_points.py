@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.points import PointTable, read_poses_file, write_deeplabcut, write_sleap
+from tsuiseki.tracking.formats.bodies.point_table import PointTable
+from tsuiseki.tracking.formats.bodies.points import read_poses_file, write_deeplabcut, write_sleap
 
 
 @pytest.fixture
@@ -64,9 +65,9 @@ def test_broken_files_are_refused(tmp_path, text, expected):
         read_poses_file(tmp_path / "points.csv")
 
 
-def test_hdf5_says_how_to_export(tmp_path):
+def test_a_broken_hdf5_file_is_refused(tmp_path):
     (tmp_path / "labels.slp").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(8))
-    with pytest.raises(RequestError, match="sleap-convert --format"):
+    with pytest.raises(RequestError, match="one that is broken"):
         read_poses_file(tmp_path / "labels.slp")
     with pytest.raises(RequestError, match="found no file"):
         read_poses_file(tmp_path / "none.csv")
