@@ -27,8 +27,8 @@ ALLOWED = {
 # Inside `tracking` a module imports only what stands before it here.
 LAYERS = ("errors", "opencv", "weights", "types", "frame_range", "coded_size", "geometry", "timing", "output",
           "options", "processes", "onnx", "preprocessing", "interchange", "formats", "image_folder", "video",
-          "synchronise", "latest_frames", "cameras", "bodies", "likelihoods", "filters", "features", "association", "trackers",
-          "evaluation", "report", "pipelines", "front", "cli")  # fmt: skip
+          "synchronise", "latest_frames", "cameras", "bodies", "likelihoods", "filters", "features", "association",
+          "trackers", "evaluation", "report", "pipelines", "front", "cli")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/readers", "datamodules/scenes")
 
 
