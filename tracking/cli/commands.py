@@ -166,6 +166,7 @@ COMMANDS: Tree = {
                 "tracks and actions from a drone improve each other", "drone.action_features"
             ),
             "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "finite_sets.unseen"),
+            "blobs": Experiment("coloured objects, beside components and SORT", "finite_sets.blobs"),
             "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),
             "association": Experiment(
                 "people and cars linked on given detections, with peers", "association.association"

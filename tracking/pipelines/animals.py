@@ -77,6 +77,7 @@ def track_animals(
     skeleton: SkeletonSettings | None = None,
     frames: str | None = None,
     settings: AnimalSettings | None = None,
+    seed: int = 0,
 ) -> tuple[list[BodyTrack], PointTable | None]:
     """Several animals before a fixed camera: place, heading and size of each in every frame.
 
@@ -87,6 +88,7 @@ def track_animals(
         skeleton: what is known of their points.
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         settings: see `AnimalSettings`.
+        seed: as all trackers have it; this one draws no random numbers.
 
     Returns:
         The tracks by id, whose states are a, b, theta, length, width in pixels and radians; and their points, where a
@@ -96,6 +98,7 @@ def track_animals(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
+    del seed
     opened, skeleton = open_source(str(source), parse_frames(frames)), skeleton or SkeletonSettings()
     if not opened.has_images:
         raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
