@@ -46,7 +46,7 @@ class ComponentsAndSort:
     def update(self, frame: Frame) -> object:
         """Take the next frame."""
         boxes = self._patches.patches(ColourImage.of(frame.image, self.colour), np.empty((0, 4)))
-        return self.sort.update(Detections(boxes, np.ones(len(boxes)), np.zeros(len(boxes), dtype=np.int64)))
+        return self.sort.update(Detections(boxes, np.ones(len(boxes))))
 
     def tracks(self) -> list[Track]:
         """The tracks so far."""
