@@ -59,7 +59,10 @@ class Detector(nn.Module):
         Returns:
             logits ``(B, A, classes + 1)``, background first, and offsets ``(B, A, 4)`` in the box code.
         """
-        maps = self.features(images)
+        return self.heads(self.features(images))
+
+    def heads(self, maps: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
+        """Raw heads of the feature maps of images; see `forward`."""
         logits = [_rows(head(x), self.classes + 1) for head, x in zip(self.class_heads, maps, strict=True)]
         offsets = [_rows(head(x), 4) for head, x in zip(self.box_heads, maps, strict=True)]
         return torch.cat(logits, dim=1), torch.cat(offsets, dim=1)

@@ -29,7 +29,7 @@ from tsuiseki.trainers.association.graphs import Graph
 from tsuiseki.trainers.association.losses_beside import contrast_within, finite, link_cross_entropy
 from tsuiseki.trainers.association.starting import detector_of, heads_only, network_of, siamese_of
 from tsuiseki.trainers.association.window_appearance import distances, repriced
-from tsuiseki.trainers.association.window_detector import head_outputs, own_loss, rescored, score_logits
+from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss, rescored, score_logits
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
@@ -127,6 +127,7 @@ class AssociationTraining(lightning.LightningModule):
             self.siamese, self._siamese_made_of = siamese_of(appearance)
         self.detector: DetectorTraining | None = None
         self._detector_made_of: dict[str, Any] = {}
+        self.trunk = FrozenTrunk()
         self.detector_rate, self.detection = detector_rate, detection
         if detector is not None:
             self.detector, self._detector_made_of = detector_of(detector)
@@ -178,7 +179,7 @@ class AssociationTraining(lightning.LightningModule):
             self.siamese.eval()
             features = self.siamese(torch.as_tensor(batch.crops.images, device=self.device))
         if self.detector is not None and batch.frames is not None:
-            heads = head_outputs(self.detector, batch.frames)
+            heads = self.trunk.heads(self.detector, batch.frames.batch.images)
         return Seen(features, heads)
 
     def costs(self, batch: TrainingWindow, seen: Seen | None = None) -> Tensor:

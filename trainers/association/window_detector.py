@@ -13,6 +13,8 @@ that hold them change likewise. Boxes, and how well they are measured, are held 
 
 from __future__ import annotations
 
+import hashlib
+from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,11 +68,34 @@ def frames_of(graph: Graph, card: ModelCard) -> WindowFrames:
     return WindowFrames(collate(examples) if examples else none, graph.frames - frames.start)
 
 
-def head_outputs(detector: DetectorTraining, frames: WindowFrames) -> tuple[Tensor, Tensor]:
-    """Raw heads of the images; the normalisations keep the statistics that they were trained with."""
-    detector.eval()
-    logits, offsets = detector(frames.batch.images.to(detector.device))
-    return logits, offsets
+class FrozenTrunk:
+    """The maps that a trunk which does not learn makes of images: those of the latest images are kept.
+
+    Args:
+        most: images that are kept; one of 640 by 480 pixels takes about 2.5 MB.
+    """
+
+    def __init__(self, most: int = 320) -> None:
+        self.most = most
+        self._kept: OrderedDict[bytes, list[Tensor]] = OrderedDict()
+
+    def heads(self, detector: DetectorTraining, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Raw heads of ``(T, H, W, 3)`` uint8 images; all normalisations keep the statistics they were trained with."""
+        detector.eval()
+        maps = [self._maps(detector, image) for image in images]
+        every = [torch.cat(one) for one in zip(*maps, strict=True)]
+        logits, offsets = detector.network.heads(every)
+        return logits, offsets
+
+    def _maps(self, detector: DetectorTraining, image: Tensor) -> list[Tensor]:
+        key = hashlib.blake2b(image.cpu().numpy().tobytes(), digest_size=16).digest()
+        if key not in self._kept:
+            with torch.no_grad():
+                self._kept[key] = detector.network.features(detector.normalised(image[None].to(detector.device)))
+            if len(self._kept) > self.most:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key]
 
 
 def score_logits(logits: Tensor, frames: WindowFrames, graph: Graph) -> Tensor:

@@ -207,10 +207,14 @@ class DetectorTraining(lightning.LightningModule):
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
         """Raw heads of ``(B, H, W, 3)`` uint8 images; see `Detector.forward`."""
+        logits, offsets = self.network(self.normalised(images))
+        return logits, offsets
+
+    def normalised(self, images: Tensor) -> Tensor:
+        """``(B, 3, H, W)`` as the network takes them, of ``(B, H, W, 3)`` uint8 images."""
         assert isinstance(self.mean, Tensor)
         assert isinstance(self.std, Tensor)
-        logits, offsets = self.network((images.permute(0, 3, 1, 2).float() - self.mean) / self.std)
-        return logits, offsets
+        return (images.permute(0, 3, 1, 2).float() - self.mean) / self.std
 
     def on_fit_start(self) -> None:
         """Weights of an exported file get their normalisations back."""
@@ -218,9 +222,7 @@ class DetectorTraining(lightning.LightningModule):
             return
         examples = [self.trainer.datamodule.training[n] for n in range(_NORM_EXAMPLES)]  # type: ignore[attr-defined]
         images = torch.stack([torch.from_numpy(e.image) for e in examples]).to(self.device)
-        assert isinstance(self.mean, Tensor)
-        assert isinstance(self.std, Tensor)
-        restore_normalisations(self.network, (images.permute(0, 3, 1, 2).float() - self.mean) / self.std)
+        restore_normalisations(self.network, self.normalised(images))
         self.network.train()
 
     def training_step(self, batch: DetectionBatch, batch_index: int) -> Tensor:

@@ -18,7 +18,7 @@ from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow, TrainingWindow
 from tsuiseki.trainers.association.starting import detector_of
 from tsuiseki.trainers.association.training import AssociationTraining
-from tsuiseki.trainers.association.window_detector import frames_of, own_loss, rescored, score_logits
+from tsuiseki.trainers.association.window_detector import FrozenTrunk, frames_of, own_loss, rescored, score_logits
 from tsuiseki.trainers.exporting.export_detector import export_detector
 from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.detector import DetectorTraining
@@ -118,7 +118,8 @@ def test_the_gradient_is_that_of_finite_differences(batch: TrainingWindow, detec
     module = AssociationTraining(detector=detector[0], detection=0.0, joins=0.0, epsilon=0.7).double()
     assert module.detector is not None
     module._tensor = lambda values: torch.as_tensor(values, dtype=torch.float64)  # type: ignore[method-assign]
-    module.detector.forward = _in_double(module.detector)  # type: ignore[method-assign]
+    in_double = module.detector.normalised
+    module.detector.normalised = lambda images: in_double(images).double()  # type: ignore[method-assign]
     torch.nn.init.normal_(module.network.detections.linear.weight, std=0.1)
     module.train()
 
@@ -141,12 +142,22 @@ def test_the_gradient_is_that_of_finite_differences(batch: TrainingWindow, detec
         assert (values[0] - values[1]) / (2 * step) == pytest.approx(float(weight.grad.view(-1)[place]), rel=1e-4)
 
 
-def _in_double(module: DetectorTraining):  # type: ignore[no-untyped-def]
-    def forward(images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        logits, offsets = module.network((images.permute(0, 3, 1, 2).double() - module.mean) / module.std)
-        return logits, offsets
-
-    return forward
+def test_the_trunk_is_asked_once_an_image(batch: TrainingWindow, detector: tuple[Path, Path]) -> None:
+    module, trunk = AssociationTraining(detector=detector[0]).detector, FrozenTrunk(most=3)
+    assert module is not None
+    assert batch.frames is not None
+    images = batch.frames.batch.images[:3]
+    with torch.no_grad():
+        whole = module(images)
+        asked = []
+        module.network.features.register_forward_hook(lambda *_: asked.append(1))
+        for _ in range(2):
+            for one, other in zip(trunk.heads(module, images), whole, strict=True):
+                torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-4)
+        assert len(asked) == 3
+        trunk.heads(module, batch.frames.batch.images[3:4])
+        trunk.heads(module, images[:1])
+        assert len(asked) == 5
 
 
 def test_only_the_heads_learn(batch: TrainingWindow, detector: tuple[Path, Path]) -> None:

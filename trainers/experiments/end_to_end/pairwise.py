@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
+from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from threadpoolctl import threadpool_limits
 
 from tsuiseki.tracking.association.flow.cost_network import LARGEST
@@ -134,7 +134,9 @@ def _learnt(learner: Learner, rows: FloatArray, right: FloatArray, weight: Float
             max_iter=80, max_leaf_nodes=12, min_samples_leaf=60, l2_regularization=5.0, random_state=seed
         )
         return made.fit(rows, right, weight)  # type: ignore[no-any-return]
-    steps = make_pipeline(StandardScaler(), LogisticRegression(max_iter=200))
+    # What was never seen in training is no reason for more than what was, as in `CostChange`.
+    bounded = FunctionTransformer(np.clip, kw_args={"a_min": -5.0, "a_max": 5.0})
+    steps = make_pipeline(StandardScaler(), bounded, LogisticRegression(max_iter=200))
     return steps.fit(rows, right, logisticregression__sample_weight=weight)  # type: ignore[no-any-return]
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
+from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.data import affordable
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_network
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
@@ -15,6 +18,7 @@ from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, sequence
 from tsuiseki.trainers.experiments.association.labelled import read_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
 from tsuiseki.trainers.experiments.end_to_end.pairwise import Learner, fit_pairs
+from tsuiseki.trainers.experiments.end_to_end.simple_changes import Shrunk
 
 
 def video_of(clip: Clip) -> DetectedVideo:
@@ -45,6 +49,20 @@ def learnt_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit) ->
     return [tracked(clip, changes) for clip in tests]
 
 
+def shared_tables(
+    train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit, share: tuple[float, float]
+) -> list[FloatArray]:
+    """As `learnt_tables`, with shares of the changes of links and joins, and of detections."""
+    changes = NetworkChanges(fit_network(learnable(train), replace(fit, trust=1.0)))
+    return [tracked(clip, Shrunk(changes, *share)) for clip in tests]
+
+
+def shipped_table(clip: Clip) -> FloatArray:
+    """Tracks with the costs of pairs that ship, by boxes alone."""
+    pairs = Affinity(shipped("affinity_people"), 1)
+    return _table(clip, FlowTracker(None, pairs, pairs.observation, clip.rate, _size(clip)))
+
+
 def pairwise_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], learner: Learner) -> list[FloatArray]:
     """Tracks of ``tests`` by costs that were learnt on the pairs of ``train``."""
     changes = fit_pairs(learnable(train), learner)
@@ -53,10 +71,7 @@ def pairwise_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], learner: L
 
 def tracked(clip: Clip, changes: CostChanges | None) -> FloatArray:
     """Tracks by boxes alone."""
-    tracker = FlowTracker(frame_rate=clip.rate, size=_size(clip), changes=changes)
-    for found in read_clip(clip):
-        tracker.update(found)
-    return table_of(tracker.tracks())
+    return _table(clip, FlowTracker(frame_rate=clip.rate, size=_size(clip), changes=changes))
 
 
 def lost_links(clip: Clip) -> list[int]:
@@ -66,6 +81,12 @@ def lost_links(clip: Clip) -> list[int]:
     links = graph.labelled[3 * len(graph) :]
     flow = cheapest(Problem(graph.costs, graph.tail, graph.head))[3 * len(graph) :]
     return [int(links.sum()) + graphs.lost, graphs.lost, int((links * flow).sum())]
+
+
+def _table(clip: Clip, tracker: FlowTracker) -> FloatArray:
+    for found in read_clip(clip):
+        tracker.update(found)
+    return table_of(tracker.tracks())
 
 
 def _size(clip: Clip) -> tuple[int, int] | None:

@@ -44,10 +44,12 @@ def _xywh(box: np.ndarray) -> str:
 
 @pytest.mark.slow
 def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path) -> None:
-    words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given", "--cache", str(tmp_path / "cache")]
+    words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given", "--sets", "mot15"]
+    words += ["--cache", str(tmp_path / "cache")]
     assert main([*words, "--out", str(tmp_path / "one")]) == 0
     values = json.loads((tmp_path / "one" / "results.json").read_text())["mot15"]
     rows = {"default", "pairs, logistic", "pairs, boosted trees", "hinge", "Fenchel-Young", "right links"}
+    rows |= {"direct search", "Fenchel-Young, shares by HOTA"}
     assert set(values) == rows
     assert all(0 < found["hota"] <= 1 for found in values.values())
     assert values["right links"]["idf1"] >= values["default"]["idf1"]
