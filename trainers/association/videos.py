@@ -60,7 +60,7 @@ def detected_videos(
                 wide, tall = size or np.ceil(truth.boxes[:, 2:].max(axis=0)).astype(int).tolist()
                 found = simulate_detections(rng, truth, length, wide, tall, faults or DetectorFaults())
             else:
-                found, anchors = _detected(labelled.name, sequence, find)
+                found, anchors = _detected(labelled.name, sequence, find, frames)
             images = () if sequence is None else sequence.images
             video = DetectedVideo(labelled.name, found, truth, rate, size, images, tuple(anchors))
             check_video(video)
@@ -127,11 +127,18 @@ def _given(folder: Path, name: str, sequence: VideoSequence | None, length: int)
     return read_detections(sequence.detections_path, length)
 
 
-def _detected(name: str, sequence: VideoSequence | None, detector: Detector) -> tuple[list[Detections], list[IntArray]]:
+def _detected(
+    name: str, sequence: VideoSequence | None, detector: Detector, frames: tuple[int, int] | None
+) -> tuple[list[Detections], list[IntArray]]:
     images = [] if sequence is None else list_images(sequence.folder / "img1")
     if not images:
         raise RequestError(f"{name}: expected images for the detector in img1/, found none; give detections instead")
-    found = [detector.detect_at_anchors([read_image(path)])[0] for path in images]
+    first, last = frames or (1, len(images))
+    nothing = Detections.empty(), np.empty(0, dtype=np.int64)
+    found = [
+        detector.detect_at_anchors([read_image(path)])[0] if first <= number <= last else nothing
+        for number, path in enumerate(images, start=1)
+    ]
     return [detections for detections, _ in found], [anchors for _, anchors in found]
 
 

@@ -77,25 +77,37 @@ class FrozenTrunk:
 
     def __init__(self, most: int = 320) -> None:
         self.most = most
-        self._kept: OrderedDict[bytes, list[Tensor]] = OrderedDict()
+        # Each image's place in the maps, the latest last. One block a level: many small ones would scatter the memory.
+        self._place: OrderedDict[bytes, int] = OrderedDict()
+        self._levels: list[Tensor] = []
 
     def heads(self, detector: DetectorTraining, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Raw heads of ``(T, H, W, 3)`` uint8 images; all normalisations keep the statistics they were trained with."""
+        """Raw heads of ``(T, H, W, 3)`` uint8 images; all normalisations keep the statistics they were trained with.
+
+        Raises:
+            RequestError: there are more images than are kept.
+        """
+        if len(images) > self.most:
+            raise RequestError(f"expected windows of at most {self.most} frames for the detector, got {len(images)}")
         detector.eval()
-        maps = [self._maps(detector, image) for image in images]
-        every = [torch.cat(one) for one in zip(*maps, strict=True)]
-        logits, offsets = detector.network.heads(every)
+        places = [self._placed(detector, image) for image in images]
+        logits, offsets = detector.network.heads([level[places] for level in self._levels])
         return logits, offsets
 
-    def _maps(self, detector: DetectorTraining, image: Tensor) -> list[Tensor]:
+    def _placed(self, detector: DetectorTraining, image: Tensor) -> int:
         key = hashlib.blake2b(image.cpu().numpy().tobytes(), digest_size=16).digest()
-        if key not in self._kept:
+        if key not in self._place:
             with torch.no_grad():
-                self._kept[key] = detector.network.features(detector.normalised(image[None].to(detector.device)))
-            if len(self._kept) > self.most:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key]
+                maps = detector.network.features(detector.normalised(image[None].to(detector.device)))
+            if not self._levels:
+                self._levels = [one.new_empty(self.most, *one.shape[1:]) for one in maps]
+            full = len(self._place) == self.most
+            place = self._place.popitem(last=False)[1] if full else len(self._place)
+            for level, one in zip(self._levels, maps, strict=True):
+                level[place] = one[0]
+            self._place[key] = place
+        self._place.move_to_end(key)
+        return self._place[key]
 
 
 def score_logits(logits: Tensor, frames: WindowFrames, graph: Graph) -> Tensor:

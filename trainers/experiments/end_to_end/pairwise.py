@@ -31,7 +31,7 @@ Learner = Literal["logistic", "trees"]
 ENDS = 5.0
 # Trust in links and in detections, worth of a detection of even chances, cost of ends beyond the default.
 FIRST = (1.0, 0.5, -3.0, 0.0)
-LOOKS, WINDOWS, SECONDS, MOST_LINKS = 40, 8, 3.0, 40_000
+LOOKS, WINDOWS, SECONDS, MOST_LINKS = 30, 8, 3.0, 40_000
 
 
 class Classifier(Protocol):

@@ -13,6 +13,7 @@ from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.graphs import sequence_graphs
 from tsuiseki.trainers.experiments.association.runs import Result
+from tsuiseki.trainers.experiments.end_to_end import given
 from tsuiseki.trainers.experiments.end_to_end.gradient import crossing, draw_gradient, gradient_of, trained_on_crossings
 from tsuiseki.trainers.experiments.end_to_end.pairwise import fit_pairs
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
@@ -43,7 +44,8 @@ def _xywh(box: np.ndarray) -> str:
 
 
 @pytest.mark.slow
-def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path) -> None:
+def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(given, "LOOKS", 4)
     words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given", "--sets", "mot15"]
     words += ["--cache", str(tmp_path / "cache")]
     assert main([*words, "--out", str(tmp_path / "one")]) == 0
