@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -166,6 +166,31 @@ class ObservationCost:
     def __call__(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` costs of ``(N,)`` detector scores."""
         return self.b + self.alpha + self.beta * np.asarray(scores, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class ProbabilityCost:
+    """Cost of using a detection whose score is the probability p that it is right: ``b - log(p / (1 - p))``.
+
+    Attributes:
+        b: bias; lower it to use more detections.
+        least: p is kept within [least, 1 - least].
+
+    >>> ProbabilityCost()(np.array([0.5])).tolist()
+    [0.0]
+    """
+
+    b: float = 0.0
+    least: float = 1e-3
+
+    def __call__(self, scores: FloatArray) -> FloatArray:
+        """``(N,)`` costs of ``(N,)`` scores in [0, 1]."""
+        p = np.clip(np.asarray(scores, dtype=np.float64), self.least, 1 - self.least)
+        return np.asarray(self.b - np.log(p / (1 - p)))
+
+
+# What a score costs: fitted to labels, or as the detector says itself.
+ScoreCost: TypeAlias = ObservationCost | ProbabilityCost
 
 
 @dataclass(frozen=True)

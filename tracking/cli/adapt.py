@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,7 +35,7 @@ def adapt(
     teacher: Path | None = None,
     view: str = "auto",
     rounds: int = 3,
-    steps: int = 200,
+    steps: int = 100,
     pictures: int = 400,
     score_threshold: float = 0.3,
     sitting: bool = False,
@@ -42,9 +44,10 @@ def adapt(
     """Learn a camera from its unlabelled video: who is tracked with confidence teaches the detector.
 
     Works best where the camera stands still and people walk: then boxes are fitted to silhouettes, people are composed
-    onto the empty view, and what never moves is learnt as background. DIR gets detector.onnx for track people
-    --detector FILE --affinity none (the shipped costs do not know its scores), report.html with what changed and what
-    was learnt from, and run.json. A run that was stopped goes on where the same command is given again.
+    onto the empty view, and what never moves is learnt as background. Each round also learns who looks alike and what
+    links cost, and keeps that where it tells people apart better. DIR gets detector.onnx, also appearance.onnx and
+    affinity.onnx where they were kept, report.html with what changed and what was learnt from, and run.json; the
+    command for track people is printed. A run that was stopped goes on where the same command is given again.
 
     Args:
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
@@ -119,11 +122,32 @@ def _run(run: Run, adaptation: Adaptation) -> None:
     best = best_of(finished)
     run.facts["rounds"] = [asdict(here.scores) for here in finished]
     run.facts["best"] = best.number
-    learnt = best.models.detector if best.number else adaptation.start
-    run.write("detector.onnx", lambda path: shutil.copyfile(learnt, path))
+    run.facts["links"] = [asdict(here.links) for here in finished]
+    learnt = _learnt(best, adaptation.start)
+    for name, file in learnt.items():
+        run.write(f"{name}.onnx", partial(shutil.copyfile, file))
     page = adapted_page(summary(adaptation, finished, notes))
     run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
     run.done(_summary(best, finished[0], run.output.out))
+    print(f"to use it: {_command(learnt, run.output.out)}")
+
+
+def _learnt(best: Round, start: Path) -> dict[str, Path]:
+    """The files of the best round, by the options of `track people` that take them."""
+    if not best.number:
+        return {"detector": start}
+    files = {"detector": best.models.detector}
+    if best.links.better_appearance and best.models.appearance is not None:
+        files["appearance"] = best.models.appearance
+    if best.links.better_costs and best.models.affinity is not None:
+        files["affinity"] = best.models.affinity
+    return files
+
+
+def _command(learnt: dict[str, Path], out: Path) -> str:
+    """The command that tracks people with what was learnt."""
+    options = " ".join(f"--{name} {shlex.quote(str(out / f'{name}.onnx'))}" for name in learnt)
+    return f"tsuiseki track people VIDEO {options} --out DIR"
 
 
 def _line(here: Round, start: Round) -> str:
@@ -132,8 +156,22 @@ def _line(here: Round, start: Round) -> str:
     fate = f"; stopped, for {collapsed}" if collapsed else ""
     return (
         f"round {here.number}: {scores.people} people, {scores.boxes:.1f} boxes and {scores.rejected:.1f} rejected "
-        f"detections a frame, agreement with the tracks {scores.agreement:.3f}{fate}"
+        f"detections a frame, agreement with the tracks {scores.agreement:.3f}{_said_of_links(here)}{fate}"
     )
+
+
+def _said_of_links(here: Round) -> str:
+    """How what tells people apart was learnt, where it was tried."""
+    tried = {
+        "appearance separates": (here.links.separation, here.links.separation_learnt, here.links.better_appearance),
+        "identities kept": (here.links.identity, here.links.identity_learnt, here.links.better_costs),
+    }
+    said = [
+        f"; {name} {before:.3f} -> {after:.3f}{'' if taken else ', not taken'}"
+        for name, (before, after, taken) in tried.items()
+        if before is not None and after is not None
+    ]
+    return "".join(said)
 
 
 def _summary(best: Round, start: Round, out: Path) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from tsuiseki.tracking.association.costs import ProbabilityCost
 from tsuiseki.tracking.features.networks.exported import Detect, Detector
 from tsuiseki.tracking.features.views import MOST_COLUMNS, TiledDetector, View, view_of
 from tsuiseki.tracking.types import Detections, ImageArray
@@ -123,7 +124,18 @@ class ViewedDetector:
 
 def knows_scores(detect: object) -> bool:
     """Whether the scores of ``detect`` mean what those of the shipped detectors do."""
-    return isinstance(detect.detector if isinstance(detect, ViewedDetector) else detect, Detector)
+    inner = _inner(detect)
+    return isinstance(inner, Detector) and not inner.calibrated
+
+
+def cost_of_scores(detect: object) -> ProbabilityCost | None:
+    """What the scores of ``detect`` cost where they are probabilities of its camera; None where nobody says so."""
+    inner = _inner(detect)
+    return ProbabilityCost() if isinstance(inner, Detector) and inner.calibrated else None
+
+
+def _inner(detect: object) -> object:
+    return detect.detector if isinstance(detect, ViewedDetector) else detect
 
 
 def _most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None) -> int:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
@@ -60,6 +61,7 @@ def people_tracker(
     source: Source | None = None,
     camera: CameraPath | None = None,
     delay: float | None = None,
+    scores: ScoreCost | None = None,
 ) -> PeopleTracker:
     """A fresh tracker; the flow has hand-set costs where there is no affinity.
 
@@ -71,6 +73,7 @@ def people_tracker(
         source: the video, for the flow's times and the border of its images.
         camera: gets the frames before the tracker gets their detections, where the movement of the camera matters.
         delay: seconds after which the flow answers a frame; None answers at the end.
+        scores: what scores cost the flow where no ``affinity`` says so; None lets the video tell.
 
     Raises:
         RequestError: there is no such method, or another than the flow shall have a delay.
@@ -82,7 +85,7 @@ def people_tracker(
     settings = settings or MethodSettings()
     pairs = affinity if isinstance(affinity, Affinity) else None
     changes = affinity if isinstance(affinity, CostNetwork) else None
-    observation = None if pairs is None else pairs.observation
+    observation = scores if pairs is None else pairs.observation
     rate, size = DEFAULT_FRAME_RATE if source is None else source.frame_rate, getattr(source, "size", None)
     size = size if size and min(size) > 0 else None
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {

@@ -16,7 +16,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike
-from tsuiseki.tracking.features.view_choice import knows_scores
+from tsuiseki.tracking.features.view_choice import cost_of_scores, knows_scores
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.pipelines.finding import (
     GivenDetections,
@@ -158,10 +158,8 @@ def _prepared(
     opened = open_source(str(source), parse_frames(frames))
     call = threads_of_a_call(opened, threads)
     detect = people_detect(opened, detections, detector, shipped("detector_street"), threads=call)
-    # The shipped costs know the scores of this toolkit's networks, not those of other people's detectors.
-    known_scores = knows_scores(detect)
     camera = CameraPath() if moving_camera else None
-    tracker = _tracker(method, affinity, known_scores, threads, seed, opened, camera, delay)
+    tracker = _tracker(method, affinity, detect, threads, seed, opened, camera, delay)
     inputs = PeopleInputs(
         opened,
         detect,
@@ -177,7 +175,7 @@ def _prepared(
 def _tracker(
     method: PeopleMethod | PeopleTracker,
     affinity: str | Path | LearntCosts | None,
-    known_scores: bool,
+    detect: object,
     threads: int,
     seed: int,
     source: Source,
@@ -185,8 +183,9 @@ def _tracker(
     delay: float | None,
 ) -> PeopleTracker:
     if isinstance(method, str):
-        learnt = people_affinity(method, affinity, threads, known_scores=known_scores)
-        return people_tracker(method, None, learnt, seed, source, camera, delay)
+        # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
+        learnt = people_affinity(method, affinity, threads, known_scores=knows_scores(detect))
+        return people_tracker(method, None, learnt, seed, source, camera, delay, cost_of_scores(detect))
     if not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     if affinity is not None:

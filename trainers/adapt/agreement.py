@@ -14,6 +14,10 @@ import numpy as np
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.trainers.adapt.examples import first_held_out
+from tsuiseki.trainers.adapt.find import above
+from tsuiseki.trainers.adapt.linking import Seen
+from tsuiseki.trainers.adapt.settings import AdaptSettings
 
 OVERLAPS = (0.5, 0.6, 0.7, 0.8)
 # People of a round, relative to the start: outside, the models have collapsed.
@@ -66,3 +70,29 @@ def agreement(detections: Sequence[Detections], tracks: Sequence[Track], frames:
         hits += [len(assign_overlaps(overlaps, least)[0]) for least in OVERLAPS]
         found, tracked = found + len(here), tracked + len(there)
     return float(np.mean(2 * hits / (found + tracked))) if found + tracked else 0.0
+
+
+def round_scores(seen: Sequence[Seen], settings: AdaptSettings) -> RoundScores:
+    """How a round did in the videos of a camera."""
+    agreements, weights, people, boxes, detections, rejected, frames, offsets = [], [], 0, 0, 0, 0, 0, []
+    for each in seen:
+        video, found, labels = each.watched, each.found, each.labels
+        first = first_held_out(video, found, settings.held_out)
+        held_out = range(first, found.first + video.length)
+        certain = above(found.detections, settings.score_threshold)
+        agreements.append(agreement(certain[first - found.first :], labels.tracks, held_out))
+        weights.append(len(held_out))
+        people += len(labels.tracks)
+        boxes += sum(map(len, labels.tracks))
+        detections += sum(map(len, certain))
+        rejected += sum(map(len, certain)) - sum(int(t.observed.sum()) for t in labels.tracks)
+        frames += video.length
+        offsets.append(float(np.abs(labels.offset).mean()))
+    return RoundScores(
+        float(np.average(agreements, weights=weights)),
+        people,
+        boxes / frames,
+        detections / frames,
+        max(rejected, 0) / frames,
+        float(np.mean(offsets)),
+    )

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.features.networks.exported import open_appearance, open_detector
-from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
+from tsuiseki.tracking.features.view_choice import ViewedDetector, cost_of_scores, knows_scores
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.pipelines.finding import PeopleInputs
-from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
+from tsuiseki.tracking.pipelines.methods import LearntCosts, people_affinity, people_tracker
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.watch import Watched
@@ -26,7 +27,7 @@ class Models:
     Attributes:
         detector: of people.
         appearance: None takes the shipped one.
-        affinity: None takes the shipped one, ``none`` hand-set costs.
+        affinity: None takes the shipped one where it knows the detector's scores, ``none`` hand-set costs.
     """
 
     detector: Path
@@ -39,16 +40,20 @@ class Found:
     """What models see in a video.
 
     Attributes:
-        detections: of every frame, from the first one looked at.
+        detections: of every frame, from the first one looked at, with their appearance.
         first: its 0-based number.
         tracks: in frames of the video.
         columns: tiles across in which the detector looked at a frame.
+        costs: of links, that the tracks were made with; None for hand-set ones.
+        scores: what scores cost where ``costs`` does not say so; None lets the video tell.
     """
 
     detections: list[Detections]
     first: int
     tracks: list[Track]
     columns: int
+    costs: LearntCosts | None = None
+    scores: ScoreCost | None = None
 
 
 def find(watched: Watched, models: Models, score_threshold: float, view: str, threads: int) -> Found:
@@ -67,19 +72,27 @@ def find(watched: Watched, models: Models, score_threshold: float, view: str, th
     """
     from tsuiseki.tracking.weights import shipped
 
-    source = watched.open()
     detector = ViewedDetector(open_detector(models.detector, LOWEST_SCORE, threads=1), parse_view(view))
     describe = open_appearance(models.appearance or shipped("appearance_people"), 1)
-    inputs = PeopleInputs(source, detector, describe, threads=threads)
+    inputs = PeopleInputs(watched.open(), detector, describe, threads=threads)
     affinity = people_affinity("flow", models.affinity, 1, known_scores=knows_scores(detector))
-    tracker = people_tracker("flow", None, affinity, 0, source)
-    detections = []
-    for _, found in inputs.found():
-        detections.append(Detections(found.boxes, found.scores))
-        tracker.update(found.select(found.scores >= score_threshold))
-    first = watched.stretch[0]
-    tracks = [shifted(track, first) for track in tracker.tracks()]
-    return Found(detections, first, tracks, columns_of(detector))
+    detections = [found for _, found in inputs.found()]
+    found = Found(detections, watched.stretch[0], [], columns_of(detector), affinity, cost_of_scores(detector))
+    return replace(found, tracks=track(watched, found, score_threshold))
+
+
+def track(watched: Watched, found: Found, score_threshold: float) -> list[Track]:
+    """Everyone, out of the detections of ``found``, in frames of the video.
+
+    Args:
+        watched: the video.
+        found: holds detections and costs.
+        score_threshold: of the detections that are tracked.
+    """
+    tracker = people_tracker("flow", None, found.costs, 0, watched.open(), scores=found.scores)
+    for here in found.detections:
+        tracker.update(here.select(here.scores >= score_threshold))
+    return [shifted(track, found.first) for track in tracker.tracks()]
 
 
 def columns_of(detector: ViewedDetector) -> int:
@@ -88,5 +101,5 @@ def columns_of(detector: ViewedDetector) -> int:
 
 
 def above(detections: Sequence[Detections], score: float) -> list[Detections]:
-    """Those that score at least ``score``."""
-    return [found.select(found.scores >= score) for found in detections]
+    """Those that score at least ``score``, as boxes alone."""
+    return [Detections(found.boxes, found.scores).select(found.scores >= score) for found in detections]

@@ -1,13 +1,14 @@
 """Labels out of tracks: whom the tracker is sure of, what it rejects, and what never moves.
 
 A confident track is labelled in every frame, also where it was filled in: those are the misses that teach most. What no
-label covers is background to learn from, except where somebody unknown may stand: there nothing is learnt.
+label covers is background to learn from, except where somebody unknown may stand, or somebody known is hidden behind
+others: there nothing is learnt.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,10 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArra
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.adapt.settings import LabelSettings
 from tsuiseki.trainers.adapt.silhouettes import covered_share, difference, edge_offsets, moving_blobs, usual_offset
+from tsuiseki.trainers.adapt.straddling import EXPLAINED, explained_boxes, shared_with_all
 from tsuiseki.trainers.adapt.watch import Watched
 
-TAKEN, STILL, UNSURE, SHORT = "taken", "never moves", "unsure", "short"
+TAKEN, STILL, UNSURE, SHORT, TWICE = "taken", "never moves", "unsure", "short", "twice"
 # A rejected detection of which this share differs from the empty view may be somebody.
 _SOMEBODY = 0.35
 _COVERED = 0.5
@@ -35,7 +37,8 @@ class Verdict:
 
     Attributes:
         id: of the track.
-        verdict: taken, never moves, unsure (a low score, or filled in for the most part) or short.
+        verdict: taken, never moves, unsure (a low score, or filled in for the most part), short, or twice (it lies on
+            surer tracks).
         boxes: of it.
         filled: of them that no detection supports.
         score: mean of its detections.
@@ -84,6 +87,16 @@ class _Picture:
     bright: BoolArray
 
 
+@dataclass(frozen=True)
+class _Entries:
+    """What tracks say: ``(N,)`` frames, ids and whether the box is an example, ``(N, 4)`` boxes."""
+
+    frames: IntArray
+    ids: IntArray
+    boxes: FloatArray
+    sure: BoolArray
+
+
 def label(
     watched: Watched,
     empty: ImageArray | None,
@@ -103,12 +116,14 @@ def label(
     pictures = None if empty is None else [_compared(watched.picture(n), empty) for n in range(len(watched.frames))]
     number_of = {frame: number for number, frame in enumerate(watched.frames)}
     verdicts = [_judge(track, pictures, number_of, watched.frame_rate, settings) for track in tracks]
+    explained = explained_boxes(tracks, [v.verdict == TAKEN for v in verdicts])
+    verdicts = [_unless_twice(*each) for each in zip(verdicts, tracks, explained, strict=True)]
     offset = _offset(tracks, verdicts, pictures, number_of)
     moved = [_moved(track, offset, watched.size) for track in tracks]
+    unseen = [each & ~track.observed for each, track in zip(explained, tracks, strict=True)]
+    entries = [_entries(*each, settings) for each in zip(moved, tracks, verdicts, unseen, strict=True)]
     rows = [
-        _rows(
-            number, frame, moved, verdicts, rejected[number], None if pictures is None else pictures[number], settings
-        )
+        _rows(number, _at(frame, entries), rejected[number], None if pictures is None else pictures[number])
         for frame, number in number_of.items()
     ]
     return Labels(_joined(rows), tuple(verdicts), tuple(moved), offset)
@@ -146,6 +161,13 @@ def _judge(
     return Verdict(track.id, verdict, len(track), int((~observed).sum()), score, moving)
 
 
+def _unless_twice(verdict: Verdict, track: Track, explained: BoolArray) -> Verdict:
+    """The verdict, or that most detections of the track lie on surer ones."""
+    detected = explained[track.observed]
+    twice = verdict.verdict != STILL and len(detected) > 0 and 2 * int(detected.sum()) > len(detected)
+    return replace(verdict, verdict=TWICE) if twice else verdict
+
+
 def _offset(
     tracks: Sequence[Track],
     verdicts: Sequence[Verdict],
@@ -175,34 +197,34 @@ def _moved(track: Track, offset: FloatArray, size: tuple[int, int]) -> Track:
     return Track(track.id, track.frames[seen], boxes[seen], track.scores[seen], track.observed[seen])
 
 
-def _rows(
-    number: int,
-    frame: int,
-    tracks: Sequence[Track],
-    verdicts: Sequence[Verdict],
-    rejected: Detections,
-    picture: _Picture | None,
-    settings: LabelSettings,
-) -> GroundTruth:
+def _entries(moved: Track, track: Track, verdict: Verdict, unseen: BoolArray, settings: LabelSettings) -> _Entries:
+    """What a track says in each frame; nothing, where it is background to learn from."""
+    background = verdict.verdict == TWICE or (verdict.verdict == STILL and settings.still == "background")
+    count = 0 if background else len(moved)
+    hidden = np.isin(moved.frames, track.frames[unseen])
+    sure = (verdict.verdict == TAKEN) & ~hidden
+    return _Entries(moved.frames[:count], np.full(count, track.id), moved.boxes[:count], sure[:count])
+
+
+def _at(frame: int, entries: Sequence[_Entries]) -> _Entries:
+    """What all tracks say in one frame."""
+    parts = [(each, each.frames == frame) for each in entries]
+    return _Entries(
+        np.concatenate([np.empty(0, np.int64), *(each.frames[here] for each, here in parts)]),
+        np.concatenate([np.empty(0, np.int64), *(each.ids[here] for each, here in parts)]),
+        np.concatenate([np.empty((0, 4)), *(each.boxes[here] for each, here in parts)]),
+        np.concatenate([np.empty(0, np.bool_), *(each.sure[here] for each, here in parts)]),
+    )
+
+
+def _rows(number: int, people: _Entries, rejected: Detections, picture: _Picture | None) -> GroundTruth:
     """Labels of one picture."""
-    boxes, ids, taken = [np.empty((0, 4))], [], []
-    for track, verdict in zip(tracks, verdicts, strict=True):
-        row = int(np.searchsorted(track.frames, frame))
-        if row == len(track) or track.frames[row] != frame:
-            continue
-        if verdict.verdict == STILL and settings.still == "background":
-            continue
-        boxes.append(track.boxes[row][None])
-        ids.append(track.id)
-        taken.append(verdict.verdict == TAKEN)
-    people = np.concatenate(boxes)
-    sure = np.array(taken, dtype=np.bool_)
-    others = _perhaps_people(people, sure, rejected, picture)
-    every = np.concatenate([people, others])
-    counted = np.concatenate([sure, np.zeros(len(others), dtype=np.bool_)])
+    others = _perhaps_people(people.boxes, people.sure, rejected, picture)
+    every = np.concatenate([people.boxes, others])
+    counted = np.concatenate([people.sure, np.zeros(len(others), dtype=np.bool_)])
     visibility = np.ones(len(every))
-    visibility[: len(people)] = uncovered(people)
-    names = np.concatenate([np.array(ids, dtype=np.int64), _NAMES_OF_OTHERS + np.arange(len(others))])
+    visibility[: len(people.boxes)] = uncovered(people.boxes)
+    names = np.concatenate([people.ids, _NAMES_OF_OTHERS + np.arange(len(others))])
     return GroundTruth(np.full(len(every), number), names.astype(np.int64), every, counted, ~counted, visibility)
 
 
@@ -222,9 +244,10 @@ def _perhaps_people(people: FloatArray, sure: BoolArray, rejected: Detections, p
 
 
 def _on(boxes: FloatArray, known: FloatArray) -> BoolArray:
-    """``(N,)`` which boxes lie mostly on one of ``known``."""
+    """``(N,)`` which boxes lie mostly on one of ``known``, or nearly whole on several."""
     shared = intersections(boxes[:, None], known[None])
-    return np.asarray((shared > _COVERED * areas(boxes)[:, None]).any(axis=1))
+    on_one = (shared > _COVERED * areas(boxes)[:, None]).any(axis=1)
+    return np.asarray(on_one | (shared_with_all(boxes, known) >= EXPLAINED))
 
 
 def _joined(parts: Sequence[GroundTruth]) -> GroundTruth:

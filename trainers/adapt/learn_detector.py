@@ -252,11 +252,17 @@ def export_calibrated(
     """
     module = load_module(DetectorTraining, checkpoint, size)
     network = module.network.to(memory_format=torch.contiguous_format)
-    calibration = _calibration(TorchDetector(module), videos, view, settings)
+    fitted = _calibration(TorchDetector(module), videos, view, settings)
+    calibration = fitted or (1.0, 0.0)
     card = dataclasses.replace(
         module.card,
         training_data=_TRAINED_ON,
-        settings={**module.card.settings, "score_calibration": list(calibration)},
+        settings={
+            **module.card.settings,
+            "score_calibration": list(calibration),
+            # Trackers take the scores for probabilities where this says so.
+            "calibrated": fitted is not None,
+        },
     )
     example = torch.zeros(2, 3, card.input_height, card.input_width)
     export_onnx(RawHeads(network, calibration), card, out, example, _OUTPUTS, float16=True, overwrite=True)
@@ -295,11 +301,11 @@ class TorchDetector:
 
 def _calibration(
     detector: TorchDetector, videos: Sequence[Watched], view: tuple[int, int | None], settings: AdaptSettings
-) -> tuple[float, float]:
+) -> tuple[float, float] | None:
     viewed = ViewedDetector(detector, view)
     parts = [matched_scores(viewed, Path(v.folder), (v.learnt(settings.held_out) + 1, len(v.frames))) for v in videos]
     scores, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     try:
         return fit_calibration(scores, right)
     except RequestError:
-        return (1.0, 0.0)
+        return None

@@ -1,8 +1,8 @@
 """The rounds of `tsuiseki adapt`: look at the camera's video, take labels from the tracks, learn from them, look again.
 
-A round looks with the models of the round before, or those it starts from, and says how well they did (`agreement`).
-Rounds go on while that improves and nothing collapses. All that a round makes lies in its folder, and what is there
-already is not made again, so a run that was stopped goes on.
+A round looks with the models of the round before, or those it starts from, learns what tells people apart (`linking`),
+and says how well all did (`agreement`). Rounds go on while that improves and nothing collapses. What a round makes lies
+in its folder, and what is there already is not made again, so a run that was stopped goes on.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +21,18 @@ from tsuiseki.tracking.formats.mot import read_detections, write_detections
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.pipelines.finding import NONE
 from tsuiseki.tracking.types import Detections, ImageArray, Track
-from tsuiseki.trainers.adapt.agreement import RoundScores, agreement
-from tsuiseki.trainers.adapt.find import Found, Models, above, find
-from tsuiseki.trainers.adapt.labels import TAKEN, Labels, Verdict, label, rejected_detections
+from tsuiseki.trainers.adapt.agreement import RoundScores, round_scores
+from tsuiseki.trainers.adapt.find import Models, find
+from tsuiseki.trainers.adapt.kept_tracks import read_everyone, write_everyone
+from tsuiseki.trainers.adapt.labels import TAKEN, Verdict
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune, layout_of
+from tsuiseki.trainers.adapt.linking import APPEARANCE, COSTS, LinkScores, learn_links, seen_in
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched, plain_view, refuse_two_cameras, watch
 
 _DONE = "round.json"
 # Agreement must rise by this much for a round to be better.
 _BETTER = 0.002
-_COLUMNS = ("frames", "boxes", "scores", "observed")
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class Round:
         number: 0 for the models that it starts from.
         models: that looked.
         scores: how they did.
+        links: how what tells people apart did.
         verdicts: on the tracks of each video.
         columns: tiles across in which the detector looked.
         folder: with the labels and tracks of each video.
@@ -50,6 +52,7 @@ class Round:
     number: int
     models: Models
     scores: RoundScores
+    links: LinkScores
     verdicts: tuple[tuple[Verdict, ...], ...]
     columns: int
     folder: Path
@@ -173,28 +176,6 @@ def resumed(work: Path, key: dict[str, Any]) -> bool:
     return False
 
 
-def write_everyone(path: Path, tracks: Sequence[Track]) -> None:
-    """Keep ``tracks`` with what of them was filled in."""
-    np.savez(
-        path,
-        ids=np.array([t.id for t in tracks], dtype=np.int64),
-        lengths=np.array([len(t) for t in tracks], dtype=np.int64),
-        frames=np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)]),
-        boxes=np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]),
-        scores=np.concatenate([np.empty(0), *(t.scores for t in tracks)]),
-        observed=np.concatenate([np.empty(0, np.bool_), *(t.observed for t in tracks)]),
-    )
-
-
-def read_everyone(path: Path) -> list[Track]:
-    """What `write_everyone` wrote."""
-    with np.load(path, allow_pickle=False) as file:
-        ends = np.cumsum(file["lengths"])
-        columns = [np.split(file[name], ends[:-1]) for name in _COLUMNS]
-        ids = file["ids"].tolist()
-    return [Track(int(i), *parts) for i, *parts in zip(ids, *columns, strict=True)] if ids else []
-
-
 def better(later: Round, earlier: Round) -> bool:
     """Whether a round agrees with its tracks clearly more."""
     return later.scores.agreement > earlier.scores.agreement + _BETTER
@@ -253,64 +234,59 @@ def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
     if (folder / _DONE).is_file():
         return _read(folder, number, models)
     seen = []
-    for n, (video, view) in enumerate(zip(camera.videos, camera.views, strict=True)):
+    for video, view in zip(camera.videos, camera.views, strict=True):
         adaptation.tell(f"round {number}: looking at {video.source}")
-        found = find(video, models, settings.score_threshold, camera.view, settings.threads)
-        rejected = rejected_detections(video, found.detections, found.tracks, found.first)
-        labels = label(video, view, found.tracks, rejected, settings.labels)
-        before = [Detections.empty()] * found.first
-        write_detections(folder / f"det-{n}.txt", [*before, *found.detections])
-        write_everyone(folder / f"tracks-{n}.npz", labels.everyone)
-        if len(labels.people):
-            labels.write(video)
-            shutil.copyfile(_labels_of(video), folder / f"gt-{n}.txt")
-        seen.append((video, found, labels))
-    scores = _scores(seen, settings)
-    verdicts = tuple(labels.verdicts for _, _, labels in seen)
-    columns = max(found.columns for _, found, _ in seen)
+        seen.append(
+            seen_in(video, view, find(video, models, settings.score_threshold, camera.view, settings.threads), settings)
+        )
+    links = LinkScores()
+    if number:
+        seen, models, links = learn_links(seen, models, folder, settings, settings.seed + number)
+    for n, each in enumerate(seen):
+        before = [Detections.empty()] * each.found.first
+        write_detections(folder / f"det-{n}.txt", [*before, *each.found.detections])
+        write_everyone(folder / f"tracks-{n}.npz", each.labels.everyone)
+        if len(each.labels.people):
+            each.labels.write(each.watched)
+            shutil.copyfile(_labels_of(each.watched), folder / f"gt-{n}.txt")
+    here = Round(
+        number,
+        models,
+        round_scores(seen, settings),
+        links,
+        tuple(each.labels.verdicts for each in seen),
+        max(each.found.columns for each in seen),
+        folder,
+    )
+    _keep(here)
+    return here
+
+
+def _keep(here: Round) -> None:
+    """Write what of a round no other file holds; last, and whole: its presence says that the round is finished."""
     values = {
-        "scores": asdict(scores),
-        "verdicts": [[asdict(v) for v in video] for video in verdicts],
-        "columns": columns,
+        "scores": asdict(here.scores),
+        "links": asdict(here.links),
+        "verdicts": [[asdict(v) for v in video] for video in here.verdicts],
+        "columns": here.columns,
     }
-    # Written last, and whole: its presence says that the round is finished.
-    (folder / "unfinished.json").write_text(json.dumps(values), encoding="utf-8")
-    (folder / "unfinished.json").replace(folder / _DONE)
-    return Round(number, models, scores, verdicts, columns, folder)
+    (here.folder / "unfinished.json").write_text(json.dumps(values), encoding="utf-8")
+    (here.folder / "unfinished.json").replace(here.folder / _DONE)
 
 
 def _read(folder: Path, number: int, models: Models) -> Round:
     values = json.loads((folder / _DONE).read_text(encoding="utf-8"))
     verdicts = tuple(tuple(Verdict(**v) for v in video) for video in values["verdicts"])
-    return Round(number, models, RoundScores(**values["scores"]), verdicts, values["columns"], folder)
+    links = LinkScores(**values["links"])
+    if links.better_appearance:
+        models = replace(models, appearance=folder / APPEARANCE)
+    if links.better_costs:
+        models = replace(models, affinity=folder / COSTS)
+    return Round(number, models, RoundScores(**values["scores"]), links, verdicts, values["columns"], folder)
 
 
 def _labels_of(video: Watched) -> Path:
     return Path(video.folder) / "gt" / "gt.txt"
-
-
-def _scores(seen: Sequence[tuple[Watched, Found, Labels]], settings: AdaptSettings) -> RoundScores:
-    agreements, weights, people, boxes, detections, rejected, frames, offsets = [], [], 0, 0, 0, 0, 0, []
-    for video, found, labels in seen:
-        first = found.first + round((1 - settings.held_out) * video.length)
-        held_out = range(first, found.first + video.length)
-        certain = above(found.detections, settings.score_threshold)
-        agreements.append(agreement(certain[first - found.first :], labels.tracks, held_out))
-        weights.append(len(held_out))
-        people += len(labels.tracks)
-        boxes += sum(map(len, labels.tracks))
-        detections += sum(map(len, certain))
-        rejected += sum(map(len, certain)) - sum(int(t.observed.sum()) for t in labels.tracks)
-        frames += video.length
-        offsets.append(float(np.abs(labels.offset).mean()))
-    return RoundScores(
-        float(np.average(agreements, weights=weights)),
-        people,
-        boxes / frames,
-        detections / frames,
-        max(rejected, 0) / frames,
-        float(np.mean(offsets)),
-    )
 
 
 def _taken(verdicts: Sequence[Verdict]) -> int:

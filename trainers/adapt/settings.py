@@ -47,7 +47,7 @@ class LearningSettings:
         loss: of `DetectorTraining`.
     """
 
-    steps: int = 150
+    steps: int = 100
     batch_size: int = 6
     window: float = 1.0
     learning_rate: float = 1e-3

@@ -12,7 +12,7 @@ from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, example_crop
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
-from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, UNSURE
+from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE
 from tsuiseki.trainers.adapt.rounds import Adaptation, Round, best_of
 from tsuiseki.trainers.adapt.watch import Watched
 
@@ -20,6 +20,7 @@ _PICTURES, _EXAMPLES = 4, 12
 _MEANINGS = {
     TAKEN: "Taken as labels",
     STILL: "Refused, and background to learn from: never moves",
+    TWICE: "Refused, and background to learn from: lies on surer tracks",
     UNSURE: "Refused, and left out: unsure",
     SHORT: "Refused, and left out: too short",
 }
@@ -77,7 +78,7 @@ def _examples(adaptation: Adaptation, taught_by: Round) -> dict[str, list[ImageA
                     name = _FILLED
                 if frame in number_of:
                     places.setdefault(name, []).append((video, number_of[frame], track.boxes[row]))
-    names = [_MEANINGS[TAKEN], _FILLED, *(_MEANINGS[v] for v in (STILL, UNSURE, SHORT))]
+    names = [_MEANINGS[TAKEN], _FILLED, *(_MEANINGS[v] for v in (STILL, TWICE, UNSURE, SHORT))]
     return {
         name: [example_crop(video.picture(picture), box) for video, picture, box in _some(rng, places[name])]
         for name in names

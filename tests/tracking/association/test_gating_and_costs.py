@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost, cosine_distances, pair_features
+from tsuiseki.tracking.association.costs import (
+    HandSetCost,
+    ObservationCost,
+    ProbabilityCost,
+    cosine_distances,
+    pair_features,
+)
 from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
 
 
@@ -105,3 +111,9 @@ def test_unknown_looks_count_as_neutral() -> None:
     unknown = cost(pair_features(boxes, None, *arguments))
     np.testing.assert_allclose(unknown, cost(pair_features(boxes, looks, *arguments)))
     np.testing.assert_allclose(unknown, cost(pair_features(boxes, looks * np.nan, *arguments)))
+
+
+def test_scores_that_are_probabilities_cost_their_logit() -> None:
+    p = np.array([0.1, 0.5, 0.8])
+    np.testing.assert_allclose(ProbabilityCost(b=-0.5)(p), -0.5 + np.log((1 - p) / p))
+    assert np.isfinite(ProbabilityCost()(np.array([0.0, 1.0]))).all()

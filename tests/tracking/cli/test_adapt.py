@@ -69,8 +69,10 @@ def test_the_best_round_is_written(
     from tsuiseki.trainers.adapt import rounds as module
     from tsuiseki.trainers.adapt.agreement import RoundScores
     from tsuiseki.trainers.adapt.find import Models
+    from tsuiseki.trainers.adapt.kept_tracks import write_everyone
     from tsuiseki.trainers.adapt.labels import Verdict
-    from tsuiseki.trainers.adapt.rounds import Adaptation, Round, write_everyone
+    from tsuiseki.trainers.adapt.linking import LinkScores
+    from tsuiseki.trainers.adapt.rounds import Adaptation, Round
 
     def fake(adaptation: Adaptation) -> Iterator[Round]:
         for number, score in enumerate((0.7, 0.8, 0.75)):
@@ -81,7 +83,10 @@ def test_the_best_round_is_written(
             write_everyone(folder / "tracks-0.npz", tracks)
             write_detections(folder / "det-0.txt", [Detections(street.people(0), np.array([0.9, 0.4]))] * 110)
             verdicts = (Verdict(1, "taken", 110, 0, 0.9, 1.0), Verdict(9, "never moves", 110, 0, 0.9, 0.0))
-            yield Round(number, Models(folder / "detector.onnx"), scores, (verdicts,), 1, folder)
+            (folder / "appearance.onnx").write_bytes(b"appearance")
+            models = Models(folder / "detector.onnx", folder / "appearance.onnx", folder / "affinity.onnx")
+            links = LinkScores(0.8, 0.9, 0.7, 0.7) if number else LinkScores()
+            yield Round(number, models, scores, links, (verdicts,), 1, folder)
 
     monkeypatch.setattr(module, "rounds", fake)
     out = tmp_path / "models"
@@ -97,6 +102,11 @@ def test_the_best_round_is_written(
     assert page.count("<img") > 8
     said = capsys.readouterr().out
     assert "round 1 is the best, agreement 0.700 -> 0.800" in said
+    assert "appearance separates 0.800 -> 0.900; identities kept 0.700 -> 0.700, not taken" in said
+    assert (out / "appearance.onnx").read_bytes() == b"appearance"
+    assert not (out / "affinity.onnx").exists()
+    assert f"--detector {out}/detector.onnx --appearance {out}/appearance.onnx --out DIR" in said
+    assert facts["links"][1]["separation_learnt"] == 0.9
 
 
 def test_a_moving_camera_is_said_and_an_interrupt_keeps_what_is_finished(

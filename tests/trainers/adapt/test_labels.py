@@ -12,11 +12,13 @@ from tests.trainers.adapt import street
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, UNSURE, label, rejected_detections
+from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE, label, rejected_detections
 from tsuiseki.trainers.adapt.settings import LabelSettings
 from tsuiseki.trainers.adapt.watch import Watched, plain_view, watch
 
 NONE = Detections.empty()
+# So far to the right that the boxes touch: they are 14 wide.
+ASIDE = np.array([12.0, 0, 12, 0])
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +39,32 @@ def test_each_track_gets_its_verdict(watched: Watched) -> None:
     assert 9 not in people.ids
     assert {2, 3} <= set(people.ids[people.ignored])
     assert [t.id for t in labels.everyone] == [1, 2, 9, 3]
+
+
+def test_who_is_boxed_twice_is_background(watched: Watched) -> None:
+    """A box that straddles two people who walk together: no label, no doubt, and detections there teach that."""
+    pair = [street.track_of(0), replace(street.track_of(0), id=2, boxes=street.track_of(0).boxes + ASIDE)]
+    between = replace(pair[0], id=3, boxes=pair[0].boxes + ASIDE / 2, scores=0.8 * pair[0].scores)
+    rejected = [Detections(between.boxes[f][None], np.array([0.4])) for f in watched.frames]
+    labels = label(watched, plain_view(watched), [*pair, between], rejected, LabelSettings())
+    assert [v.verdict for v in labels.verdicts] == [TAKEN, TAKEN, TWICE]
+    assert set(labels.people.ids[labels.people.evaluated]) == {1, 2}
+    ignored = labels.people.boxes[labels.people.ignored]
+    assert not (np.abs(ignored[:, None] - between.boxes[None]).max(axis=2).min(axis=1) < 4).any()
+
+
+def test_who_is_hidden_behind_others_is_left_out(watched: Watched) -> None:
+    """Boxes that are filled in where surer people stand before them are no labels; those before and after are."""
+    pair = [street.track_of(0), replace(street.track_of(0), id=2, boxes=street.track_of(0).boxes + ASIDE)]
+    hidden = (np.arange(street.FRAMES) > 40) & (np.arange(street.FRAMES) < 70)
+    aside = np.where(hidden, 6.0, 0.0)[:, None] * [1, 0, 1, 0] + np.where(hidden, 0.0, 45.0)[:, None] * [0, 1, 0, 1]
+    third = replace(pair[0], id=3, boxes=pair[0].boxes + aside, scores=0.8 * pair[0].scores, observed=~hidden)
+    labels = label(watched, plain_view(watched), [*pair, third], [NONE] * 40, LabelSettings())
+    assert labels.verdicts[2].verdict == TAKEN
+    people = labels.people.select(labels.people.ids == 3)
+    behind = hidden[np.array(watched.frames)[people.frames]]
+    np.testing.assert_array_equal(people.evaluated, ~behind)
+    np.testing.assert_array_equal(people.ignored, behind)
 
 
 def test_what_never_moves_may_be_left_out(watched: Watched) -> None:

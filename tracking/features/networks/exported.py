@@ -66,6 +66,11 @@ class Detector:
         """Height and width of the input, pixels."""
         return self.model.card.input_height, self.model.card.input_width
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether the file says that its scores are probabilities in the video of its own camera."""
+        return bool(self.model.card.settings.get("calibrated", False))
+
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB, all in one batch; boxes are cut off at the border."""
         return [found for found, _ in self.detect_at_anchors(images)]

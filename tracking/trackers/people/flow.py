@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.costs import ObservationCost, TransitionCost
+from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.errors import RequestError
@@ -56,7 +56,7 @@ class FlowTracker:
         self,
         settings: FlowSettings | None = None,
         transition: TransitionCost | None = None,
-        observation: ObservationCost | None = None,
+        observation: ScoreCost | None = None,
         frame_rate: float = 25.0,
         size: tuple[int, int] | None = None,
         camera: CameraPath | None = None,

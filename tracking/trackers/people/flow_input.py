@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
-from tsuiseki.tracking.association.costs import ObservationCost
+from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.association.flow.flow_window import FlowCosts, FlowWindow
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
@@ -78,7 +78,7 @@ class FlowInput:
     frame_rate: float
     size: tuple[int, int] | None
     path: CameraPath | None = None
-    observation: ObservationCost | None = None
+    observation: ScoreCost | None = None
     duplicates: int = 0
     _last: Detections = field(default_factory=Detections.empty)
     _recent: Recent = field(default_factory=lambda: Recent())

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.costs import ObservationCost
+from tsuiseki.tracking.association.costs import ObservationCost, ProbabilityCost
 from tsuiseki.tracking.association.flow.flow_window import FlowCosts
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.bytetrack import ByteTrack
@@ -274,6 +274,16 @@ def test_flow_prices_by_what_it_is_given() -> None:
     """Learnt prices under which no detection is worth anything leave no track."""
     video, _ = crowd(np.random.default_rng(31), 3, 20)
     assert run_tracker(video, FlowTracker(observation=ObservationCost(alpha=9.0, beta=0.0))) == []
+
+
+def test_flow_believes_scores_that_are_probabilities() -> None:
+    """Tracks whose detections are mostly wrong by their own scores are clutter; others stay."""
+    video, _ = crowd(np.random.default_rng(31), 4, 30)
+    sure = np.array([0.95, 0.9, 0.6, 0.55])
+    scored = [replace(found, scores=sure[: len(found)]) for found in video]
+    assert all(len(found) == 4 for found in video)
+    assert len(run_tracker(scored, FlowTracker())) == 4
+    assert len(run_tracker(scored, FlowTracker(observation=ProbabilityCost()))) == 2
 
 
 @pytest.mark.parametrize("wrong", [{"chunk": 0}, {"fill": -1.0}, {"longest": 1.0}])

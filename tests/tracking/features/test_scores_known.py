@@ -1,0 +1,47 @@
+"""Whose scores the shipped costs know, and whose are probabilities already."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import onnx
+import pytest
+
+from tsuiseki.tracking.association.costs import ProbabilityCost
+from tsuiseki.tracking.features.networks.exported import open_detector
+from tsuiseki.tracking.features.view_choice import ViewedDetector, cost_of_scores, knows_scores
+from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+from tsuiseki.tracking.weights import shipped
+
+
+@pytest.fixture(scope="module")
+def own_camera(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A detector that says that its scores are probabilities of its own camera."""
+    model = onnx.load(shipped("detector_street"))
+    entry = next(p for p in model.metadata_props if p.key == METADATA_KEY)
+    card = ModelCard.from_json(entry.value)
+    entry.value = dataclasses.replace(card, settings={**card.settings, "calibrated": True}).to_json()
+    path = tmp_path_factory.mktemp("models") / "own.onnx"
+    onnx.save(model, path)
+    return path
+
+
+def test_the_shipped_costs_know_the_shipped_detector() -> None:
+    detector = open_detector(shipped("detector_street"), threads=1)
+    for given in (detector, ViewedDetector(detector)):
+        assert knows_scores(given)
+        assert cost_of_scores(given) is None
+
+
+def test_scores_of_an_own_camera_are_probabilities(own_camera: Path) -> None:
+    detector = open_detector(own_camera, threads=1)
+    for given in (detector, ViewedDetector(detector)):
+        assert not knows_scores(given)
+        assert cost_of_scores(given) == ProbabilityCost()
+
+
+def test_of_any_other_detector_nobody_knows() -> None:
+    for given in (None, lambda image: image):
+        assert not knows_scores(given)
+        assert cost_of_scores(given) is None

@@ -1,0 +1,187 @@
+"""What tells people apart is learnt on tracks, tried where nothing was learnt, and taken where it is better."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import numpy_helper
+
+from tests.trainers.adapt import street
+from tsuiseki.tracking.features.networks.exported import open_appearance
+from tsuiseki.tracking.frame_range import EVERY_FRAME
+from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.adapt import linking as module
+from tsuiseki.trainers.adapt.examples import coexisting, first_held_out, joined, named, thinned
+from tsuiseki.trainers.adapt.find import Found, Models
+from tsuiseki.trainers.adapt.labels import TAKEN
+from tsuiseki.trainers.adapt.learn_appearance import Projection, export_projected, learn_projection, separation
+from tsuiseki.trainers.adapt.learn_appearance import ProjectionSettings as Settings
+from tsuiseki.trainers.adapt.learn_costs import Stretch, identity_kept
+from tsuiseki.trainers.adapt.linking import LinkScores, Seen, learn_links, seen_in
+from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.watch import Watched, plain_view, watch
+from tsuiseki.trainers.affinity.affinity_samples import NOBODY, LabelledDetections
+
+LENGTH = 16
+
+
+def looks(person: int, rng: np.random.Generator) -> np.ndarray:
+    """What a network says of somebody: a little of who it is, much of the light."""
+    row = np.zeros(LENGTH)
+    row[person] = 0.5
+    row[8:] = rng.normal(0, 0.6, 8)
+    return np.asarray(row / np.linalg.norm(row))
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
+    folder = tmp_path_factory.mktemp("camera")
+    return watch(str(street.write_video(folder / "street")), EVERY_FRAME, folder / "kept", 40)
+
+
+@pytest.fixture(scope="module")
+def seen(watched: Watched) -> Seen:
+    """Two people who are found in every frame, and a false detection now and then."""
+    rng = np.random.default_rng(0)
+    detections = []
+    for frame in range(street.FRAMES):
+        features = [looks(person, rng) for person in range(2)]
+        boxes, scores = street.people(frame), [0.9, 0.85]
+        if frame % 7 == 0:
+            boxes = np.concatenate([boxes, [[60.0, 2.0, 74.0, 28.0]]])
+            features, scores = [*features, looks(5, rng)], [*scores, 0.32]
+        detections.append(Detections(boxes, np.array(scores), np.array(features)))
+    found = Found(detections, 0, [street.track_of(n) for n in range(2)], 1)
+    return seen_in(watched, plain_view(watched), found, AdaptSettings())
+
+
+def test_detections_are_named_by_the_taken_tracks(seen: Seen) -> None:
+    assert [v.verdict for v in seen.labels.verdicts] == [TAKEN, TAKEN]
+    samples = named(seen.found, seen.labels)
+    assert set(samples.ids.tolist()) == {1, 2, NOBODY}
+    false = samples.ids == NOBODY
+    np.testing.assert_array_equal(samples.frames[false], np.arange(0, street.FRAMES, 7))
+    assert not samples.right[false].any()
+
+
+def test_only_those_who_meet_are_known_to_be_different() -> None:
+    frames, ids = np.array([0, 0, 1, 5]), np.array([1, 2, 1, 3])
+    expected = np.zeros((4, 4), dtype=bool)
+    expected[[0, 1, 2, 1], [1, 0, 1, 2]] = True
+    np.testing.assert_array_equal(coexisting(frames, ids), expected)
+
+
+def test_people_of_two_videos_never_meet(seen: Seen) -> None:
+    samples = named(seen.found, seen.labels)
+    both = joined([samples, samples])
+    assert len(both) == 2 * len(samples)
+    different = coexisting(both.frames, both.ids)
+    assert not different[: len(samples), len(samples) :].any()
+    assert len(set(both.ids[both.ids != NOBODY].tolist())) == 4
+
+
+def test_the_last_layer_separates_people_on_frames_it_did_not_see(seen: Seen) -> None:
+    learnt, held_out = module._examples([seen], AdaptSettings())
+    projection = learn_projection(learnt[0], Settings(stay=0.1), seed=0)
+    assert projection is not None
+    before, after = separation(held_out[0]), separation(held_out[0], projection)
+    assert before is not None
+    assert after is not None
+    assert before < 0.9
+    assert after > before + 0.03
+
+
+def test_where_nobody_meets_nothing_is_learnt(seen: Seen) -> None:
+    samples = named(seen.found, seen.labels)
+    one = LabelledDetections(
+        *(
+            getattr(samples, name)[samples.ids == 1]
+            for name in ("frames", "boxes", "scores", "features", "ids", "right")
+        )
+    )
+    assert learn_projection(one, Settings(), 0) is None
+    assert separation(one) is None
+
+
+def test_a_layer_that_changes_nothing_leaves_features() -> None:
+    features = np.random.default_rng(0).normal(size=(5, 4))
+    features /= np.linalg.norm(features, axis=1, keepdims=True)
+    np.testing.assert_allclose(Projection(np.eye(4), np.zeros(4))(features), features)
+
+
+def test_the_exported_network_is_the_old_one_and_the_layer(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    projection = Projection(np.eye(128) + 0.05 * rng.normal(size=(128, 128)), 0.05 * rng.normal(size=128))
+    export_projected(shipped("appearance_people"), projection, tmp_path / "learnt.onnx")
+    image = rng.integers(0, 256, (90, 120, 3), dtype=np.uint8)
+    boxes = np.array([[5.0, 5, 35, 80], [50, 10, 90, 85]])
+    before = open_appearance(shipped("appearance_people"), 1).describe(image, boxes)
+    after = open_appearance(tmp_path / "learnt.onnx", 1).describe(image, boxes)
+    # float32 sums of 128 products of numbers below 1.
+    np.testing.assert_allclose(after, projection(before), atol=1e-5)
+    weight = {t.name: numpy_helper.to_array(t) for t in onnx.load(tmp_path / "learnt.onnx").graph.initializer}
+    np.testing.assert_allclose(weight["projection.weight"], projection.weight.T, atol=1e-6)
+
+
+def test_what_is_not_better_is_not_taken(seen: Seen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    models = Models(Path("detector.onnx"), affinity=Path("none"))
+    monkeypatch.setattr(module, "learn_projection", lambda *_: Projection(np.zeros((LENGTH, LENGTH)), np.ones(LENGTH)))
+    monkeypatch.setattr(module, "fit_costs", lambda *_: None)
+    again, kept, scores = learn_links([seen], models, tmp_path, AdaptSettings(), 0)
+    assert kept == models
+    assert again == [seen]
+    assert scores.separation_learnt == pytest.approx(0.5)
+    assert not scores.better_appearance
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_better_is_taken_and_looked_with(seen: Seen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The network that is learnt is exported, describes the detections, and costs are fitted on what it says."""
+    written = []
+    monkeypatch.setattr(module, "export_projected", lambda *given: written.append(given[2]))
+    monkeypatch.setattr(module, "ProjectionSettings", lambda: Settings(stay=0.1))
+    monkeypatch.setattr(module, "identity_kept", lambda *given: 0.8 if given[2] is None else 0.9)
+    again, kept, scores = learn_links([seen], Models(Path("d.onnx")), tmp_path, AdaptSettings(), 0)
+    assert scores.better_appearance
+    assert scores.better_costs
+    assert kept.appearance == tmp_path / "appearance.onnx" == written[0]
+    assert kept.affinity == tmp_path / "affinity.onnx"
+    assert kept.affinity.is_file()
+    assert again[0].found.costs is not None
+    first, later = (each.found.detections[0].features for each in (seen, again[0]))
+    assert first is not None
+    assert later is not None
+    assert not np.allclose(first, later)
+    assert len(again[0].labels.tracks) == 2
+
+
+def test_identities_that_are_kept_score_one_and_lost_ones_less(seen: Seen) -> None:
+    settings = AdaptSettings()
+    border = first_held_out(seen.watched, seen.found, settings.held_out)
+    stretch = Stretch(seen.watched, seen.found, seen.labels, border)
+    kept = identity_kept([stretch], 0.3, None)
+    assert kept is not None
+    assert kept > 0.95
+    # With a threshold that hides one of them, half of the boxes have nobody.
+    lost = identity_kept([stretch], 0.87, None)
+    assert lost is not None
+    assert 0.5 < lost < 0.8
+    nobody = Stretch(seen.watched, seen.found, seen.labels, street.FRAMES + 5)
+    assert identity_kept([nobody], 0.3, None) is None
+
+
+def test_thinned_frames_are_empty() -> None:
+    frames = [Detections(street.people(f), np.ones(2)) for f in range(5)]
+    assert [len(d) for d in thinned(frames, 3)] == [2, 0, 0, 2, 0]
+
+
+def test_better_needs_both_numbers_and_a_clear_rise() -> None:
+    assert LinkScores(0.9, 0.91, 0.5, 0.6).better_appearance
+    assert LinkScores(0.9, 0.91, 0.5, 0.6).better_costs
+    assert not LinkScores(0.9, 0.901).better_appearance
+    assert not LinkScores(0.9, None, 0.6, 0.5).better_appearance
+    assert not LinkScores(0.9, None, 0.6, 0.5).better_costs
