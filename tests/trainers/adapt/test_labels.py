@@ -59,7 +59,7 @@ def test_who_is_hidden_behind_others_is_left_out(watched: Watched) -> None:
     hidden = (np.arange(street.FRAMES) > 40) & (np.arange(street.FRAMES) < 70)
     aside = np.where(hidden, 6.0, 0.0)[:, None] * [1, 0, 1, 0] + np.where(hidden, 0.0, 45.0)[:, None] * [0, 1, 0, 1]
     third = replace(pair[0], id=3, boxes=pair[0].boxes + aside, scores=0.8 * pair[0].scores, observed=~hidden)
-    labels = label(watched, plain_view(watched), [*pair, third], [NONE] * 40, LabelSettings())
+    labels = label(watched, None, [*pair, third], [NONE] * 40, LabelSettings())
     assert labels.verdicts[2].verdict == TAKEN
     people = labels.people.select(labels.people.ids == 3)
     behind = hidden[np.array(watched.frames)[people.frames]]

@@ -15,7 +15,7 @@ from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import linking as module
-from tsuiseki.trainers.adapt.examples import coexisting, first_held_out, joined, named, thinned
+from tsuiseki.trainers.adapt.examples import coexisting, first_held_out, joined, named, people_of, thinned
 from tsuiseki.trainers.adapt.find import Found, Models
 from tsuiseki.trainers.adapt.labels import TAKEN
 from tsuiseki.trainers.adapt.learn_appearance import Projection, export_projected, learn_projection, separation
@@ -76,12 +76,12 @@ def test_only_those_who_meet_are_known_to_be_different() -> None:
 
 
 def test_people_of_two_videos_never_meet(seen: Seen) -> None:
-    samples = named(seen.found, seen.labels)
+    samples = people_of(named(seen.found, seen.labels))
     both = joined([samples, samples])
     assert len(both) == 2 * len(samples)
     different = coexisting(both.frames, both.ids)
     assert not different[: len(samples), len(samples) :].any()
-    assert len(set(both.ids[both.ids != NOBODY].tolist())) == 4
+    assert len(set(both.ids.tolist())) == 4
 
 
 def test_the_last_layer_separates_people_on_frames_it_did_not_see(seen: Seen) -> None:
