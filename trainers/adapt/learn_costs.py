@@ -1,6 +1,6 @@
 """What links cost in a camera's video, fitted to its own tracks; taken only where they keep identities better.
 
-Tracks made of all frames are followed once more with two of three frames missing, on a stretch that nothing was fitted
+Tracks made of all frames are followed once more with every other frame missing, on a stretch that nothing was fitted
 to: costs that fit the camera then still say who is who.
 """
 
@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity
+from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence, restrict
@@ -34,7 +35,7 @@ from tsuiseki.trainers.affinity.affinity_samples import LabelledDetections, join
 from tsuiseki.trainers.exporting.export_affinity import export_affinity
 
 # Every so many frames are kept where it is tried how well identities are kept.
-THINNED = 3
+THINNED = 2
 _BIAS = -0.5
 
 
@@ -85,26 +86,34 @@ def fit_costs(samples: list[LabelledDetections], sources: list[Path], out: Path,
     return out
 
 
-def identity_kept(stretches: list[Stretch], score_threshold: float, costs: Affinity | None) -> float | None:
+def identity_kept(
+    stretches: list[Stretch], score_threshold: float, costs: Affinity | None, scores: ScoreCost
+) -> float | None:
     """IDF1 of tracks made of every `THINNED`-th frame against those of all frames, the mean over the stretches.
 
     Args:
         stretches: with people.
         score_threshold: of the detections that are tracked.
         costs: to try; None takes those that the tracks were made with.
+        scores: what detections are worth where neither says so: with frames missing, the video itself cannot tell.
 
     Returns:
         None where nobody is there.
     """
-    scores, weights = [], []
+    kept, weights = [], []
     for stretch in stretches:
         watched, found = stretch.watched, stretch.found
         end = found.first + watched.length
         truth = truth_of(stretch.labels).between(stretch.first, end - 1)
         if not truth.evaluated.any():
             continue
-        fewer = replace(found, detections=thinned(found.detections, THINNED), costs=costs or found.costs)
+        fewer = replace(
+            found,
+            detections=thinned(found.detections, THINNED),
+            costs=costs or found.costs,
+            scores=found.scores or scores,
+        )
         tracks = restrict(track(watched, fewer, score_threshold), FrameRange(stretch.first, end - 1))
-        scores.append(evaluate_sequence(truth, tracks, end).idf1)
+        kept.append(evaluate_sequence(truth, tracks, end).idf1)
         weights.append(int(truth.evaluated.sum()))
-    return float(np.average(scores, weights=weights)) if scores else None
+    return float(np.average(kept, weights=weights)) if kept else None

@@ -57,7 +57,7 @@ class LinkScores:
     Attributes:
         separation: area under the ROC of appearance: one track against people seen at one time.
         separation_learnt: likewise, of the network that was learnt.
-        identity: IDF1 of tracks with two of three frames missing against those of all frames.
+        identity: IDF1 of tracks with every other frame missing against those of all frames.
         identity_learnt: likewise, with the costs that were learnt.
     """
 
@@ -135,10 +135,13 @@ def _costs(
         Stretch(each.watched, each.found, each.labels, first_held_out(each.watched, each.found, settings.held_out))
         for each in seen
     ]
-    before = identity_kept(stretches, settings.score_threshold, None)
-    if costs is None or before is None:
-        return None, (before, None)
-    return costs, (before, identity_kept(stretches, settings.score_threshold, Affinity(costs, 1)))
+    if costs is None:
+        return None, (None, None)
+    tried = Affinity(costs, 1)
+    before, after = (
+        identity_kept(stretches, settings.score_threshold, which, tried.observation) for which in (None, tried)
+    )
+    return costs, (before, after)
 
 
 def _examples(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from onnx import numpy_helper
 
 from tests.trainers.adapt import street
+from tsuiseki.tracking.association.costs import ProbabilityCost
 from tsuiseki.tracking.features.networks.exported import open_appearance
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
@@ -160,18 +162,18 @@ def test_what_is_better_is_taken_and_looked_with(seen: Seen, tmp_path: Path, mon
 
 
 def test_identities_that_are_kept_score_one_and_lost_ones_less(seen: Seen) -> None:
-    settings = AdaptSettings()
-    border = first_held_out(seen.watched, seen.found, settings.held_out)
-    stretch = Stretch(seen.watched, seen.found, seen.labels, border)
-    kept = identity_kept([stretch], 0.3, None)
+    plain = [Detections(d.boxes, d.scores) for d in seen.found.detections]
+    found = replace(seen.found, detections=plain)
+    stretch = Stretch(seen.watched, found, seen.labels, first_held_out(seen.watched, found, 0.15))
+    kept = identity_kept([stretch], 0.3, None, ProbabilityCost())
     assert kept is not None
     assert kept > 0.95
     # With a threshold that hides one of them, half of the boxes have nobody.
-    lost = identity_kept([stretch], 0.87, None)
+    lost = identity_kept([stretch], 0.87, None, ProbabilityCost())
     assert lost is not None
     assert 0.5 < lost < 0.8
-    nobody = Stretch(seen.watched, seen.found, seen.labels, street.FRAMES + 5)
-    assert identity_kept([nobody], 0.3, None) is None
+    nobody = Stretch(seen.watched, found, seen.labels, street.FRAMES + 5)
+    assert identity_kept([nobody], 0.3, None, ProbabilityCost()) is None
 
 
 def test_thinned_frames_are_empty() -> None:

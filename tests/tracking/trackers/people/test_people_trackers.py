@@ -278,12 +278,14 @@ def test_flow_prices_by_what_it_is_given() -> None:
 
 def test_flow_believes_scores_that_are_probabilities() -> None:
     """Tracks whose detections are mostly wrong by their own scores are clutter; others stay."""
-    video, _ = crowd(np.random.default_rng(31), 4, 30)
-    sure = np.array([0.95, 0.9, 0.6, 0.55])
-    scored = [replace(found, scores=sure[: len(found)]) for found in video]
-    assert all(len(found) == 4 for found in video)
-    assert len(run_tracker(scored, FlowTracker())) == 4
-    assert len(run_tracker(scored, FlowTracker(observation=ProbabilityCost()))) == 2
+    scores = np.array([0.95, 0.9, 0.6, 0.55])
+    left = 200.0 * np.arange(4)
+    video = [
+        Detections(np.stack([left + t, 0 * left, left + t + 30, 0 * left + 80], axis=1), scores) for t in range(30)
+    ]
+    assert len(run_tracker(video, FlowTracker())) == 4
+    believed = run_tracker(video, FlowTracker(observation=ProbabilityCost()))
+    assert sorted(float(track.scores[0]) for track in believed) == [0.9, 0.95]
 
 
 @pytest.mark.parametrize("wrong", [{"chunk": 0}, {"fill": -1.0}, {"longest": 1.0}])
