@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+# Points across and down at which it is measured what several boxes share with one.
+_GRID = (10, 20)
 
 
 def corners_from_xywh(xywh: FloatArray) -> FloatArray:
@@ -68,6 +71,44 @@ def grown(boxes: FloatArray, share: float) -> FloatArray:
     """
     half = (boxes[:, 2:] - boxes[:, :2]) * (share / 2)
     return np.concatenate([boxes[:, :2] - half, boxes[:, 2:] + half], axis=1)
+
+
+def shared_with_all(boxes: FloatArray, others: FloatArray, which: BoolArray | None = None) -> FloatArray:
+    """``(N,)`` share of each of ``(N, 4)`` boxes that lies on any of ``(M, 4)`` others.
+
+    Args:
+        boxes: pixels.
+        others: likewise.
+        which: ``(N, M)`` whether the other counts for the box; None takes all.
+    """
+    if not len(boxes) or not len(others):
+        return np.zeros(len(boxes))
+    across, down = ((np.arange(count) + 0.5) / count for count in _GRID)
+    x = boxes[:, 0, None] + (boxes[:, 2] - boxes[:, 0])[:, None] * across
+    y = boxes[:, 1, None] + (boxes[:, 3] - boxes[:, 1])[:, None] * down
+    wide = (x[:, None] >= others[None, :, 0, None]) & (x[:, None] < others[None, :, 2, None])
+    high = (y[:, None] >= others[None, :, 1, None]) & (y[:, None] < others[None, :, 3, None])
+    if which is not None:
+        wide &= which[..., None]
+    inside = (wide[:, :, None, :] & high[:, :, :, None]).any(axis=1)
+    return np.asarray(inside.mean(axis=(1, 2)))
+
+
+def straddling(boxes: FloatArray, scores: FloatArray, share: float, least: float = 0.1) -> BoolArray:
+    """``(N,)`` which boxes two or more better ones cover together.
+
+    Between two people side by side a detector also finds a third, half on either; it overlaps neither enough to be
+    suppressed.
+
+    Args:
+        boxes: ``(N, 4)`` pixels.
+        scores: ``(N,)``.
+        share: of a box that the better ones must cover.
+        least: intersection over union from which on one counts.
+    """
+    better = (scores[None] > scores[:, None]) & (iou_matrix(boxes, boxes) >= least)
+    covered = shared_with_all(boxes, boxes, better) >= share
+    return np.asarray(covered & (better.sum(axis=1) >= 2))
 
 
 def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:

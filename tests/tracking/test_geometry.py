@@ -11,6 +11,7 @@ from tsuiseki.tracking.geometry import (
     corners_from_xywh,
     iou_matrix,
     iou_pairs,
+    straddling,
     suppress,
     xywh_from_corners,
 )
@@ -79,3 +80,12 @@ def test_suppressing_nothing_keeps_nothing():
 def test_impossible_values_are_refused_where_they_are_made(make):
     with pytest.raises(ValueError, match="expected"):
         make()
+
+
+def test_a_box_between_two_better_ones_straddles_them() -> None:
+    boxes = np.array([[0.0, 0, 20, 60], [18, 0, 38, 60], [9, 2, 29, 58], [60, 0, 80, 60]])
+    assert straddling(boxes, np.array([0.9, 0.8, 0.6, 0.5]), 0.85).tolist() == [False, False, True, False]
+    # It stays where it is the best, or only one is better.
+    assert not straddling(boxes, np.array([0.5, 0.4, 0.6, 0.5]), 0.85).any()
+    assert not straddling(boxes[[0, 2]], np.array([0.9, 0.6]), 0.4).any()
+    assert straddling(np.empty((0, 4)), np.empty(0), 0.85).tolist() == []

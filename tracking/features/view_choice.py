@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from tsuiseki.tracking.association.costs import ProbabilityCost
 from tsuiseki.tracking.features.networks.exported import Detect, Detector
 from tsuiseki.tracking.features.views import MOST_COLUMNS, TiledDetector, View, view_of
 from tsuiseki.tracking.types import Detections, ImageArray
@@ -128,10 +127,10 @@ def knows_scores(detect: object) -> bool:
     return isinstance(inner, Detector) and not inner.calibrated
 
 
-def cost_of_scores(detect: object) -> ProbabilityCost | None:
-    """What the scores of ``detect`` cost where they are probabilities of its camera; None where nobody says so."""
+def scores_are_probabilities(detect: object) -> bool:
+    """Whether ``detect`` says that its scores are probabilities in the video of its own camera."""
     inner = _inner(detect)
-    return ProbabilityCost() if isinstance(inner, Detector) and inner.calibrated else None
+    return isinstance(inner, Detector) and inner.calibrated
 
 
 def _inner(detect: object) -> object:

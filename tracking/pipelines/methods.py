@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from tsuiseki.tracking.association.affinity import Affinity
-from tsuiseki.tracking.association.costs import ScoreCost
+from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.view_choice import scores_are_probabilities
 from tsuiseki.tracking.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.onnx import kind_of
 from tsuiseki.tracking.options import Shared
@@ -104,6 +105,11 @@ def people_tracker(
 def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:
     """Whether the method looks at more than boxes."""
     return method in APPEARANCE if isinstance(method, str) else isinstance(method, FlowTracker | DeepSort)
+
+
+def cost_of_scores(detect: object) -> ProbabilityCost | None:
+    """What the scores of ``detect`` cost where they are probabilities of its camera; None where nobody says so."""
+    return ProbabilityCost() if scores_are_probabilities(detect) else None
 
 
 def people_affinity(

@@ -16,7 +16,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike
-from tsuiseki.tracking.features.view_choice import cost_of_scores, knows_scores
+from tsuiseki.tracking.features.view_choice import knows_scores
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.pipelines.finding import (
     GivenDetections,

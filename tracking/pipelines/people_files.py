@@ -12,7 +12,7 @@ from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
 from tsuiseki.tracking.features.networks.exported import Describe, open_appearance
 from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions
-from tsuiseki.tracking.features.view_choice import ViewedDetector, cost_of_scores, knows_scores
+from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.pipelines.finding import NONE, PeopleInputs, people_describer, threads_of_a_call
 from tsuiseki.tracking.pipelines.finding_options import Finding
 from tsuiseki.tracking.pipelines.methods import (

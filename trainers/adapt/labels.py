@@ -15,12 +15,12 @@ import numpy as np
 
 from tsuiseki.datamodules.identity_crops import uncovered
 from tsuiseki.tracking.formats.mot import write_ground_truth
-from tsuiseki.tracking.geometry import areas, clip_boxes, intersections
+from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, shared_with_all
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.adapt.settings import LabelSettings
 from tsuiseki.trainers.adapt.silhouettes import covered_share, difference, edge_offsets, moving_blobs, usual_offset
-from tsuiseki.trainers.adapt.straddling import EXPLAINED, explained_boxes, shared_with_all
+from tsuiseki.trainers.adapt.straddling import EXPLAINED, explained_boxes
 from tsuiseki.trainers.adapt.watch import Watched
 
 TAKEN, STILL, UNSURE, SHORT, TWICE = "taken", "never moves", "unsure", "short", "twice"

@@ -36,6 +36,8 @@ from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 _SITTINGS = 5
 CHECKPOINT = "detector.ckpt"
 _EMA = 0.98
+# A box of which better ones cover this share together is left out: nobody stands half in each of two people.
+_STRADDLING = 0.85
 _OUTPUTS = ("logits", "offsets", "anchors")
 _TRAINED_ON = "unlabelled video of one camera (tsuiseki adapt)"
 
@@ -262,6 +264,7 @@ def export_calibrated(
             "score_calibration": list(calibration),
             # Trackers take the scores for probabilities where this says so.
             "calibrated": fitted is not None,
+            "straddling": _STRADDLING,
         },
     )
     example = torch.zeros(2, 3, card.input_height, card.input_width)

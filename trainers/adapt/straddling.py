@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tsuiseki.tracking.types import BoolArray, FloatArray, Track
+from tsuiseki.tracking.geometry import shared_with_all
+from tsuiseki.tracking.types import BoolArray, Track
 
 # Share of a box that others cover together, from which on they explain it.
 EXPLAINED = 0.8
-# Points across and down at which it is measured.
-_GRID = (10, 20)
 
 
 def explained_boxes(tracks: Sequence[Track], people: Sequence[bool]) -> list[BoolArray]:
@@ -38,24 +37,3 @@ def explained_boxes(tracks: Sequence[Track], people: Sequence[bool]) -> list[Boo
         for n, share in zip(who.tolist(), shares.tolist(), strict=True):
             explained[n][int(np.searchsorted(tracks[n].frames, frame))] = share >= EXPLAINED
     return explained
-
-
-def shared_with_all(boxes: FloatArray, others: FloatArray, which: BoolArray | None = None) -> FloatArray:
-    """``(N,)`` share of each of ``(N, 4)`` boxes that lies on any of ``(M, 4)`` others.
-
-    Args:
-        boxes: pixels.
-        others: likewise.
-        which: ``(N, M)`` whether the other counts for the box; None takes all.
-    """
-    if not len(boxes) or not len(others):
-        return np.zeros(len(boxes))
-    across, down = ((np.arange(count) + 0.5) / count for count in _GRID)
-    x = boxes[:, 0, None] + (boxes[:, 2] - boxes[:, 0])[:, None] * across
-    y = boxes[:, 1, None] + (boxes[:, 3] - boxes[:, 1])[:, None] * down
-    wide = (x[:, None] >= others[None, :, 0, None]) & (x[:, None] < others[None, :, 2, None])
-    high = (y[:, None] >= others[None, :, 1, None]) & (y[:, None] < others[None, :, 3, None])
-    if which is not None:
-        wide &= which[..., None]
-    inside = (wide[:, :, None, :] & high[:, :, :, None]).any(axis=1)
-    return np.asarray(inside.mean(axis=(1, 2)))

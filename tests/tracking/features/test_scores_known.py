@@ -8,9 +8,8 @@ from pathlib import Path
 import onnx
 import pytest
 
-from tsuiseki.tracking.association.costs import ProbabilityCost
 from tsuiseki.tracking.features.networks.exported import open_detector
-from tsuiseki.tracking.features.view_choice import ViewedDetector, cost_of_scores, knows_scores
+from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores, scores_are_probabilities
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.weights import shipped
 
@@ -31,17 +30,17 @@ def test_the_shipped_costs_know_the_shipped_detector() -> None:
     detector = open_detector(shipped("detector_street"), threads=1)
     for given in (detector, ViewedDetector(detector)):
         assert knows_scores(given)
-        assert cost_of_scores(given) is None
+        assert not scores_are_probabilities(given)
 
 
 def test_scores_of_an_own_camera_are_probabilities(own_camera: Path) -> None:
     detector = open_detector(own_camera, threads=1)
     for given in (detector, ViewedDetector(detector)):
         assert not knows_scores(given)
-        assert cost_of_scores(given) == ProbabilityCost()
+        assert scores_are_probabilities(given)
 
 
 def test_of_any_other_detector_nobody_knows() -> None:
     for given in (None, lambda image: image):
         assert not knows_scores(given)
-        assert cost_of_scores(given) is None
+        assert not scores_are_probabilities(given)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.tracking.geometry import intersections
+from tsuiseki.tracking.geometry import intersections, shared_with_all
 from tsuiseki.tracking.types import Track
-from tsuiseki.trainers.adapt.straddling import explained_boxes, shared_with_all
+from tsuiseki.trainers.adapt.straddling import explained_boxes
 
 FRAMES = np.arange(20)
 

@@ -13,7 +13,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions, DetectorOptions
-from tsuiseki.tracking.geometry import clip_boxes, suppress
+from tsuiseki.tracking.geometry import clip_boxes, straddling, suppress
 from tsuiseki.tracking.onnx import OnnxModel, has_card, open_session
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
@@ -110,6 +110,9 @@ class Detector:
         whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
         boxes, scores = boxes[whole], scores[whole]
         kept = suppress(boxes, scores, self.iou_threshold)
+        share = self.model.card.settings.get("straddling")
+        if share is not None:
+            kept = kept[~straddling(boxes[kept], scores[kept], share)]
         return Detections(boxes[kept], scores[kept]), candidates[whole][kept]
 
 
