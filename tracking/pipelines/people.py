@@ -30,6 +30,7 @@ from tsuiseki.tracking.pipelines.methods import (
     LearntCosts,
     PeopleMethod,
     compares_appearance,
+    cost_of_scores,
     people_affinity,
     people_tracker,
 )

@@ -19,6 +19,7 @@ from tsuiseki.tracking.pipelines.methods import (
     MethodSettings,
     PeopleMethod,
     compares_appearance,
+    cost_of_scores,
     people_affinity,
     people_tracker,
 )
