@@ -26,7 +26,7 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.pipelines.demo import DRONE_METHODS, scored
     from tsuiseki.tracking.pipelines.drone_models import DroneModels
-    from tsuiseki.tracking.pipelines.finding_options import Finding
+    from tsuiseki.tracking.pipelines.finding_options import FindingOptions
     from tsuiseki.tracking.report.demo import DemoResult
     from tsuiseki.tracking.trackers.drone import DroneSettings
     from tsuiseki.tracking.video import open_source
@@ -40,7 +40,7 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
                 watch=lambda drawn: run.watched(drawn, "generating", frames),
             )
         source = open_source(clip)
-        models = DroneModels.choose(source, "flow-maf", Finding(threads=threads), bridging=None)
+        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads), bridging=None)
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         cache = str(clip), run.work / "observations"
         results = {

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Overlay(Shared):
+class Drawing(Shared):
     """Whether to draw.
 
     Attributes:
@@ -39,7 +39,7 @@ class Overlay(Shared):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Video(Overlay):
+class Video(Drawing):
     """What to look at.
 
     Attributes:

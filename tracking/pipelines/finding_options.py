@@ -49,7 +49,7 @@ class Detecting(Shared):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding(Detecting):
+class FindingOptions(Detecting):
     """Where the detections come from.
 
     Attributes:

@@ -14,7 +14,7 @@ from tsuiseki.tracking.features.networks.exported import Describe, open_appearan
 from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.pipelines.finding import NONE, PeopleInputs, people_describer, threads_of_a_call
-from tsuiseki.tracking.pipelines.finding_options import Finding
+from tsuiseki.tracking.pipelines.finding_options import FindingOptions
 from tsuiseki.tracking.pipelines.methods import (
     MethodSettings,
     PeopleMethod,
@@ -31,7 +31,7 @@ from tsuiseki.tracking.video import Source
 
 
 @dataclass(frozen=True, kw_only=True)
-class PeopleFinding(Finding):
+class PeopleFinding(FindingOptions):
     """Where the detections come from, and who is compared by appearance.
 
     Attributes:

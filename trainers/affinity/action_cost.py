@@ -178,10 +178,12 @@ def fit_action_costs(
     """
     check_output_file(out, overwrite)
     streams = actions or [shipped(f"action_drone_{name}") for name in STREAMS]
-    looks, finds = appearance or shipped("appearance_people"), detector or shipped("detector_drone")
+    appearance, detector = appearance or shipped("appearance_people"), detector or shipped("detector_drone")
     camera = CameraMotionSettings()
-    observers = Observers(Detector(finds), Appearance(looks), ActionRecogniser(streams), camera)
-    key = {str(n): file_digest(path) for n, path in enumerate([*streams, looks, finds])} | {"camera": repr(camera)}
+    observers = Observers(Detector(detector), Appearance(appearance), ActionRecogniser(streams), camera)
+    key = {str(n): file_digest(path) for n, path in enumerate([*streams, appearance, detector])} | {
+        "camera": repr(camera)
+    }
     samples = []
     for sequence in (s for folder in folders for s in find_sequences(folder)):
         seen = list(video_observations(sequence.folder, observers, key, cache))

@@ -26,7 +26,7 @@ from tsuiseki.tracking.evaluation.retrieval import area_under_roc
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.options import OutputFile, Seed, Shared
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
-from tsuiseki.trainers.affinity.affinity_data import LabelledVideo
+from tsuiseki.trainers.affinity.affinity_data import AffinityVideo
 from tsuiseki.trainers.affinity.affinity_samples import (
     LabelledDetections,
     PairSamples,
@@ -105,7 +105,7 @@ SETTINGS, CHANCE = AffinitySettings(), Seed()
 
 
 def fit_affinity(
-    video: LabelledVideo, output: OutputFile, settings: AffinitySettings = SETTINGS, chance: Seed = CHANCE
+    video: AffinityVideo, output: OutputFile, settings: AffinitySettings = SETTINGS, chance: Seed = CHANCE
 ) -> Path:
     """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
 

@@ -18,7 +18,7 @@ from tsuiseki.trainers.affinity.seen_frames import check_unseen, looks
 
 
 @dataclass(frozen=True)
-class LabelledVideo(Shared):
+class AffinityVideo(Shared):
     """What is learnt from.
 
     Attributes:

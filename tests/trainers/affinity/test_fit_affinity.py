@@ -25,7 +25,7 @@ from tsuiseki.trainers.affinity.affinity import (
     fit_observation,
     fit_transition,
 )
-from tsuiseki.trainers.affinity.affinity_data import LabelledVideo
+from tsuiseki.trainers.affinity.affinity_data import AffinityVideo
 from tsuiseki.trainers.affinity.affinity_samples import (
     NOBODY,
     LabelledDetections,
@@ -170,7 +170,7 @@ def test_observation_recovers_the_logistic() -> None:
 
 def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
     faults = DetectorFaults(false_alarms=1.0)
-    video, settings = LabelledVideo([sequence], detections="simulated", faults=faults), AffinitySettings(boosting=QUICK)
+    video, settings = AffinityVideo([sequence], detections="simulated", faults=faults), AffinitySettings(boosting=QUICK)
     out = fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), settings)
     again = fit_affinity(video, OutputFile(out=tmp_path / "b.onnx"), settings)
     assert out.read_bytes() == again.read_bytes(), "the same seed gives the same file"
@@ -210,7 +210,7 @@ def test_each_network_describes_its_own_stretch(sequence: Path) -> None:
 
 
 def test_frames_count_from_one(sequence: Path, tmp_path: Path) -> None:
-    video = LabelledVideo([sequence], frames=(61, 90), detections="simulated")
+    video = AffinityVideo([sequence], frames=(61, 90), detections="simulated")
     with pytest.raises(RequestError, match=r"no frame lies within \(61, 90\); it has 60"):
         fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"))
 
@@ -219,11 +219,11 @@ def test_bad_requests(sequence: Path, tmp_path: Path) -> None:
     taken = tmp_path / "taken.onnx"
     taken.write_bytes(b"")
     with pytest.raises(RequestError, match="exists"):
-        fit_affinity(LabelledVideo([sequence]), OutputFile(out=taken))
+        fit_affinity(AffinityVideo([sequence]), OutputFile(out=taken))
     with pytest.raises(RequestError, match="expected detections at"):
-        fit_affinity(LabelledVideo([sequence]), OutputFile(out=tmp_path / "a.onnx"))
+        fit_affinity(AffinityVideo([sequence]), OutputFile(out=tmp_path / "a.onnx"))
     perfect = DetectorFaults(jitter=0, missed=1e-9, hidden=1e-9, false_alarms=0, doubled=0)
-    video = LabelledVideo([sequence], detections="simulated", faults=perfect)
+    video = AffinityVideo([sequence], detections="simulated", faults=perfect)
     with pytest.raises(RequestError, match="expected right and wrong detections"):
         fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), AffinitySettings(boosting=QUICK))
     assert list(tmp_path.glob("a*")) == [], "nothing half-written"

@@ -18,7 +18,7 @@ from tsuiseki.tracking.trackers.people.record import run_tracker
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.affinity.affinity import AffinitySettings, fit_affinity
-from tsuiseki.trainers.affinity.affinity_data import LabelledVideo
+from tsuiseki.trainers.affinity.affinity_data import AffinityVideo
 
 FIRST, LAST = 300, 399
 
@@ -30,7 +30,7 @@ def test_learnt_costs_reach_their_bars(data_folder: Path, tmp_path: Path, featur
     """The appearance is the shipped one, which has seen generated people only."""
     network = shipped("appearance_people")
     sequence = read_sequence(data_folder / "mot" / "PETS09-S2L1-first")
-    video = LabelledVideo([sequence.folder], frames=(1, 300), appearance=network)
+    video = AffinityVideo([sequence.folder], frames=(1, 300), appearance=network)
     path = fit_affinity(video, OutputFile(out=tmp_path / "affinity.onnx"), AffinitySettings(features))
     affinity, appearance = Affinity(path, threads=1), Appearance(network, threads=1)
     found = read_detections(sequence.detections_path, sequence.length)

@@ -7,7 +7,7 @@ from pathlib import Path
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.pipelines.drone_models import DroneMethod
-from tsuiseki.tracking.pipelines.finding_options import Finding
+from tsuiseki.tracking.pipelines.finding_options import FindingOptions
 from tsuiseki.tracking.trackers.drone import DroneSettings
 from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 
@@ -17,7 +17,7 @@ DRONE = DroneSettings()
 def drone(
     video: Video,
     output: SeededOutput,
-    finding: Finding,
+    finding: FindingOptions,
     method: DroneMethod = "flow-maf",
     actions: list[Path] | None = None,
     tracks: Path | None = None,

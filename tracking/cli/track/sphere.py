@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsuiseki.tracking.cli.options import Overlay, SeededOutput
+from tsuiseki.tracking.cli.options import Drawing, SeededOutput
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.pipelines.sphere_runs import FrameTimes
 from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings
@@ -26,7 +26,7 @@ def sphere(
     *,
     cameras: Path,
     output: SeededOutput,
-    drawing: Overlay,
+    drawing: Drawing,
     settings: SphereSettings,
     times: FrameTimes,
     radius: float | None = None,
@@ -107,7 +107,7 @@ def sphere(
     return run.status
 
 
-def _overlays(run: Run, drawing: Overlay, chosen: SphereRun, log: SphereLog, radius: float) -> list[Path | None]:
+def _overlays(run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog, radius: float) -> list[Path | None]:
     """A video for each camera."""
     from tsuiseki.tracking.report.sphere import write_sphere_overlay
 
