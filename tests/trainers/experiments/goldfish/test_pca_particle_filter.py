@@ -24,7 +24,7 @@ from tsuiseki.trainers.experiments.values import restored
 def folders(tmp_path_factory):
     """Where one experiment of two clips was run: its store and its results."""
     root = tmp_path_factory.mktemp("goldfish")
-    settings = GoldfishSettings(frames=16, fish=2)
+    settings = GoldfishSettings(frames=16, width=400, height=300, fish=2)
     sets = GoldfishSets(
         (write_goldfish(root / "learning-01", settings, 1),), (write_goldfish(root / "test-01", settings, 2),)
     )
