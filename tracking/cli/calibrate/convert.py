@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from tsuiseki.tracking.cli.calibrate.options import LensSizes
 from tsuiseki.tracking.options import OutputFile
+from tsuiseki.tracking.pipelines.calibration_options import LensSizes
 
 
 def convert(

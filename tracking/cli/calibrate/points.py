@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tsuiseki.tracking.cli.calibrate.options import CAMERA_FILE, FrameRate, ImageSize
 from tsuiseki.tracking.options import OutputFile
+from tsuiseki.tracking.pipelines.calibration_options import CAMERA_FILE, FrameRate, ImageSize
 
 
 def points(
