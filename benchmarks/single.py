@@ -2,9 +2,10 @@
 
     python benchmarks/single.py --data ../shared/data --peer /path/to/venv/bin/python
 
-The peer's environment holds `opencv-contrib-python-headless`. Rounds are interleaved (ours, peer, ours, peer, ...) and
-the median of each is taken; the image is decoded before the clock starts. `plain / KCF` is over the frames without
-search, against a step of KCF from the same place, size and filter; `/ KCF` is against KCF on its own way.
+The peer's environment holds `opencv-contrib-python-headless`; without `--peer` only ratios to KCF are printed. Rounds
+are interleaved (ours, peer, ours, peer, ...) and the median of each is taken; the image is decoded before the clock
+starts. `plain / KCF` is over the frames without search, against a step of KCF from the same place, size and filter;
+`/ KCF` is against KCF on its own way.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ def peer_time(python: str, name: str, sequence: SingleSequence, folder: Path) ->
     return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
-def measure(sequence: SingleSequence, python: str, rounds: int, folder: Path) -> None:
+def measure(sequence: SingleSequence, python: str | None, rounds: int, folder: Path) -> None:
     images = [read_image(path) for path in sequence.images]
     means: dict[str, list[float]] = {name: [] for name in (*OURS, "CSRT")}
     plain: dict[str, list[float]] = {name: [] for name in OURS}
@@ -104,7 +105,7 @@ def measure(sequence: SingleSequence, python: str, rounds: int, folder: Path) ->
                 plain[name].append(float(times[~searched].mean() / alone[~searched].mean()))
             search[name].append(float(times[searched].mean()) if searched.any() else np.nan)
             share[name] = float(searched.mean())
-        means["CSRT"].append(peer_time(python, "CSRT", sequence, folder))
+        means["CSRT"].append(peer_time(python, "CSRT", sequence, folder) if python else np.nan)
     peer = float(np.median(means["CSRT"]))
     print(f"\n{sequence.name}: {len(images)} frames, CSRT {peer:.2f} ms")
     print(f"{'':26}{'ms':>7}{'/ CSRT':>8}{'/ KCF':>7}{'plain / KCF':>13}{'search ms':>11}{'searched':>10}")
@@ -122,7 +123,7 @@ def measure(sequence: SingleSequence, python: str, rounds: int, folder: Path) ->
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--peer", required=True, help="python of an environment with opencv-contrib-python-headless")
+    parser.add_argument("--peer", help="python of an environment with opencv-contrib-python-headless")
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)

@@ -165,6 +165,7 @@ COMMANDS: Tree = {
             "drone-action-features": Experiment(
                 "tracks and actions from a drone improve each other", "drone.action_features"
             ),
+            "drone-crowd": Experiment("where what people do tells them apart", "drone.crowd"),
             "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "finite_sets.unseen"),
             "blobs": Experiment("coloured objects, beside components and SORT", "finite_sets.blobs"),
             "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),

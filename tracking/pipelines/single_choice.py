@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.features.objectness import read_objectness
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.pipelines.single import check_preset
@@ -15,6 +16,8 @@ from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import Past
 from tsuiseki.tracking.trackers.single.methods import SingleMethod, SinglePreset, make_tracker
+from tsuiseki.tracking.trackers.single.recognition import Recognised
+from tsuiseki.tracking.weights import shipped
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,8 @@ class SingleChoice(Shared):
             do, and the others as the preset says.
         past: how kcf-particle draws filters of the past, all alike or by their score; by default as the preset says.
         redetect: combined and kcf-particle search a wider area for a lost target, which takes longer.
+        recognise: also say lost where the target, a person, no longer looks as in the first frame, by the shipped
+            appearance network.
         objectness: model for kcf-particle from `tsuiseki train objectness`; by default the shipped one.
     """
 
@@ -39,6 +44,7 @@ class SingleChoice(Shared):
     scale: bool | None = None
     past: Past | None = None
     redetect: bool = False
+    recognise: bool = False
     objectness: Path | None = None
 
     def tracker(self, seed: int = 0) -> tuple[SingleTracker, dict[str, Any]]:
@@ -47,6 +53,14 @@ class SingleChoice(Shared):
         Raises:
             RequestError: the method does not take something that is asked for.
         """
+        tracker, constants = self._plain(seed)
+        if not self.recognise:
+            return tracker, constants
+        network = Appearance(shipped("appearance_people"))
+        recognised = Recognised(tracker, network.describe)
+        return recognised, {**constants, "recognition": asdict(recognised.settings)}
+
+    def _plain(self, seed: int) -> tuple[SingleTracker, dict[str, Any]]:
         check_preset(self.method, self.preset)
         tracker = make_tracker(self.method, self.preset, self.scale, seed)
         if isinstance(tracker, KcfParticle):
