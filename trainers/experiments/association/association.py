@@ -12,6 +12,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.pipelines.methods import PeopleMethod
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.association.choice import choice_table
 from tsuiseki.trainers.experiments.association.oracle import REPAIRS
 from tsuiseki.trainers.experiments.association.peers import PEERS, PROGRAM, Peer, find_peer, peer_tracks
 from tsuiseki.trainers.experiments.association.plots import plot_scores
@@ -49,7 +50,7 @@ RATES = (30.0, 15.0, 10.0, 5.0)
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
 # Seconds after which the flow answers; None is the end.
 DELAYS = (0.5, 1.0, 2.0, 5.0, None)
-PARTS = ("methods", "losses", "rates", "delays")
+PARTS = ("methods", "losses", "rates", "delays", "choice")
 # Recall and precision of the given detections that the data sets' description states.
 KNOWN = {
     "MOT17-02": (0.614, 0.878), "MOT17-05": (0.814, 0.964), "MOT17-10": (0.736, 0.949), "MOT17-13": (0.822, 0.975),
@@ -80,7 +81,7 @@ def reproduce(
     bench: Bench,
     data: Path = Path("../shared/data"),
     sets: list[str] = list(SETS),  # noqa: B006, the parser shows it and nobody changes it
-    parts: list[str] = list(PARTS),  # noqa: B006
+    parts: list[str] = list(PARTS[:-1]),  # noqa: B006
     peer: str | None = None,
     gap: float = 2.0,
 ) -> Outcome:
@@ -95,7 +96,8 @@ def reproduce(
         sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, separated by commas.
         parts: methods (all rows, combined and by sequence), losses (the default with one kind of error mended, and the
             right links over the same detections), rates (mot17 at 30, 15, 10 and 5 frames a second), delays (the flow
-            that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
+            that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), choice (settings of the flow chosen without
+            each set, from two sets on; not by default), separated by commas.
         peer: python of an environment with the package trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are measured
             beside; by default this one, if it has the package.
         gap: longest gap that the right links bridge in the picture and where the losses are told, seconds.
@@ -117,6 +119,8 @@ def reproduce(
         tables += [_rate_table(bench, one) for one in measured if one.described.key == "mot17"]
     if "delays" in parts:
         tables += [_delay_table(bench, one) for one in measured if one.described.key in ("mot17", "pets")]
+    if "choice" in parts and len(there) > 1:
+        tables.append(choice_table(bench, there))
     limits = {one.described.title: _right(bench, one.clips, gap, filled=True) for one in measured}
     return Outcome(
         {"peer": environment.version if environment else None, "sets": values},

@@ -9,6 +9,7 @@ from pathlib import Path
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.pipelines.methods import PeopleMethod
 from tsuiseki.tracking.pipelines.people import track_people
+from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
@@ -28,13 +29,24 @@ def method_tracks(clip: Clip, method: PeopleMethod, delay: float | None = None) 
     return table_of(without_pictures(clip, found, method, delay))
 
 
+def tracks_by(clip: Clip, tracker: PeopleTracker) -> list[Track]:
+    """What a tracker of one's own gives, pictures looked at where the sequence has any."""
+    found = read_clip(clip)
+    if clip.pictures is None or clip.every > 1:
+        return without_pictures(clip, found, tracker)
+    first = clip.kept.start
+    whole = [Detections.empty()] * first + found
+    tracks = track_people(clip.pictures, tracker, detections=whole, frames=clip.frames, threads=1)
+    return [shifted(track, -first) for track in tracks]
+
+
 def boxes_alone(clip: Clip, method: PeopleMethod) -> FloatArray:
     """The same without looking at pictures."""
     return table_of(without_pictures(clip, read_clip(clip), method))
 
 
 def without_pictures(
-    clip: Clip, found: Sequence[Detections], method: PeopleMethod, delay: float | None = None
+    clip: Clip, found: Sequence[Detections], method: PeopleMethod | PeopleTracker, delay: float | None = None
 ) -> list[Track]:
     """The tracks of a sequence that is its detections, its rate and the size of its images."""
     with tempfile.TemporaryDirectory() as folder:
