@@ -45,6 +45,8 @@ from tsuiseki.tracking.weights import shipped
 CAMERA = 3.0
 HEIGHTS = (1.0, 1.35, 1.7)
 RADII = (0.25, 0.35)
+# Of a detection that is tracked: the default of `track fisheye`.
+LEAST_SCORE = 0.3
 # Inner corners of the boards.
 PATTERN = (5, 4)
 
@@ -229,14 +231,14 @@ def ten_frames(folder: Path, detector: Callable[[int, int], Detect]) -> None:
     view = CeilingView(camera, _table(first.shape[1], first.shape[0], person), person,
                        Appearance(shipped("appearance_people"), threads=1))  # fmt: skip
     for source in ("given", "own"):
-        tracker = FisheyeTracker(1.0, FisheyeSettings(start_score=0.2))
+        tracker = FisheyeTracker(1.0, FisheyeSettings())
         for name, each in labels.items():
             image = _picture(folder, name)
             if source == "given":
                 upright = Detections(_stood(each.boxes), np.ones(len(each.boxes)), angles=each.boxes[:, 4])
             else:
                 found = detector(image.shape[1], image.shape[0]).detect([image])[0]
-                upright = found.select(found.scores >= 0.2)
+                upright = found.select(found.scores >= LEAST_SCORE)
             tracker.update(view.describe(image, view.locate(upright)))
         tracks = [t.track for t in tracker.tracks()]
         scores = evaluate_sequences([SequencePair(truth.name, truth.labels, tracks, truth.length)]).combined

@@ -90,7 +90,7 @@ class FisheyeSettings:
     update: float = 0.3
     confirm: float = 0.2
     max_age: float = 3.0
-    start_score: float = 0.3
+    start_score: float = 0.5
 
     def __post_init__(self) -> None:
         if not (self.by_appearance or self.by_place):
