@@ -66,6 +66,8 @@ def _bias_alone(norm: nn.BatchNorm1d | nn.BatchNorm2d) -> None:
 def detector_of(path: Path) -> tuple[DetectorTraining, dict[str, Any]]:
     """The detector in a checkpoint or an exported file, and the arguments that it is made with; its heads learn.
 
+    An exported file does not tell the loss it was trained by; it gets that of overlaps as scores, ``quality``.
+
     Raises:
         RequestError: the file is missing, no such checkpoint, or no detector of the default architecture.
     """

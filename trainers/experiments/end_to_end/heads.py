@@ -35,13 +35,16 @@ LEARNT_FROM, TRACKED_FROM = 0.1, 0.3
 MOST_IMAGES = 400
 
 
-def heads_sums(train: tuple[Stretch, ...], tests: tuple[Stretch, ...], start: Path) -> list[list[FloatArray]]:
+def heads_sums(
+    train: tuple[Stretch, ...], tests: tuple[Stretch, ...], start: Path, steps: int = STEPS
+) -> list[list[FloatArray]]:
     """For each of `WAYS` and each test ``(84,)``: sums of scores, then AP50.
 
     Args:
         train: what is learnt from.
         tests: what is tracked.
         start: exported detector.
+        steps: windows that are looked at.
     """
     found, trunk = Detector(start, LEARNT_FROM, threads=1), FrozenTrunk(MOST_IMAGES)
     graphs = [graphs_of_video(read_stretch(one, found)) for one in train]
@@ -55,7 +58,7 @@ def heads_sums(train: tuple[Stretch, ...], tests: tuple[Stretch, ...], start: Pa
         # The costs stay as they are, so that what is gained is the detector's.
         module.network.requires_grad_(False)
         if way != "as it ships":
-            fit = Fit(steps=STEPS, seconds=SECONDS, flow=0.0 if way == "its own loss" else 1.0)
+            fit = Fit(steps=steps, seconds=SECONDS, flow=0.0 if way == "its own loss" else 1.0)
             fitted(module, graphs, fit, Looks(frames=found.model.card))
         assert module.detector is not None
         sums.append([_scored(video, module.detector, trunk) for video in videos])

@@ -58,10 +58,9 @@ def test_the_siamese_network_before_and_after(pictured: Path, monkeypatch: pytes
 
 @pytest.mark.slow
 def test_the_heads_before_and_after(pictured: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(heads, "STEPS", 2)
     monkeypatch.setattr(heads, "RATE", 3.0)
     every = Stretch(pictured, 1, FRAMES)
-    found = heads.heads_sums((every,), (every,), shipped("detector_street"))
+    found = heads.heads_sums((every,), (every,), shipped("detector_street"), steps=2)
     assert len(found) == len(heads.WAYS)
     before, after = found[0][0], found[-1][0]
     assert before.shape == (84,)
