@@ -27,7 +27,7 @@ from tsuiseki.tracking.types import FloatArray, Frame
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video import Source, open_source
 
-CONTRASTS: dict[str, Contrast] = {"any": "auto", "bright": "bright", "dark": "dark"}
+CONTRASTS: dict[str, Contrast] = {"any": "any", "bright": "bright", "dark": "dark"}
 MotionPreset = Literal["learnt", "paper", "conditional", "independent", "velocity", "walk", "wide"]
 
 

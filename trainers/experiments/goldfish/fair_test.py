@@ -31,7 +31,7 @@ from tsuiseki.trainers.experiments.goldfish.trials import BODY, EXTRACTION, TRAC
 from tsuiseki.trainers.experiments.store import Store
 
 PARTICLES = (25, 50, 100)
-WIDTHS = (1.0, 1.3, 1.7, 2.2, 2.9)
+WIDTHS = (1.0, 1.3, 1.7, 2.2)
 SPREAD = 10.0
 """``sigma_d`` of (7), pixels squared: a contour that is 5 pixels off is then clearly worse than one that fits."""
 FLOOR = -20.0
@@ -104,11 +104,16 @@ ARMS: Mapping[str, tuple[str, Callable[[Learnt], BodyFixedVelocity]]] = {
 
 
 def reproduce(
-    bench: Bench, particles: tuple[int, ...] = PARTICLES, seeds: int = 2, clips: int = 18, minutes: float = 1000.0
+    bench: Bench,
+    particles: tuple[int, ...] = PARTICLES,
+    seeds: int = 2,
+    clips: int = 6,
+    development: int = 3,
+    minutes: float = 1000.0,
 ) -> Outcome:
     """Whether few particles gain by drawing changes of shape and motion together, as the goldfish paper does.
 
-    Generates 3 clips to learn from, 6 to choose each arm's widening on and 18 to test on. DIR gets results.json and
+    Generates 3 clips to learn from, 3 to choose each arm's widening on and 6 to test on. DIR gets results.json and
     tables.md: nats of a step, then survival, position error, log-evidence and effective sample size of the arms.
 
     Args:
@@ -116,6 +121,7 @@ def reproduce(
         particles: numbers of them.
         seeds: of the particles.
         clips: test clips, from 2 to 18.
+        development: clips to choose the widening on, from 1 to 6.
         minutes: begin no new run after so many; run it again to go on.
 
     Raises:
@@ -125,10 +131,13 @@ def reproduce(
     at_least_one(seeds=seeds, particles=min(particles, default=0))
     if not 2 <= clips <= len(TEST):
         raise RequestError(f"`clips`: expected 2 to {len(TEST)}, got {clips}")
+    if not 1 <= development <= len(DEVELOPMENT):
+        raise RequestError(f"`development`: expected 1 to {len(DEVELOPMENT)}, got {development}")
     if not minutes > 0:
         raise RequestError(f"`minutes`: expected a number above 0, got {minutes:g}")
-    folders = {part: _clips(bench.store, part) for part in SEEDS}
-    test = folders["test"][:clips]
+    counts = {"learning": len(LEARNING), "development": development, "test": clips}
+    folders = {part: _clips(bench.store, part, counts[part]) for part in SEEDS}
+    test = folders["test"]
     steps, learnt = learn_exactly(folders["learning"])
     wide = _wide_steps(bench.store, folders["learning"])
     nats = learnt_densities(steps, wide, [learn_exactly([folder])[0] for folder in test])
@@ -211,8 +220,8 @@ def _prepared(folder: Path) -> Clip:
     return _READY[folder]
 
 
-def _clips(store: Store, part: str) -> list[Path]:
-    counts = {"learning": LEARNING, "development": DEVELOPMENT, "test": TEST}[part]
+def _clips(store: Store, part: str, number: int) -> list[Path]:
+    counts = {"learning": LEARNING, "development": DEVELOPMENT, "test": TEST}[part][:number]
     return [
         store.made(f"{part}-{n + 1:02d}", write_goldfish, GoldfishSettings(fish=count), SEEDS[part] + n)
         for n, count in enumerate(counts)

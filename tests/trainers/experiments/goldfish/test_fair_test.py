@@ -39,7 +39,18 @@ def test_the_experiment_in_small(tmp_path, monkeypatch):
     monkeypatch.setattr(fair_test, "WIDTHS", (1.0, 1.5))
     monkeypatch.setattr(fair_test, "LEARNING_PARTICLES", 300)
     monkeypatch.setattr(fair_test, "GoldfishSettings", partial(fair_test.GoldfishSettings, frames=16))
-    words = ["reproduce", "goldfish-correlation", "--particles", "20", "--seeds", "1", "--clips", "2"]
+    words = [
+        "reproduce",
+        "goldfish-correlation",
+        "--particles",
+        "20",
+        "--seeds",
+        "1",
+        "--clips",
+        "2",
+        "--development",
+        "1",
+    ]
     assert main([*words, "--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]) == 0
     found = json.loads((tmp_path / "out" / "results.json").read_text())
     assert [row["arm"] for row in found["arms"]] == list(fair_test.ARMS)
