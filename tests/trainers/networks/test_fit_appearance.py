@@ -35,7 +35,7 @@ def options(folder: Path, *more: str) -> list[str]:
         "views": 3,
         "batches": 25,
     }
-    trainer = {"accelerator": "cpu", "max_epochs": 6, "use_distributed_sampler": "false", "num_sanity_val_steps": 0}
+    trainer = {"accelerator": "cpu", "max_epochs": 4, "use_distributed_sampler": "false", "num_sanity_val_steps": 0}
     model = {"height": 64, "width": 32, "feature_length": 32, "warmup_steps": 10}
     groups = {"data": data, "trainer": trainer, "model": model}
     return [f"--{g}.{k}={v}" for g, values in groups.items() for k, v in values.items()] + list(more)
