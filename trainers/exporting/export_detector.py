@@ -51,7 +51,6 @@ class RawHeads(nn.Module):
 def export_detector(
     output: ModelFile,
     checkpoint: Path | None = None,
-    blend: Path | None = None,
     weights: Literal["coco"] | None = None,
     architecture: CocoArchitecture = "ssdlite320",
     state: Path | None = None,
@@ -59,6 +58,7 @@ def export_detector(
     int8: Path | None = None,
     height: int | None = None,
     width: int | None = None,
+    blend: Path | None = None,
 ) -> float:
     """Write a person detector as ONNX, and check that it gives what torch gives.
 
@@ -67,8 +67,6 @@ def export_detector(
 
     Args:
         checkpoint: best.ckpt of tsuiseki train detector.
-        blend: exported detector of the same structure, such as the one that the training started from; each weight
-            becomes the mean of both (Wortsman et al., Robust fine-tuning of zero-shot models, 2022).
         weights: coco downloads torchvision's weights.
         architecture: of the COCO weights.
         state: file of those weights, for a machine that cannot download them.
@@ -77,6 +75,8 @@ def export_detector(
             taken there, and the average precision before and after is measured there.
         height: of the input, pixels, where another than in training; with --width.
         width: likewise; a larger input finds smaller people and takes longer.
+        blend: exported detector of the same structure, such as the one that the training started from; each weight
+            becomes the mean of both (Wortsman et al., Robust fine-tuning of zero-shot models, 2022).
 
     Returns:
         The largest relative difference to torch that the parity check saw, of the float weights.
