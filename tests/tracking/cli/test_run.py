@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking import video
+from tsuiseki.tracking import image_folder
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.report.webm import VideoWriter
@@ -48,7 +48,10 @@ def commands(clip: Path, streams: Path) -> dict[str, tuple[list[str], str]]:
         "people": (["track", "people", str(clip), *given, "--moving-camera"], "tracks.txt"),
         "single": (["track", "single", str(clip), *box], "boxes.txt"),
         "blobs": (["track", "blobs", str(clip), "--colour", "red", "--particles", "50"], "tracks.txt"),
-        "deformable": (["track", "deformable", str(clip), "--deformable.particles", "50"], "states.csv"),
+        "deformable": (
+            ["track", "deformable", str(clip), "--colour", "orange", "--deformable.particles", "50"],
+            "states.csv",
+        ),
         "drone": (["track", "drone", str(clip), *given[:-2], "--actions", actions, "--batch-size", "1"], "tracks.json"),
     }
 
@@ -91,8 +94,8 @@ def test_an_interrupt_keeps_the_finished_frames(
 ) -> None:
     words, file = commands(clip, drone_models)[name]
     before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    stop = at_call(7, lambda: signal.raise_signal(number), video.read_image)
-    monkeypatch.setattr(video, "read_image", stop)
+    stop = at_call(7, lambda: signal.raise_signal(number), image_folder.read_image)
+    monkeypatch.setattr(image_folder, "read_image", stop)
     assert main([*words, "--overlay", "--out", str(tmp_path / "o")]) == 128 + number
     record = record_of(tmp_path / "o")
     assert record["partial"] is True
@@ -146,7 +149,7 @@ def test_a_second_interrupt_ends_at_once(
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(video, "read_image", at_call(7, twice, video.read_image))
+    monkeypatch.setattr(image_folder, "read_image", at_call(7, twice, image_folder.read_image))
     assert main([*commands(clip, drone_models)["blobs"][0], "--out", str(tmp_path / "o")]) == 130
     assert list(tmp_path.iterdir()) == []
     assert lines_of(capsys) == ["tsuiseki: interrupted; nothing was written"]
