@@ -28,7 +28,7 @@ from tsuiseki.trainers.adapt.labels import TAKEN, Verdict
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune, layout_of
 from tsuiseki.trainers.adapt.linking import APPEARANCE, COSTS, LinkScores, learn_links, seen_in
 from tsuiseki.trainers.adapt.settings import AdaptSettings
-from tsuiseki.trainers.adapt.watch import Watched, plain_view, refuse_two_cameras, watch
+from tsuiseki.trainers.adapt.watch import Watched, plain_view, refuse_other_sizes, refuse_two_cameras, watch
 
 _DONE = "round.json"
 # Agreement must rise by this much for a round to be better.
@@ -110,6 +110,7 @@ def open_camera(
     share = max(20, settings.pictures // len(sources))
     videos = [watch(source, stretch, work / f"video-{n}", share) for n, source in enumerate(sources)]
     views = [plain_view(video) if video.fixed else None for video in videos]
+    refuse_other_sizes(videos)
     known = [(video, view) for video, view in zip(videos, views, strict=True) if view is not None]
     if len(known) > 1:
         refuse_two_cameras([video for video, _ in known], [view for _, view in known])

@@ -171,6 +171,27 @@ def plain_view(watched: Watched, most: int = 45) -> ImageArray:
     return empty_view([Example(watched.picture(n), *nobody) for n in _spread(len(watched.frames), most)], most).image
 
 
+def refuse_other_sizes(videos: Sequence[Watched]) -> None:
+    """Refuse videos of different sizes, or of which some move and some stand still.
+
+    Raises:
+        RequestError: two differ.
+    """
+    for video in videos[1:]:
+        if video.size != videos[0].size:
+            (w, h), (a, b) = video.size, videos[0].size
+            raise RequestError(
+                f"expected videos of one camera, got {a}x{b} pixels in {videos[0].source} and {w}x{h} in "
+                f"{video.source}; adapt to one camera at a time"
+            )
+        if video.fixed != videos[0].fixed:
+            still, moving = (videos[0], video) if videos[0].fixed else (video, videos[0])
+            raise RequestError(
+                f"expected videos of one camera, but it stands still in {still.source} and moves in {moving.source}; "
+                "adapt to one camera at a time"
+            )
+
+
 def refuse_two_cameras(videos: Sequence[Watched], views: Sequence[ImageArray]) -> None:
     """Refuse videos of different cameras.
 
@@ -179,15 +200,9 @@ def refuse_two_cameras(videos: Sequence[Watched], views: Sequence[ImageArray]) -
         views: their empty views.
 
     Raises:
-        RequestError: two differ in size, or their views do not show the same place.
+        RequestError: their views do not show the same place.
     """
     for video, view in zip(videos[1:], views[1:], strict=True):
-        if video.size != videos[0].size:
-            (w, h), (a, b) = video.size, videos[0].size
-            raise RequestError(
-                f"expected videos of one camera, got {a}x{b} pixels in {videos[0].source} and {w}x{h} in "
-                f"{video.source}; adapt to one camera at a time"
-            )
         if edge_correlation(views[0], view) < _SAME_VIEW:
             raise RequestError(
                 f"expected videos of one camera, but {videos[0].source} and {video.source} show different places; "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
-from tsuiseki.trainers.adapt.watch import plain_view, refuse_two_cameras, stands_still, watch
+from tsuiseki.trainers.adapt.watch import plain_view, refuse_other_sizes, refuse_two_cameras, stands_still, watch
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +61,12 @@ def test_two_cameras_are_refused(video: Path, tmp_path: Path) -> None:
     refuse_two_cameras([one, one], [street.view(), (0.6 * street.view()).astype(np.uint8)])
     with pytest.raises(RequestError, match="show different places"):
         refuse_two_cameras([one, other], [street.view(), street.view(1)])
+
+
+def test_videos_of_one_camera_have_one_size_and_move_alike(tmp_path: Path) -> None:
+    one = watch(str(street.write_video(tmp_path / "one")), EVERY_FRAME, tmp_path / "kept", 20)
+    refuse_other_sizes([one, one])
+    with pytest.raises(RequestError, match="got 160x120 pixels in .* and 320x240"):
+        refuse_other_sizes([one, replace(one, size=(320, 240))])
+    with pytest.raises(RequestError, match="it stands still in one and moves in other; adapt to one camera"):
+        refuse_other_sizes([replace(one, source="one"), replace(one, source="other", fixed=False)])
