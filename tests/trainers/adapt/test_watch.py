@@ -66,7 +66,7 @@ def test_two_cameras_are_refused(video: Path, tmp_path: Path) -> None:
 def test_videos_of_one_camera_have_one_size_and_move_alike(tmp_path: Path) -> None:
     one = watch(str(street.write_video(tmp_path / "one")), EVERY_FRAME, tmp_path / "kept", 20)
     refuse_other_sizes([one, one])
-    with pytest.raises(RequestError, match="got 160x120 pixels in .* and 320x240"):
+    with pytest.raises(RequestError, match=r"got 160x120 pixels in .* and 320x240"):
         refuse_other_sizes([one, replace(one, size=(320, 240))])
     with pytest.raises(RequestError, match="it stands still in one and moves in other; adapt to one camera"):
         refuse_other_sizes([replace(one, source="one"), replace(one, source="other", fixed=False)])
