@@ -65,7 +65,7 @@ class Observers:
     def history(self) -> int:
         """Number of frames before the current one that are needed."""
         flow = 0 if self.recognise is None else self.recognise.history
-        return max(flow, 0 if self.camera is None else 1, 0 if self.bridging is None else self.bridging.longest)
+        return max(flow, 0 if self.camera is None else 1, 0 if self.bridging is None else self.bridging.most_frames)
 
 
 def observe(

@@ -42,7 +42,7 @@ class TrainingWindow:
 
 
 @dataclass(frozen=True)
-class Looks:
+class WindowImages:
     """What the networks that learn with the costs see of a window.
 
     Attributes:
@@ -68,7 +68,7 @@ class RandomWindows(Dataset[TrainingWindow]):
         seconds: length of a window.
         count: windows an epoch.
         seed: of the places, and of the epoch, asked anew for every window.
-        looks: what is seen of a window.
+        images: what is seen of a window.
     """
 
     def __init__(
@@ -77,9 +77,9 @@ class RandomWindows(Dataset[TrainingWindow]):
         seconds: float,
         count: int,
         seed: Callable[[], tuple[int, int]],
-        looks: Looks = Looks(),
+        images: WindowImages = WindowImages(),
     ) -> None:
-        self.graphs, self.seconds, self.count, self.seed, self.looks = graphs, seconds, count, seed, looks
+        self.graphs, self.seconds, self.count, self.seed, self.images = graphs, seconds, count, seed, images
         sizes = np.array([len(one.detections) for one in graphs], dtype=np.float64)
         self.chances = sizes / sizes.sum()
 
@@ -95,14 +95,14 @@ class RandomWindows(Dataset[TrainingWindow]):
         length, last = max(2, round(self.seconds * graph.frame_rate)), int(graph.frames.max(initial=0)) + 1
         # A window may reach over either end of the sequence, so that its borders are seen as often as the rest.
         first = int(rng.integers(-length // 2, max(last - length // 2, 1)))
-        return self.looks.at(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets)
+        return self.images.at(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets)
 
 
 class EveryWindow(Dataset[TrainingWindow]):
     """The sequences cut into windows end to end."""
 
-    def __init__(self, graphs: Sequence[Graphs], seconds: float, looks: Looks = Looks()) -> None:
-        self.looks = looks
+    def __init__(self, graphs: Sequence[Graphs], seconds: float, images: WindowImages = WindowImages()) -> None:
+        self.images = images
         self.windows = [
             TrainingWindow(window(one.detections, first, first + length), one.tracklets)
             for one in graphs
@@ -115,7 +115,7 @@ class EveryWindow(Dataset[TrainingWindow]):
 
     def __getitem__(self, index: int) -> TrainingWindow:
         held = self.windows[index]
-        return self.looks.at(held.detections, held.tracklets)
+        return self.images.at(held.detections, held.tracklets)
 
 
 class AssociationData(lightning.LightningDataModule):
@@ -162,7 +162,7 @@ class AssociationData(lightning.LightningDataModule):
         self.train, self.validation, self.held_back, self.frames = train, validation, held_back, frames
         self.detections, self.detector, self.appearance = detections, detector, appearance
         self.score_threshold, self.heads = score_threshold, heads
-        self.looks = Looks()
+        self.images = WindowImages()
         self.seconds, self.windows, self.seed = seconds, windows, seed
         self.learnt: list[Graphs] = []
         self.held: list[Graphs] = []
@@ -181,7 +181,7 @@ class AssociationData(lightning.LightningDataModule):
         detector = None if self.detector is None else Detector(self.detector, self.score_threshold)
         find = detector or self.detections
         look = None if self.appearance is None else Appearance(self.appearance)
-        self.looks = Looks(
+        self.images = WindowImages(
             None if look is None else (look.model.card.input_height, look.model.card.input_width),
             detector.model.card if detector is not None and self.heads else None,
         )
@@ -195,7 +195,7 @@ class AssociationData(lightning.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[TrainingWindow]:
         """Windows at random places, others in every epoch."""
-        data = RandomWindows(self.learnt, self.seconds, self.windows, self._seed, self.looks)
+        data = RandomWindows(self.learnt, self.seconds, self.windows, self._seed, self.images)
         return DataLoader(data, batch_size=None, collate_fn=None)
 
     def _seed(self) -> tuple[int, int]:
@@ -203,7 +203,7 @@ class AssociationData(lightning.LightningDataModule):
 
     def val_dataloader(self) -> DataLoader[TrainingWindow]:
         """All windows of what was held back."""
-        return DataLoader(EveryWindow(self.held, self.seconds, self.looks), batch_size=None)
+        return DataLoader(EveryWindow(self.held, self.seconds, self.images), batch_size=None)
 
 
 def graphs_of(

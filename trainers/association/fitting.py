@@ -12,7 +12,7 @@ from torch.optim import AdamW
 from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.flow.cost_network import LARGEST
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.association.data import Looks, RandomWindows
+from tsuiseki.trainers.association.data import RandomWindows, WindowImages
 from tsuiseki.trainers.association.flow_loss import LossName
 from tsuiseki.trainers.association.graphs import Graphs
 from tsuiseki.trainers.association.losses_beside import finite
@@ -85,7 +85,7 @@ def fitted(
     module: AssociationTraining,
     graphs: Sequence[Graphs],
     fit: Fit,
-    looks: Looks = Looks(),  # noqa: B008
+    images: WindowImages = WindowImages(),  # noqa: B008
 ) -> AssociationTraining:
     """A module, whatever networks it has, after ``fit.steps`` windows.
 
@@ -93,13 +93,13 @@ def fitted(
         module: is changed.
         graphs: of the sequences.
         fit: how long, how fast, on windows of what length.
-        looks: what its networks see of a window.
+        images: what its networks see of a window.
 
     Raises:
         RunError: a loss is no number; names the window.
     """
     module.standardise(graphs)
-    windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0), looks)
+    windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0), images)
     groups = [group for group in module.parameter_groups() if group["params"]]
     highest = [group.get("lr", fit.learning_rate) for group in groups]
     optimiser = AdamW(groups, lr=fit.learning_rate)

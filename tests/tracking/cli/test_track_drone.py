@@ -180,7 +180,7 @@ def test_tiles_are_looked_at_and_kept_apart(
 
 
 def test_bridged_boxes_are_kept_beside_the_others(clip: Path, action_streams: list[Path], tmp_path: Path) -> None:
-    cache, on = ["--cache", str(tmp_path / "cache")], ["--bridging.longest", "5"]
+    cache, on = ["--cache", str(tmp_path / "cache")], ["--bridging.most_frames", "5"]
     for name, more in (("with", on), ("without", []), ("again", on)):
         assert main(words(clip, action_streams, tmp_path / name, *cache, *more)) == 0
     found = {name: sum(values(tmp_path / name)["frames"]["detections"]) for name in ("with", "without", "again")}
@@ -216,8 +216,8 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
         "expected a window from 0": ["--drone.window", "-1"],
         "flow-maf averages the features of actions": ["--drone.flow.costs.link.action.features", "single"],
-        "expected longest from 1 frame, got 0": ["--bridging.longest", "0"],
-        "--bridging.longest: expected a whole number, got 'some'": ["--bridging.longest", "some"],
+        "expected most_frames from 1 frame, got 0": ["--bridging.most_frames", "0"],
+        "--bridging.most_frames: expected a whole number, got 'some'": ["--bridging.most_frames", "some"],
         "unknown option --bridging.shortest;": ["--bridging.shortest", "5"],
         "--bridging: expected null or options of its own below it, got 'true'": ["--bridging", "true"],
         "expected least_peak from 0 to 1": ["--bridging.least-peak", "1.5"],

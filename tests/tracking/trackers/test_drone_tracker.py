@@ -58,8 +58,8 @@ def test_people_and_what_they_do(actions: bool) -> None:
 def test_asking_in_between_changes_nothing() -> None:
     frames = walk(3, 90)
     asked, quiet = (
-        DroneTracker(DroneSettings(replace(FLOW, chunk=1.0))),
-        DroneTracker(DroneSettings(replace(FLOW, chunk=1.0))),
+        DroneTracker(DroneSettings(replace(FLOW, decide_every=1.0))),
+        DroneTracker(DroneSettings(replace(FLOW, decide_every=1.0))),
     )
     for number, found in enumerate(frames):
         asked.update(found)

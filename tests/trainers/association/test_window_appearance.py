@@ -80,7 +80,7 @@ def test_the_distances_are_those_of_the_tracker(street: Path, siamese: tuple[Pat
     data = AssociationData([street], appearance=exported, seconds=10.0, held_back=0.01)
     data.setup("fit")
     module = AssociationTraining(appearance=checkpoint)
-    batch = EveryWindow(data.learnt, 10.0, data.looks)[0]
+    batch = EveryWindow(data.learnt, 10.0, data.images)[0]
     with torch.no_grad():
         seen = module.seen(batch)
         assert seen.features is not None
@@ -108,7 +108,7 @@ def test_gradients_reach_the_siamese_network(street: Path, siamese: tuple[Path, 
     data.setup("fit")
     module = AssociationTraining(appearance=checkpoint, contrast=0.0, epsilon=3.0)
     module.standardise(data.learnt)
-    objective, _ = module.losses(EveryWindow(data.learnt, 2.0, data.looks)[0], module.loss, np.random.default_rng(0))
+    objective, _ = module.losses(EveryWindow(data.learnt, 2.0, data.images)[0], module.loss, np.random.default_rng(0))
     objective.backward()
     assert module.siamese is not None
     grads = [p.grad for p in module.siamese.network.parameters()]

@@ -78,7 +78,7 @@ def data_of(street: Path, exported: Path) -> AssociationData:
 @pytest.fixture(scope="module")
 def batch(street: Path, detector: tuple[Path, Path]) -> TrainingWindow:
     data = data_of(street, detector[1])
-    return EveryWindow(data.learnt, 1.0, data.looks)[0]
+    return EveryWindow(data.learnt, 1.0, data.images)[0]
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["checkpoint", "exported"])

@@ -95,10 +95,10 @@ def test_a_network_of_other_features_is_refused(exported: dict[str, Path], tmp_p
         CostNetwork(tmp_path / "other.onnx")
 
 
-def test_the_tracker_goes_by_chunks_with_it(exported: dict[str, Path]) -> None:
+def test_the_tracker_decides_while_it_goes_with_it(exported: dict[str, Path]) -> None:
     from tsuiseki.tracking.trackers.people.flow import FlowSettings
 
     changes = CostNetwork(exported["large"], threads=1)
-    tracker = FlowTracker(FlowSettings(chunk=0.5, longest=3.0), frame_rate=25.0, changes=changes)
+    tracker = FlowTracker(FlowSettings(decide_every=0.5, most_undecided=3.0), frame_rate=25.0, changes=changes)
     assert run_tracker(crossing() * 4, tracker)
     assert FlowTracker(changes=changes, frame_rate=25.0).tracks() == []

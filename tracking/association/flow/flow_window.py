@@ -59,7 +59,7 @@ class FlowWindow:
         costs: of the flow.
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
-        longest: most frames that may stay undecided; None never cuts.
+        most_undecided: most frames that may stay undecided; None never cuts.
         transition: learnt costs of pairs, taken beside the motion; None for none.
         changes: by how much costs learnt on whole tracks differ from these; None for not at all.
 
@@ -73,14 +73,14 @@ class FlowWindow:
         costs: FlowCosts,
         frame_rate: float,
         size: tuple[int, int] | None,
-        longest: int | None = None,
+        most_undecided: int | None = None,
         transition: TransitionCost | None = None,
         changes: CostChanges | None = None,
     ) -> None:
         self.costs = costs
         self.overlap = gaps(costs.rounds.window, frame_rate) + 1
         most = costs.entry + MOST_WORTH + (0.0 if changes is None else LARGEST)
-        self._flow = SlidingFlow(self.overlap, most, longest)
+        self._flow = SlidingFlow(self.overlap, most, most_undecided)
         self._transition = transition
         self.changes = changes
         self._seen = no_detections(frame_rate, size)

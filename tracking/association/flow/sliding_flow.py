@@ -13,8 +13,8 @@ overlap alone would not do: a choice between two matchings can hang in the balan
 How it is known that no future can change a detection: `flow_safety`.
 
 **Memory.** What is kept is the undecided part. Usually that is little more than the frontier, whatever the length of
-the video; people who stay inseparable for long can make it grow. ``longest`` bounds it: a window of more frames is cut,
-with ``exact`` turned off, by deciding all that lies before the frontier as if the video ended there.
+the video; people who stay inseparable for long can make it grow. ``most_undecided`` bounds it: a window of more
+frames is cut, with ``exact`` turned off, by deciding all that lies before the frontier as if the video ended there.
 
 **Settling.** Where answers may not wait, detections that were answered are settled as the window has them. What follows
 the last one of a track stays open, for as long as a transition can reach the frames to come.
@@ -61,20 +61,20 @@ class SlidingFlow:
         overlap: transitions span fewer frames than this; at least 2.
         most_saving: the most that it can save to continue a track: the highest entry cost of any detection to come
             minus the lowest cost of a transition, if that is negative.
-        longest: most frames that may stay undecided; None never cuts.
+        most_undecided: most frames that may stay undecided; None never cuts.
 
     Raises:
-        ValueError: the overlap is too short, or longer than ``longest``.
+        ValueError: the overlap is too short, or longer than ``most_undecided``.
     """
 
-    def __init__(self, overlap: int, most_saving: float, longest: int | None = None) -> None:
+    def __init__(self, overlap: int, most_saving: float, most_undecided: int | None = None) -> None:
         if overlap < 2:
             raise ValueError(f"expected an overlap of at least 2 frames, got {overlap}")
-        if longest is not None and longest < overlap:
-            raise ValueError(f"expected longest to be at least the overlap of {overlap} frames, got {longest}")
+        if most_undecided is not None and most_undecided < overlap:
+            raise ValueError(f"expected most_undecided from the overlap of {overlap} frames, got {most_undecided}")
         self.overlap = overlap
         self.most_saving = most_saving
-        self.longest = longest
+        self.most_undecided = most_undecided
         self.exact = True
         self._count = 0
         self._numbers = np.empty(0, dtype=np.int64)
@@ -163,7 +163,8 @@ class SlidingFlow:
         solution = self.solution()
         done = safe_detections(self._graph, solution, self._inflow, frontier, self.most_saving)
         done = _with_predecessors(done, solution)
-        if self.longest is not None and len(self._frames) and self._undecided_span(done, last_frame) > self.longest:
+        most = self.most_undecided
+        if most is not None and len(self._frames) and self._undecided_span(done, last_frame) > most:
             self.exact = False
             done = ~frontier
         decision = self._decision(done, solution)

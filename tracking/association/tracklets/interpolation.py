@@ -22,20 +22,20 @@ class GapSettings:
     """How much evidence a filled gap needs.
 
     Attributes:
-        longest: most frames that are filled between two detections.
+        longest_gap: most frames that are filled between two detections.
         support: frames that may be filled for every detection within 15 frames of the gap, on the side that has
             fewer; 0 fills nothing.
         mismatch: largest distance between where the motion before the gap and the motion after it put the person in
             the middle of the gap, in heights.
     """
 
-    longest: int = 22
+    longest_gap: int = 22
     support: float = 2.0
     mismatch: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.longest < 0 or self.support < 0 or self.mismatch < 0:
-            raise ValueError("expected longest, support and mismatch of 0 or more")
+        if self.longest_gap < 0 or self.support < 0 or self.mismatch < 0:
+            raise ValueError("expected longest_gap, support and mismatch of 0 or more")
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def fill_gaps(track: Track, settings: GapSettings) -> Track:
     [2.0, 0.0, 11.0, 9.0]
     """
     missing = np.diff(track.frames) - 1
-    wanted = np.flatnonzero((missing > 0) & (missing <= settings.longest))
+    wanted = np.flatnonzero((missing > 0) & (missing <= settings.longest_gap))
     if len(wanted) and min(settings.support, settings.mismatch) < np.inf:
         wanted = wanted[[_is_supported(track, int(gap), settings) for gap in wanted]]
     if len(wanted) == 0:
@@ -83,7 +83,7 @@ def _is_supported(track: Track, gap: int, settings: GapSettings) -> bool:
     missing = last - first - 1
     before = (track.frames > first - SIDE) & (track.frames <= first)
     after = (track.frames >= last) & (track.frames < last + SIDE)
-    if missing > min(settings.longest, settings.support * min(before.sum(), after.sum())):
+    if missing > min(settings.longest_gap, settings.support * min(before.sum(), after.sum())):
         return False
     middle = (first + last) / 2
     forward, backward = (_extrapolated(track, side, middle) for side in (before, after))

@@ -49,7 +49,7 @@ def drone(
         seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of the flow and of what is reported.
         bridging: correlation filters follow people whom the detector misses for a few frames where an option of it is
-            given, such as --bridging.longest 5: more people are found, and more of nobody.
+            given, such as --bridging.most_frames 5: more people are found, and more of nobody.
     """
     from tsuiseki.tracking.cli.track.drone_run import follow, write_result
     from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera

@@ -1,4 +1,4 @@
-"""Who is who after a contact: tracks of animals that parted are exchanged where their looks say so.
+"""Who is who after a contact: tracks of animals that parted are exchanged where their appearance says so.
 
 The flow carries identities through a contact by motion. Size and brightness are steadier than that: for two tracks that
 were in contact, what each looked like before and after is compared, both ways round.
@@ -14,7 +14,7 @@ from tsuiseki.tracking.types import FloatArray, IntArray
 EVIDENCE = 4.0
 """By how much the exchanged way must be likelier, in units of log-likelihood."""
 FEWEST = 5
-# Frames before and after a contact that are compared, and the farthest that looks are believed to differ, deviations.
+# Frames before and after a contact that are compared, and the farthest that appearances may differ, in deviations.
 WINDOW = 100
 FARTHEST = 5.0
 NEAR = 1.0
@@ -24,7 +24,7 @@ NEAR = 1.0
 def exchanged_after_contacts(
     labels: list[IntArray], poses: list[list[AnimalPose]], evidence: float = EVIDENCE
 ) -> tuple[list[IntArray], int]:
-    """Tracks of the poses in each frame, exchanged after contacts where looks say so, and how often they were.
+    """Tracks of the poses in each frame, exchanged where their appearance says so, and how often they were.
 
     Args:
         labels: for each frame ``(N,)`` the track of each pose, 0 for none.
@@ -35,10 +35,12 @@ def exchanged_after_contacts(
     exchanges = 0
     for first, last, one, other in contacts(labels, poses):
         before, after = (range(max(0, first - WINDOW), first), range(last + 1, min(len(labels), last + 1 + WINDOW)))
-        looks = [_looks(labels, poses, frames, track) for frames in (before, after) for track in (one, other)]
-        if min(map(len, looks)) < FEWEST:
+        appearances = [
+            _appearance(labels, poses, frames, track) for frames in (before, after) for track in (one, other)
+        ]
+        if min(map(len, appearances)) < FEWEST:
             continue
-        if _gain(looks) > evidence:
+        if _gain(appearances) > evidence:
             for row in labels[last + 1 :]:
                 was_one, was_other = row == one, row == other
                 row[was_one], row[was_other] = other, one
@@ -66,10 +68,10 @@ def contacts(labels: list[IntArray], poses: list[list[AnimalPose]]) -> list[tupl
     return sorted(ended + [(*span, *pair) for pair, span in running.items()])
 
 
-def _looks(labels: list[IntArray], poses: list[list[AnimalPose]], frames: range, track: int) -> FloatArray:
-    """``(T, 3)`` looks of a track in frames in which nothing touches it."""
+def _appearance(labels: list[IntArray], poses: list[list[AnimalPose]], frames: range, track: int) -> FloatArray:
+    """``(T, 3)`` appearance of a track in frames in which nothing touches it."""
     found = [
-        pose.looks
+        pose.appearance
         for frame in frames
         for label, pose in zip(labels[frame], poses[frame], strict=True)
         if label == track and not pose.contact
@@ -77,10 +79,10 @@ def _looks(labels: list[IntArray], poses: list[list[AnimalPose]], frames: range,
     return np.array(found).reshape(-1, 3)
 
 
-def _gain(looks: list[FloatArray]) -> float:
+def _gain(appearances: list[FloatArray]) -> float:
     """How much likelier it is that the two were exchanged: one and other before, one and other after."""
-    middle = [np.median(part, axis=0) for part in looks]
-    spread = np.concatenate([part - centre for part, centre in zip(looks, middle, strict=True)])
+    middle = [np.median(part, axis=0) for part in appearances]
+    spread = np.concatenate([part - centre for part, centre in zip(appearances, middle, strict=True)])
     deviation = np.maximum(1.4826 * np.median(np.abs(spread), axis=0), 0.02)
     # Frames that follow each other look alike: each side counts as one observation.
 

@@ -1,7 +1,7 @@
-"""Which poses of all frames are one animal: the flow, looks across contacts, and heads.
+"""Which poses of all frames are one animal: the flow, appearance across contacts, and heads.
 
-The flow of `FlowTracker` links poses by motion and size, `identity` exchanges what looks contradict after a contact,
-`heading` finds the heads, and gaps of up to a second are filled on straight lines.
+The flow of `FlowTracker` links poses by motion and size, `identity` exchanges what appearance contradicts after
+a contact, `heading` finds the heads, and gaps of up to a second are filled on straight lines.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class AnimalSettings:
         shortest: seconds that an animal must be seen.
         forward: how far ahead of the middle the reported place lies, in lengths of the animal; from -0.5 (tail) to 0.5
             (head).
-        evidence: log-likelihood ratio of looks that exchanges two animals after a contact.
+        evidence: log-likelihood ratio of appearance that exchanges two animals after a contact.
     """
 
     smallest: float = 0.3

@@ -76,7 +76,7 @@ class AnimalPose:
     point_scores: FloatArray | None = None
 
     @property
-    def looks(self) -> FloatArray:
+    def appearance(self) -> FloatArray:
         """``(3,)`` logarithms of length, width and brightness: what tells one animal from another."""
         return np.log([max(self.length, 1.0), max(self.width, 1.0), max(self.brightness, 1.0)])
 

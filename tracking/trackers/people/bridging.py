@@ -37,18 +37,18 @@ class BridgingSettings:
     """When a correlation filter follows a person whom the detector misses.
 
     Attributes:
-        longest: largest number of frames that a filter follows, at least 1.
+        most_frames: largest number of frames that a filter follows, at least 1.
         least_peak: the person is lost when the peak response is below this, in [0, 1].
         overlap: IoU from which two boxes show the same person, in (0, 1).
     """
 
-    longest: int = 5
+    most_frames: int = 5
     least_peak: float = 0.3
     overlap: float = 0.3
 
     def __post_init__(self) -> None:
-        if self.longest < 1:
-            raise ValueError(f"expected longest from 1 frame, got {self.longest}")
+        if self.most_frames < 1:
+            raise ValueError(f"expected most_frames from 1 frame, got {self.most_frames}")
         if not (0 <= self.least_peak <= 1 and 0 < self.overlap < 1):
             raise ValueError(
                 "expected least_peak from 0 to 1 and overlap between them, got "
@@ -122,7 +122,7 @@ class Bridge:
             one
             for one in missed
             if one.state.peak >= self.settings.least_peak
-            and one.age <= self.settings.longest
+            and one.age <= self.settings.most_frames
             and bool(np.all((one.state.centre >= 0) & (one.state.centre < size)))
         ]
         if not seen:

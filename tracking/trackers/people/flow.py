@@ -71,8 +71,8 @@ class FlowTracker:
         self.settings = settings = settings or FlowSettings()
         self.delay = delay
         given = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, camera, observation)
-        longest = None if settings.longest is None else round(settings.longest * frame_rate)
-        window = FlowWindow(settings.costs, frame_rate, size, longest, transition, changes)
+        most_undecided = None if settings.most_undecided is None else round(settings.most_undecided * frame_rate)
+        window = FlowWindow(settings.costs, frame_rate, size, most_undecided, transition, changes)
         self._flow: WholeFlow | DelayedFlow
         if delay is None:
             self._flow = WholeFlow(settings, given, window)

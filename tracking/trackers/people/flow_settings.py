@@ -24,9 +24,9 @@ class FlowSettings:
             learnt prices say what scores are worth.
         fill: longest gap that is filled, on a straight line.
         smoothing: how it is chosen how far boxes are smoothed; None reports them as detected.
-        chunk: least time between two decisions; None solves all frames at once in the end.
+        decide_every: least time between two decisions; None solves all frames at once in the end.
         settle: time that stays undecided beyond the longest link, for the motion on both sides of what is decided.
-        longest: most time that may stay undecided; None lets it grow until every decision is exact.
+        most_undecided: most time that may stay undecided; None lets it grow until every decision is exact.
     """
 
     input: InputSettings = field(default_factory=InputSettings)
@@ -37,17 +37,17 @@ class FlowSettings:
     least: float = 1.0
     fill: float = 2.0
     smoothing: FittedSmoothing | None = field(default_factory=FittedSmoothing)
-    chunk: float | None = 20.0
+    decide_every: float | None = 20.0
     settle: float = 0.7
-    longest: float | None = None
+    most_undecided: float | None = None
 
     def __post_init__(self) -> None:
-        if self.chunk is not None and self.chunk <= 0:
-            raise ValueError(f"expected a chunk above 0 seconds, got {self.chunk}")
+        if self.decide_every is not None and self.decide_every <= 0:
+            raise ValueError(f"expected decide_every above 0 seconds, got {self.decide_every}")
         if min(self.min_detections, self.min_time, self.fill, self.settle) < 0:
             raise ValueError("expected min_detections, min_time, fill and settle from 0")
-        if self.longest is not None and self.longest <= self.costs.rounds.window + self.settle:
-            raise ValueError(f"expected longest above window + settle, got {self.longest}")
+        if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + self.settle:
+            raise ValueError(f"expected most_undecided above window + settle, got {self.most_undecided}")
 
     def fewest(self, frame_rate: float) -> int:
         """Detections that a track needs."""

@@ -46,10 +46,10 @@ class WholeFlow:
         """Take the next frame."""
         self._waiting.append(found)
         self._frame += 1
-        chunk, rate = self.settings.chunk, self.input.frame_rate
+        every, rate = self.settings.decide_every, self.input.frame_rate
         # Where much stays undecided, new frames are awaited in proportion.
         undecided = len(self.window.undecided())
-        if chunk is not None and len(self._waiting) >= chunk * rate and sum(map(len, self._waiting)) >= undecided:
+        if every is not None and len(self._waiting) >= every * rate and sum(map(len, self._waiting)) >= undecided:
             self._decide()
 
     def ended(self) -> WholeFlow:

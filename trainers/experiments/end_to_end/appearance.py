@@ -12,7 +12,7 @@ import torch
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.association.data import Looks
+from tsuiseki.trainers.association.data import WindowImages
 from tsuiseki.trainers.association.fitting import Fit, fitted
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.association.training import AssociationTraining
@@ -49,7 +49,7 @@ def appearance_sums(train: tuple[Stretch, ...], tests: tuple[Stretch, ...], star
         module.network.requires_grad_(False)
         graphs = [graphs_of_video(looked_at(read_stretch(one), siamese)) for one in train]
         fit = Fit(steps=STEPS, seconds=SECONDS, flow=0.0 if way == "its own loss" else 1.0)
-        fitted(module, graphs, fit, Looks(crops=(siamese.card.input_height, siamese.card.input_width)))
+        fitted(module, graphs, fit, WindowImages(crops=(siamese.card.input_height, siamese.card.input_width)))
     sums = []
     for one in tests:
         video = looked_at(read_stretch(one), siamese)

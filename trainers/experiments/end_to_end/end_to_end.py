@@ -44,7 +44,7 @@ def reproduce(
     Raises:
         RequestError: an unknown set or part, or no data.
     """
-    _check(sets, parts)
+    _check(data, sets, parts)
     tables, values = list[Table](), dict[str, object]()
     streets = None
     if "unseen" in parts or ("given" in parts and "streets" in sets):
@@ -88,11 +88,14 @@ def _given(
     return tables, values
 
 
-def _check(sets: Sequence[str], parts: Sequence[str]) -> None:
+def _check(data: Path, sets: Sequence[str], parts: Sequence[str]) -> None:
     for name, asked, known in (("sets", sets, SETS), ("parts", parts, PARTS)):
         wrong = [one for one in asked if one not in known]
         if wrong or not asked:
             raise RequestError(f"{name}: expected some of {', '.join(known)}, got {', '.join(wrong) or 'none'}")
+    generated = set(parts) <= {"given", "gradient"} and set(sets) == {"streets"}
+    if not (generated or set(parts) == {"gradient"} or (data / "mot").is_dir()):
+        raise RequestError(f"data: expected mot/mot17-val-half or another of the data sets in {data}, found no mot/")
 
 
 def _notes() -> list[str]:

@@ -13,7 +13,7 @@ from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
-from tsuiseki.trainers.association.data import Looks
+from tsuiseki.trainers.association.data import WindowImages
 from tsuiseki.trainers.association.fitting import Fit, fitted
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.association.training import AssociationTraining
@@ -59,7 +59,7 @@ def heads_sums(
         module.network.requires_grad_(False)
         if way != "as it ships":
             fit = Fit(steps=steps, seconds=SECONDS, flow=0.0 if way == "its own loss" else 1.0)
-            fitted(module, graphs, fit, Looks(frames=found.model.card))
+            fitted(module, graphs, fit, WindowImages(frames=found.model.card))
         assert module.detector is not None
         sums.append([_scored(video, module.detector, trunk) for video in videos])
     return sums

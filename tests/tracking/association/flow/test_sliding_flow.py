@@ -145,7 +145,7 @@ def test_memory_does_not_grow_with_the_video() -> None:
 
 def test_a_bound_on_the_window_is_kept_and_reported() -> None:
     frames, graph, length, longest = _instance(21)
-    flow = SlidingFlow(longest + 1, 3.0, longest=longest + 1)
+    flow = SlidingFlow(longest + 1, 3.0, most_undecided=longest + 1)
     pieced, _ = _windowed(frames, graph, length, flow, chunk=1)
     assert not flow.exact
     assert pieced.cost >= solve(graph).cost - 2 * len(graph) / SCALE
@@ -175,8 +175,8 @@ def test_broken_order_and_settings_are_refused() -> None:
         SlidingFlow(3, 0.5).extend(np.array([0]), one)
     with pytest.raises(ValueError, match="overlap"):
         SlidingFlow(1, 1.0)
-    with pytest.raises(ValueError, match="longest"):
-        SlidingFlow(5, 1.0, longest=4)
+    with pytest.raises(ValueError, match="most_undecided"):
+        SlidingFlow(5, 1.0, most_undecided=4)
 
 
 def test_empty_windows_pass() -> None:

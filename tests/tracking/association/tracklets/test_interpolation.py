@@ -32,8 +32,8 @@ def test_a_gap_is_filled_on_the_straight_line() -> None:
 @pytest.mark.parametrize(
     ("kept", "settings", "filled"),
     [
-        (np.r_[0:10, 15:25], GapSettings(longest=5), True),
-        (np.r_[0:10, 15:25], GapSettings(longest=4), False),
+        (np.r_[0:10, 15:25], GapSettings(longest_gap=5), True),
+        (np.r_[0:10, 15:25], GapSettings(longest_gap=4), False),
         # 2 detections after the gap vouch for 4 frames at a support of 2.
         (np.r_[0:10, 14:16], GapSettings(support=2.0), True),
         (np.r_[0:10, 15:17], GapSettings(support=2.0), False),
@@ -59,7 +59,7 @@ def test_motion_must_agree_across_a_gap() -> None:
 
 
 def test_only_the_gaps_with_evidence_are_filled() -> None:
-    filled = fill_gaps(_walk(np.r_[0:10, 13:20, 45:55]), GapSettings(longest=10))
+    filled = fill_gaps(_walk(np.r_[0:10, 13:20, 45:55]), GapSettings(longest_gap=10))
     assert filled.frames.tolist() == [*range(20), *range(45, 55)]
 
 
@@ -107,7 +107,7 @@ def test_a_shrinking_size_never_turns_negative() -> None:
     assert (smoothed.boxes[:, 2:] > smoothed.boxes[:, :2]).all()
 
 
-@pytest.mark.parametrize("wrong", [{"longest": -1}, {"support": -1.0}, {"mismatch": -0.1}])
+@pytest.mark.parametrize("wrong", [{"longest_gap": -1}, {"support": -1.0}, {"mismatch": -0.1}])
 def test_gap_settings_must_make_sense(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="expected"):
         GapSettings(**wrong)  # type: ignore[arg-type]

@@ -76,7 +76,7 @@ def looked_at(clip: Clip, seen: list[Detections], settings: BridgingSettings | N
 def test_who_is_missed_for_five_frames_is_found_in_them(seed: int) -> None:
     clip = draw(seed)
     missed = {0: range(8, 13), 1: range(10, 15)}
-    found = bridged(clip, clip.seen(missed), Bridge(BridgingSettings(longest=5)))
+    found = bridged(clip, clip.seen(missed), Bridge(BridgingSettings(most_frames=5)))
     for t, extra in enumerate(found):
         truth = clip.boxes[t, [n for n in missed if t in missed[n]]]
         assert len(extra) == len(truth)
@@ -109,14 +109,14 @@ def test_where_nobody_is_missed_nothing_changes() -> None:
 
 def test_a_filter_gives_up_after_its_longest_gap() -> None:
     clip = draw(6)
-    found = bridged(clip, clip.seen({0: range(8, 20)}), Bridge(BridgingSettings(longest=3)))
+    found = bridged(clip, clip.seen({0: range(8, 20)}), Bridge(BridgingSettings(most_frames=3)))
     assert [t for t, extra in enumerate(found) if len(extra)] == [8, 9, 10]
 
 
 def test_a_filter_gives_up_where_the_person_is_gone() -> None:
     clip = draw(7, gone=10)
     seen = clip.seen({0: range(10, 24), 1: range(10, 24)})
-    found = bridged(clip, seen, Bridge(BridgingSettings(longest=10, least_peak=0.4)))
+    found = bridged(clip, seen, Bridge(BridgingSettings(most_frames=10, least_peak=0.4)))
     assert sum(len(extra) for extra in found[11:]) == 0
 
 
@@ -124,7 +124,7 @@ def test_a_filter_gives_up_outside_the_image() -> None:
     clip = draw(8, jerk=0)
     away = [image if t < 10 else np.roll(image, 30 * (t - 9), axis=1) for t, image in enumerate(clip.images)]
     step = np.array([[1.0, 0, 30], [0, 1, 0]])
-    bridge, counts = Bridge(BridgingSettings(longest=14, least_peak=0.0)), []
+    bridge, counts = Bridge(BridgingSettings(most_frames=14, least_peak=0.0)), []
     for t, found in enumerate(clip.seen({0: range(10, 24), 1: range(10, 24)})):
         extra = bridge.step(away[t], found, step if t >= 10 else STILL)
         counts.append(len(extra))
@@ -192,8 +192,8 @@ def test_boxes_of_filters_make_no_track() -> None:
 
 
 def test_impossible_settings_are_refused() -> None:
-    with pytest.raises(ValueError, match="longest from 1 frame, got 0"):
-        BridgingSettings(longest=0)
+    with pytest.raises(ValueError, match="most_frames from 1 frame, got 0"):
+        BridgingSettings(most_frames=0)
     for peak, overlap in ((1.5, 0.3), (-0.1, 0.3), (0.2, 0.0), (0.2, 1.0)):
         with pytest.raises(ValueError, match="expected least_peak from 0 to 1 and overlap between them, got"):
             BridgingSettings(least_peak=peak, overlap=overlap)

@@ -65,7 +65,7 @@ def test_frames_beyond_the_delay_do_not_matter(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_delay_longer_than_the_video_is_the_whole_flow(seed: int) -> None:
     video, _ = crowd(np.random.default_rng(seed), 6, 60, miss=0.3, clutter=1.0, noise=2.0)
-    whole = run_tracker(video, FlowTracker(FlowSettings(chunk=None), frame_rate=RATE))
+    whole = run_tracker(video, FlowTracker(FlowSettings(decide_every=None), frame_rate=RATE))
     late = run_tracker(video, FlowTracker(frame_rate=RATE, delay=100.0))
     assert whole
     for a, b in zip(whole, late, strict=True):

@@ -21,8 +21,8 @@ FIRST, LAST = 300, 399
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize("chunk", [None, 1.0])
-def test_default_costs_and_shipped_appearance_on_pets(data_folder: Path, chunk: float | None) -> None:
+@pytest.mark.parametrize("decide_every", [None, 1.0])
+def test_default_costs_and_shipped_appearance_on_pets(data_folder: Path, decide_every: float | None) -> None:
     sequence = read_sequence(data_folder / "mot" / "PETS09-S2L1-first")
     found = read_detections(sequence.detections_path, sequence.length)[FIRST : LAST + 1]
     appearance = Appearance(shipped("appearance_people"))
@@ -30,7 +30,7 @@ def test_default_costs_and_shipped_appearance_on_pets(data_folder: Path, chunk: 
     for path, detections in zip(sequence.images[FIRST : LAST + 1], found, strict=True):
         image = np.asarray(cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB), dtype=np.uint8)
         described.append(detections.with_features(appearance.describe(image, detections.boxes)))
-    tracker = FlowTracker(FlowSettings(chunk=chunk), frame_rate=sequence.frame_rate)
+    tracker = FlowTracker(FlowSettings(decide_every=decide_every), frame_rate=sequence.frame_rate)
     tracks = [shifted(t, FIRST) for t in run_tracker(described, tracker)]
     scores = evaluate_sequence(read_ground_truth(sequence.ground_truth_path).between(FIRST, LAST), tracks)
     assert scores.hota >= 0.59

@@ -25,8 +25,8 @@ MAKERS: dict[str, Callable[[], PeopleTracker]] = {
     "deepsort": DeepSort,
     "bytetrack": ByteTrack,
     "ocsort": OcSort,
-    "flow": lambda: FlowTracker(FlowSettings(chunk=None)),
-    "sliding flow": lambda: FlowTracker(FlowSettings(chunk=0.3)),
+    "flow": lambda: FlowTracker(FlowSettings(decide_every=None)),
+    "sliding flow": lambda: FlowTracker(FlowSettings(decide_every=0.3)),
     "flow with a delay": lambda: FlowTracker(delay=0.5),
 }
 EACH = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
@@ -217,9 +217,9 @@ def test_sort_lifecycle() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_sliding_flow_is_the_flow(seed: int) -> None:
     video, _ = crowd(np.random.default_rng(20 + seed), 6, 150, miss=0.2, clutter=0.5, noise=2.0)
-    whole = run_tracker(video, FlowTracker(FlowSettings(chunk=None)))
+    whole = run_tracker(video, FlowTracker(FlowSettings(decide_every=None)))
     assert whole
-    sliding = FlowTracker(FlowSettings(chunk=0.5 + seed))
+    sliding = FlowTracker(FlowSettings(decide_every=0.5 + seed))
     for a, b in zip(whole, run_tracker(video, sliding), strict=True):
         np.testing.assert_array_equal(a.frames, b.frames)
         np.testing.assert_allclose(a.boxes, b.boxes)
@@ -288,7 +288,7 @@ def test_flow_believes_scores_that_are_probabilities() -> None:
     assert sorted(float(track.scores[0]) for track in believed) == [0.9, 0.95]
 
 
-@pytest.mark.parametrize("wrong", [{"chunk": 0}, {"fill": -1.0}, {"longest": 1.0}])
+@pytest.mark.parametrize("wrong", [{"decide_every": 0}, {"fill": -1.0}, {"most_undecided": 1.0}])
 def test_flow_settings_must_make_sense(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="expected"):
         FlowSettings(**wrong)  # type: ignore[arg-type]
