@@ -134,7 +134,7 @@ def test_one_without_the_other_is_refused(street: Path, siamese: tuple[Path, Pat
         module.losses(EveryWindow(data.learnt, 2.0)[0], module.loss, np.random.default_rng(0))
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_trains_and_exports_both(street: Path, siamese: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = [f"--data.train=[{street}]", f"--data.appearance={siamese[1]}", f"--model.appearance={siamese[0]}",

@@ -209,7 +209,7 @@ def test_what_does_not_go_together_is_refused(
         detector_of(tmp_path / "none.onnx")
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_trains_and_exports(street: Path, detector: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = [f"--data.train=[{street}]", f"--data.detector={detector[1]}", f"--model.detector={detector[1]}",

@@ -107,7 +107,7 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -> None:
     module = DetectorTraining(
         trunk="mobilenet_v3_small", height=64, width=96, anchors=[[(12, 28)], [(20, 50)], [(30, 60)]], channels=16
@@ -138,7 +138,7 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
     assert np.allclose(found.scores[:1], expected.scores[:1], atol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_blended_weights_are_the_mean_of_both(tmp_path: Path) -> None:
     anchors = [[(12.0, 28.0)], [(20.0, 50.0)], [(30.0, 60.0)]]
     networks = []

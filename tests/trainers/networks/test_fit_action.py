@@ -77,7 +77,7 @@ def test_training_learns_and_logs_every_stream(trained: Path) -> None:
     assert {f"val/map_{name}" for name in TRAINED} <= last.keys()
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_exported_streams_say_what_the_trained_ones_say(
     exported: list[Path], trained: Path, acting_clips: Path
 ) -> None:
@@ -114,7 +114,7 @@ def crops_of(recogniser: ActionRecogniser, images: list[np.ndarray], boxes: np.n
     }
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_int8_says_what_it_costs(
     exported: list[Path], trained: Path, acting_clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -137,7 +137,7 @@ def test_int8_says_what_it_costs(
     assert (tmp_path / "small.onnx").stat().st_size < 0.45 * exported[0].stat().st_size
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_streams_that_do_not_belong_together_are_refused(exported: list[Path], tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="one file a stream"):
         ActionRecogniser([exported[0], exported[0]])
