@@ -126,9 +126,9 @@ def test_gradient_is_that_of_finite_differences(seed: int) -> None:
     given = torch.tensor(costs, requires_grad=True)
     loss(given, arcs, np.random.default_rng(3)).backward()
     assert given.grad is not None
-    every_other = np.eye(len(costs))[seed::2]
-    around = [(value(costs + step * unit) - value(costs - step * unit)) / (2 * step) for unit in every_other]
-    np.testing.assert_allclose(given.grad.numpy()[seed::2], around, atol=0.02)
+    some = np.eye(len(costs))[seed::4]
+    around = [(value(costs + step * unit) - value(costs - step * unit)) / (2 * step) for unit in some]
+    np.testing.assert_allclose(given.grad.numpy()[seed::4], around, atol=0.02)
     assert given.grad.abs().max() > 0.3
 
 

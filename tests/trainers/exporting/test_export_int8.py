@@ -18,6 +18,7 @@ from tsuiseki.trainers.exporting.export_int8 import quantise_detector
 SHIPPED = Path(str(resources.files("tsuiseki.tracking") / "weights" / "detector_street.onnx"))
 
 
+@pytest.mark.thesis_size
 def test_8_bit_weights_keep_the_boxes_and_say_what_they_cost(tmp_path):
     pictures = tmp_path / "pictures"
     write_scene_images(pictures, 4, TrainingSettings(320, 240, people=(4, 8), person_height=(30, 120)), 5)

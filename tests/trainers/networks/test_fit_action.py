@@ -65,7 +65,7 @@ def exported(trained: Path) -> list[Path]:
     return [stream.path for stream in done]
 
 
-@pytest.mark.slow
+@pytest.mark.thesis_size
 def test_training_learns_and_logs_every_stream(trained: Path) -> None:
     with (trained / "out/metrics/version_0/metrics.csv").open() as file:
         rows = list(csv.DictReader(file))

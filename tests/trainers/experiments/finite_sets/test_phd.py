@@ -52,7 +52,7 @@ def test_equalisation_reports_all_arms(tmp_path, capsys):
         "--unknown-seeds",
         "1",
         "--frames",
-        "25",
+        "15",
         "--particles",
         "80",
         "--cache",
