@@ -25,6 +25,9 @@ from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.fit import fit_association
 
+# A whole network is exported for them.
+pytestmark = pytest.mark.thesis_size
+
 FRAMES = 24
 COLOURS = ((30, 30, 220), (30, 200, 30), (220, 120, 30))
 
@@ -134,7 +137,6 @@ def test_one_without_the_other_is_refused(street: Path, siamese: tuple[Path, Pat
         module.losses(EveryWindow(data.learnt, 2.0)[0], module.loss, np.random.default_rng(0))
 
 
-@pytest.mark.thesis_size
 def test_trains_and_exports_both(street: Path, siamese: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = [f"--data.train=[{street}]", f"--data.appearance={siamese[1]}", f"--model.appearance={siamese[0]}",

@@ -24,6 +24,9 @@ from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.networks.fit import fit_association
 
+# A whole network is exported for them.
+pytestmark = pytest.mark.thesis_size
+
 FRAMES = 10
 SIZE = {"height": 96, "width": 128}
 ANCHORS = [[(16.0, 40.0)], [(30.0, 70.0)], [(60.0, 90.0)]]
@@ -209,7 +212,6 @@ def test_what_does_not_go_together_is_refused(
         detector_of(tmp_path / "none.onnx")
 
 
-@pytest.mark.thesis_size
 def test_trains_and_exports(street: Path, detector: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = [f"--data.train=[{street}]", f"--data.detector={detector[1]}", f"--model.detector={detector[1]}",
