@@ -66,9 +66,9 @@ def adapt(
     """
     stretch = parse_frames(frames)
     with needs_train_extra():
-        from tsuiseki.trainers.adapt.learn_detector import layout_of
         from tsuiseki.trainers.adapt.rounds import Adaptation, open_camera, resumed
         from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
+        from tsuiseki.trainers.exporting.exported_weights import layout_of
     settings = AdaptSettings(
         rounds=rounds,
         pictures=pictures,

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import lightning
 import numpy as np
-import onnx
 import torch
 from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheckpoint
 
@@ -22,13 +21,13 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import view_of
 from tsuiseki.tracking.geometry import clip_boxes
-from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_detector import RawHeads
+from tsuiseki.trainers.exporting.exported_weights import Layout
 from tsuiseki.trainers.networks.calibration import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 
@@ -40,68 +39,6 @@ _EMA = 0.98
 _STRADDLING = 0.85
 _OUTPUTS = ("logits", "offsets", "anchors")
 _TRAINED_ON = "unlabelled video of one camera (tsuiseki adapt)"
-
-
-@dataclasses.dataclass(frozen=True)
-class Layout:
-    """What a network must be to take over the weights of an exported detector.
-
-    Attributes:
-        trunk: its name.
-        size: height and width of the input.
-        anchors: ``[width, height]`` of each map.
-        channels: of the top-down path.
-        fine: it has a map of stride 4.
-    """
-
-    trunk: str
-    size: tuple[int, int]
-    anchors: list[list[tuple[float, float]]]
-    channels: int
-    fine: bool
-
-    def window(self, share: float) -> tuple[int, int]:
-        """Height and width of windows of ``share`` of the input, multiples of the coarsest stride."""
-        stride = 4 * 2 ** len(self.anchors)
-        high, wide = (max(1, round(share * side / stride)) * stride for side in self.size)
-        return high, wide
-
-
-def layout_of(path: Path) -> Layout:
-    """The layout of the exported detector at ``path``.
-
-    Raises:
-        RequestError: it is no detector of this toolkit's default architecture.
-    """
-    try:
-        model = onnx.load(path)
-        card = ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
-        tensors = {x.name: x for x in model.graph.initializer}
-        anchors = onnx.numpy_helper.to_array(tensors["anchors"])
-    except Exception as error:
-        raise RequestError(f"{path}: expected a detector of `tsuiseki export detector` to learn from") from error
-    kind, _, trunk = card.name.partition("-")
-    if kind != "people":
-        raise RequestError(f"{path}: expected a detector of the architecture people to learn from, got {card.name}")
-    lateral = next(x for name, x in tensors.items() if name.startswith("detector.features.lateral.0.0.weight"))
-    return Layout(
-        trunk,
-        (card.input_height, card.input_width),
-        _anchor_sizes(anchors),
-        int(lateral.dims[0]),
-        any(name.startswith("detector.features.fine.") for name in tensors),
-    )
-
-
-def _anchor_sizes(anchors: np.ndarray) -> list[list[tuple[float, float]]]:
-    """The sizes at each map, told apart by where the first cell of a map lies."""
-    sizes: dict[float, list[tuple[float, float]]] = {}
-    seen = set()
-    for x, _, width, height in anchors.tolist():
-        if (width, height) not in seen:
-            seen.add((width, height))
-            sizes.setdefault(x, []).append((width, height))
-    return [sizes[x] for x in sorted(sizes)]
 
 
 def fine_tune(

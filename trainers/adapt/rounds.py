@@ -25,10 +25,11 @@ from tsuiseki.trainers.adapt.agreement import RoundScores, round_scores
 from tsuiseki.trainers.adapt.find import Models, find
 from tsuiseki.trainers.adapt.kept_tracks import read_everyone, write_everyone
 from tsuiseki.trainers.adapt.labels import TAKEN, Verdict
-from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune, layout_of
+from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
 from tsuiseki.trainers.adapt.linking import APPEARANCE, COSTS, LinkScores, learn_links, seen_in
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched, plain_view, refuse_other_sizes, refuse_two_cameras, watch
+from tsuiseki.trainers.exporting.exported_weights import layout_of
 
 _DONE = "round.json"
 # Agreement must rise by this much for a round to be better.

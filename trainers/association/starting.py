@@ -13,8 +13,8 @@ from torch import Tensor, nn
 from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
-from tsuiseki.trainers.adapt.learn_detector import layout_of
 from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.detector import DetectorTraining
 

@@ -1,4 +1,4 @@
-"""Weights back out of an exported detector, so that training can go on where only the shipped file is left.
+"""Layout and weights back out of an exported detector, so that training can go on where only the shipped file is left.
 
 The exporter folds every batch normalisation into the convolution before it. Here the normalisation comes back as one
 that changes nothing, and takes its mean and deviation from pictures, so that the network computes what it did before
@@ -10,9 +10,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnx
 import torch
 from torch import Tensor, nn
@@ -23,17 +25,72 @@ from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 _PREFIX = "detector."
 
 
+@dataclass(frozen=True)
+class Layout:
+    """What a network must be to take over the weights of an exported detector.
+
+    Attributes:
+        trunk: its name.
+        size: height and width of the input.
+        anchors: ``[width, height]`` of each map.
+        channels: of the top-down path.
+        fine: it has a map of stride 4.
+    """
+
+    trunk: str
+    size: tuple[int, int]
+    anchors: list[list[tuple[float, float]]]
+    channels: int
+    fine: bool
+
+    def window(self, share: float) -> tuple[int, int]:
+        """Height and width of windows of ``share`` of the input, multiples of the coarsest stride."""
+        stride = 4 * 2 ** len(self.anchors)
+        high, wide = (max(1, round(share * side / stride)) * stride for side in self.size)
+        return high, wide
+
+
+def layout_of(path: Path) -> Layout:
+    """The layout of the exported detector at ``path``.
+
+    Raises:
+        RequestError: it is no detector of this toolkit's default architecture.
+    """
+    model, card = _opened(path)
+    tensors = {x.name: x for x in model.graph.initializer}
+    kind, _, trunk = card.name.partition("-")
+    if kind != "people":
+        raise RequestError(f"{path}: expected a detector of the architecture people to learn from, got {card.name}")
+    if "anchors" not in tensors:
+        raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got one without anchors")
+    lateral = next(x for name, x in tensors.items() if name.startswith("detector.features.lateral.0.0.weight"))
+    return Layout(
+        trunk,
+        (card.input_height, card.input_width),
+        _anchor_sizes(onnx.numpy_helper.to_array(tensors["anchors"])),
+        int(lateral.dims[0]),
+        any(name.startswith("detector.features.fine.") for name in tensors),
+    )
+
+
+def _anchor_sizes(anchors: np.ndarray) -> list[list[tuple[float, float]]]:
+    """The sizes at each map, told apart by where the first cell of a map lies."""
+    sizes: dict[float, list[tuple[float, float]]] = {}
+    seen = set()
+    for x, _, width, height in anchors.tolist():
+        if (width, height) not in seen:
+            seen.add((width, height))
+            sizes.setdefault(x, []).append((width, height))
+    return [sizes[x] for x in sorted(sizes)]
+
+
 def exported_weights(path: Path) -> dict[str, Tensor]:
     """State of the network inside the exported detector at ``path``, the calibration of its scores folded into it.
 
     Raises:
         RequestError: the file is no detector that `tsuiseki export detector` wrote.
     """
-    try:
-        model = onnx.load(path)
-        card = ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
-    except Exception as error:
-        raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got another file") from error
+    model, card = _opened(path)
     tensors = {
         x.name.removesuffix("_half").removeprefix(_PREFIX): torch.tensor(onnx.numpy_helper.to_array(x)).float()
         for x in model.graph.initializer
@@ -52,6 +109,14 @@ def exported_weights(path: Path) -> dict[str, Tensor]:
         weights[name.replace("bias", "weight")] *= scale
         weights[name] = (weights[name].view(-1, 2) * scale + torch.tensor([0.0, shift])).flatten()
     return weights
+
+
+def _opened(path: Path) -> tuple[onnx.ModelProto, ModelCard]:
+    try:
+        model = onnx.load(path)
+        return model, ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
+    except Exception as error:
+        raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got another file") from error
 
 
 def restore_normalisations(network: nn.Module, images: Tensor) -> None:

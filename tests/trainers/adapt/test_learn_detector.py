@@ -12,15 +12,15 @@ import torch
 from torch import Tensor
 
 from tests.trainers.adapt import street
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt.labels import label
-from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune, layout_of
+from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune
 from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
 from tsuiseki.trainers.adapt.watch import Watched, plain_view, watch
 from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector import DetectorTraining
 
 TINY = AdaptSettings(learning=LearningSettings(steps=5, batch_size=2, window=0.3, generated_people=3), threads=1)
@@ -33,22 +33,6 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
     tracks = [street.track_of(0), street.track_of(1)]
     label(video, plain_view(video), tracks, [Detections.empty()] * 20, LabelSettings()).write(video)
     return video
-
-
-def test_the_layout_is_read_from_the_file() -> None:
-    layout = layout_of(shipped("detector_street"))
-    assert (layout.trunk, layout.size, layout.fine) == ("mobilenet_v3_small", (480, 640), False)
-    assert [len(level) for level in layout.anchors] == [3, 2, 3]
-    assert layout.anchors[0][0] == (9.0, 22.0)
-    assert layout.window(0.5) == (256, 320)
-
-
-def test_other_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(RequestError, match="expected a detector"):
-        layout_of(shipped("appearance_people"))
-    (tmp_path / "no.onnx").write_bytes(b"no")
-    with pytest.raises(RequestError, match="expected a detector of `tsuiseki export detector`"):
-        layout_of(tmp_path / "no.onnx")
 
 
 @pytest.mark.slow

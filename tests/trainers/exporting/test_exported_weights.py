@@ -10,9 +10,10 @@ from tsuiseki.models.backbones import build_trunk
 from tsuiseki.models.detector import people_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import OnnxModel
+from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.exporting.export import export_onnx
 from tsuiseki.trainers.exporting.export_detector import RawHeads
-from tsuiseki.trainers.exporting.exported_weights import exported_weights, restore_normalisations
+from tsuiseki.trainers.exporting.exported_weights import exported_weights, layout_of, restore_normalisations
 from tsuiseki.trainers.networks.detector import detector_card, take_over
 
 SIZE = (64, 96)
@@ -49,7 +50,19 @@ def test_the_network_computes_what_the_file_does_before_and_after_its_normalisat
         np.testing.assert_allclose(np.diff(found.numpy()), np.diff(expected), atol=2e-3)
 
 
+def test_the_layout_is_read_from_the_file():
+    layout = layout_of(shipped("detector_street"))
+    assert (layout.trunk, layout.size, layout.fine) == ("mobilenet_v3_small", (480, 640), False)
+    assert [len(level) for level in layout.anchors] == [3, 2, 3]
+    assert layout.anchors[0][0] == (9.0, 22.0)
+    assert layout.window(0.5) == (256, 320)
+
+
 def test_other_files_are_refused(tmp_path):
-    (tmp_path / "x.onnx").write_text("no model")
+    with pytest.raises(RequestError, match="expected a detector"):
+        layout_of(shipped("appearance_people"))
+    (tmp_path / "no.onnx").write_bytes(b"no")
     with pytest.raises(RequestError, match="expected a detector of `tsuiseki export detector`"):
-        exported_weights(tmp_path / "x.onnx")
+        layout_of(tmp_path / "no.onnx")
+    with pytest.raises(RequestError, match="expected a detector of `tsuiseki export detector`"):
+        exported_weights(tmp_path / "no.onnx")
