@@ -212,13 +212,13 @@ def _whole(tile: Tile, boxes: FloatArray) -> BoolArray:
 def _distinct(boxes: FloatArray, scores: FloatArray, owner: np.ndarray, settings: UnrollingSettings) -> np.ndarray:
     """Rows of the best boxes, from the best on; of two that are one person the worse goes."""
     order = np.argsort(-scores, kind="stable")
-    shared = rotated_intersections(boxes, boxes)
     size = boxes[:, 2] * boxes[:, 3]
-    overlap = shared / np.maximum(size[:, None] + size[None] - shared, 1e-9)
-    inside = shared / np.maximum(np.minimum(size[:, None], size[None]), 1e-9)
-    same = (overlap > settings.iou) | ((inside > settings.inside) & (owner[:, None] != owner[None]))
     kept: list[int] = []
     for k in order.tolist():
-        if not same[k, kept].any():
+        shared = rotated_intersections(boxes[k : k + 1], boxes[kept])[0]
+        overlap = shared / np.maximum(size[k] + size[kept] - shared, 1e-9)
+        inside = shared / np.maximum(np.minimum(size[k], size[kept]), 1e-9)
+        same = (overlap > settings.iou) | ((inside > settings.inside) & (owner[k] != owner[kept]))
+        if not same.any():
             kept.append(k)
     return np.array(kept, dtype=np.int64)

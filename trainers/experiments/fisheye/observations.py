@@ -24,8 +24,8 @@ from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.fisheye.rendered import RATE, Sequence, plan, read_rendered
 
-# Detections below it are not kept.
-LEAST_SCORE = 0.1
+# Detections below it are not kept: the lowest score that the experiment chooses from.
+LEAST_SCORE = 0.2
 # Of detections that are drawn from the truth: sixteen of a hundred people in full view are missed.
 FAULTS = DetectorFaults(jitter=0.04, missed=0.16, hidden=0.5, false_alarms=0.3, persistence=0.0, doubled=0.03)
 CROPS: tuple[Crops, ...] = ("image", "upright", "standing")

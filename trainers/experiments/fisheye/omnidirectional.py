@@ -73,6 +73,7 @@ def reproduce(
     bench: Bench,
     seeds: int = 6,
     seconds: int = 60,
+    fast_seeds: int = 3,
     fast_seconds: int = 10,
     calibration: Path | None = None,
     detector: Path | None = None,
@@ -89,7 +90,8 @@ def reproduce(
         bench: where it works.
         seeds: rooms of each size, two cameras each.
         seconds: of each sequence at 1 frame a second.
-        fast_seconds: of each sequence at 15 frames a second, of the first seed only; 0 leaves them out.
+        fast_seeds: of these rooms, looked at 15 frames a second, too; 0 leaves them out.
+        fast_seconds: of each sequence at 15 frames a second.
         calibration: lens of the cameras, any that tsuiseki calibrate convert reads; by default an equidistant one.
         detector: exported detector; by default the shipped one for the view.
         view: what it looks at, see tsuiseki track fisheye.
@@ -100,9 +102,9 @@ def reproduce(
     Raises:
         RequestError: a number below 1, or a file that cannot be read.
     """
-    at_least_one(seeds=seeds, seconds=seconds)
+    at_least_one(seeds=seeds, seconds=seconds, fast_seconds=fast_seconds)
     if full:
-        seeds, seconds, fast_seconds = 5, 180, 180
+        seeds, seconds, fast_seeds, fast_seconds = 5, 180, 5, 180
     found_by = None if simulated_detections else detector or shipped(DETECTORS[view])
     networks = Networks(found_by, appearance or shipped("appearance_people"), view)
 
@@ -118,8 +120,7 @@ def reproduce(
     jobs: list[tuple[Room, int, int, Literal[1, 15]]] = [
         (room, seed, seconds, 1) for room in ROOMS for seed in (VALIDATION_SEED, *range(seeds))
     ]
-    fast = range(seeds) if full else range(min(1, seeds))
-    jobs += [(room, seed, fast_seconds, 15) for room in ROOMS for seed in fast if fast_seconds > 0]
+    jobs += [(room, seed, fast_seconds, 15) for seed in range(min(fast_seeds, seeds)) for room in ROOMS]
     observed = {(room, seed, rate): seen(room, seed, length, rate)
                 for room, seed, length, rate in bench.watch.over(jobs, "rooms", len(jobs))}  # fmt: skip
     validation = [o for room in ROOMS for o in observed[room, VALIDATION_SEED, 1]]
@@ -127,11 +128,12 @@ def reproduce(
     found = {
         (room, rate): _tracked({s: o for (r, s, k), o in observed.items() if (r, k) == (room, rate)}, chosen, least)
         for room in ROOMS
-        for rate in ((1, 15) if fast_seconds > 0 else (1,))
+        for rate in ((1, 15) if fast_seeds > 0 else (1,))
     }
     values: dict[str, Any] = {
         "seeds": seeds,
         "seconds": seconds,
+        "fast_seeds": fast_seeds,
         "fast_seconds": fast_seconds,
         "least_score": least,
         "chosen": {name: {"settings": choice, "validation_mota": motas[name]} for name, choice in chosen.items()},

@@ -21,6 +21,7 @@ from tsuiseki.datamodules.scenes.rooms.ceiling import (
     view_room,
 )
 from tsuiseki.tracking.cameras.lens_files import read_lens
+from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.types import ImageArray
 
 # Frames per second of the rooms (thesis 4.3.1), and people of each sequence; the small room's vary as in Table 4.2.
@@ -91,8 +92,7 @@ def read_rendered(folder: Path, sequence: Sequence) -> Iterator[tuple[int, Image
         ends = np.cumsum(stored["count"])[:-1]
         truths = [np.split(stored[name], ends) for name in TRUTH]
     for frame, *values in zip(frames_of(sequence), *truths, strict=True):
-        image = cv2.imread(str(_path(folder, frame)), cv2.IMREAD_COLOR_RGB)
-        yield frame, np.asarray(image, dtype=np.uint8), RoomTruth(*values)
+        yield frame, read_image(_path(folder, frame)), RoomTruth(*values)
 
 
 def _path(folder: Path, frame: int) -> Path:
