@@ -7,6 +7,7 @@ others: there nothing is learnt.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,10 +17,11 @@ import numpy as np
 from tsuiseki.datamodules.identity_crops import uncovered
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, shared_with_all
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray, Track
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.adapt.foreground import Difference, Foreground
 from tsuiseki.trainers.adapt.settings import LabelSettings
-from tsuiseki.trainers.adapt.silhouettes import covered_share, difference, edge_offsets, moving_blobs, usual_offset
+from tsuiseki.trainers.adapt.silhouettes import covered_share, edge_offsets, moving_blobs, usual_offset
 from tsuiseki.trainers.adapt.straddling import EXPLAINED, explained_boxes
 from tsuiseki.trainers.adapt.watch import Watched
 
@@ -80,14 +82,6 @@ class Labels:
 
 
 @dataclass(frozen=True)
-class _Picture:
-    """A kept picture, as it differs from the empty view."""
-
-    different: BoolArray
-    bright: BoolArray
-
-
-@dataclass(frozen=True)
 class _Entries:
     """What tracks say: ``(N,)`` frames, ids and whether the box is an example, ``(N, 4)`` boxes."""
 
@@ -99,7 +93,7 @@ class _Entries:
 
 def label(
     watched: Watched,
-    empty: ImageArray | None,
+    foreground: Foreground | None,
     tracks: Sequence[Track],
     rejected: Sequence[Detections],
     settings: LabelSettings,
@@ -108,48 +102,46 @@ def label(
 
     Args:
         watched: the video.
-        empty: its view without people; None where the camera moves.
+        foreground: of its kept pictures; None where the camera moves.
         tracks: of the video, frames counted as in the video.
         rejected: detections of each kept picture that belong to no track.
         settings: which tracks become labels.
     """
-    pictures = None if empty is None else [_compared(watched.picture(n), empty) for n in range(len(watched.frames))]
     number_of = {frame: number for number, frame in enumerate(watched.frames)}
-    verdicts = [_judge(track, pictures, number_of, watched.frame_rate, settings) for track in tracks]
+    moving = _moving(tracks, foreground, number_of)
+    verdicts = [_judge(*each, watched.frame_rate, settings) for each in zip(tracks, moving, strict=True)]
     explained = explained_boxes(tracks, [v.verdict == TAKEN for v in verdicts])
     verdicts = [_unless_twice(*each) for each in zip(verdicts, tracks, explained, strict=True)]
-    offset = _offset(tracks, verdicts, pictures, number_of)
+    offset = _offset(tracks, verdicts, foreground, number_of)
     moved = [_moved(track, offset, watched.size) for track in tracks]
     unseen = [each & ~track.observed for each, track in zip(explained, tracks, strict=True)]
     entries = [_entries(*each, settings) for each in zip(moved, tracks, verdicts, unseen, strict=True)]
     rows = [
-        _rows(number, _at(frame, entries), rejected[number], None if pictures is None else pictures[number])
+        _rows(number, _at(frame, entries), rejected[number], None if foreground is None else foreground.picture(number))
         for frame, number in number_of.items()
     ]
     return Labels(_joined(rows), tuple(verdicts), tuple(moved), offset)
 
 
-def _compared(image: ImageArray, empty: ImageArray) -> _Picture:
-    return _Picture(*difference(image, empty))
+def _moving(tracks: Sequence[Track], foreground: Foreground | None, number_of: dict[int, int]) -> list[float]:
+    """Of each track the median share of its boxes that differs from the empty view; 1 where nothing tells."""
+    if foreground is None:
+        return [1.0] * len(tracks)
+    frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
+    boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
+    shares = np.full(len(frames), np.nan)
+    for frame, number in number_of.items():
+        here = np.flatnonzero(frames == frame)
+        if len(here):
+            shares[here] = covered_share(foreground.picture(number).different, boxes[here])
+    ends = np.cumsum([0, *map(len, tracks)])
+    own = [shares[first:end] for first, end in itertools.pairwise(ends)]
+    return [float(np.nanmedian(each)) if np.isfinite(each).any() else 1.0 for each in own]
 
 
-def _judge(
-    track: Track,
-    pictures: Sequence[_Picture] | None,
-    number_of: dict[int, int],
-    frame_rate: float,
-    settings: LabelSettings,
-) -> Verdict:
+def _judge(track: Track, moving: float, frame_rate: float, settings: LabelSettings) -> Verdict:
     observed = track.observed
     score = float(track.scores[observed].mean()) if observed.any() else 0.0
-    moving = 1.0
-    if pictures is not None:
-        shares = [
-            covered_share(pictures[number_of[frame]].different, box[None])[0]
-            for frame, box in zip(track.frames.tolist(), track.boxes, strict=True)
-            if frame in number_of
-        ]
-        moving = float(np.median(shares)) if shares else 1.0
     if moving < settings.moving:
         verdict = STILL
     elif score < settings.sure or 2 * observed.sum() < len(track):
@@ -171,11 +163,11 @@ def _unless_twice(verdict: Verdict, track: Track, explained: BoolArray) -> Verdi
 def _offset(
     tracks: Sequence[Track],
     verdicts: Sequence[Verdict],
-    pictures: Sequence[_Picture] | None,
+    foreground: Foreground | None,
     number_of: dict[int, int],
 ) -> FloatArray:
     """By how much the boxes of taken tracks usually lie off their silhouettes."""
-    if pictures is None:
+    if foreground is None:
         return np.zeros(4)
     boxes: dict[int, list[FloatArray]] = {}
     for track, verdict in zip(tracks, verdicts, strict=True):
@@ -183,7 +175,7 @@ def _offset(
             for frame, box in zip(track.frames[track.observed].tolist(), track.boxes[track.observed], strict=True):
                 boxes.setdefault(frame, []).append(box)
     found = [
-        edge_offsets(pictures[number].bright, np.stack(boxes[frame]))
+        edge_offsets(foreground.picture(number).bright, np.stack(boxes[frame]))
         for frame, number in number_of.items()
         if frame in boxes
     ]
@@ -217,7 +209,7 @@ def _at(frame: int, entries: Sequence[_Entries]) -> _Entries:
     )
 
 
-def _rows(number: int, people: _Entries, rejected: Detections, picture: _Picture | None) -> GroundTruth:
+def _rows(number: int, people: _Entries, rejected: Detections, picture: Difference | None) -> GroundTruth:
     """Labels of one picture."""
     others = _perhaps_people(people.boxes, people.sure, rejected, picture)
     every = np.concatenate([people.boxes, others])
@@ -228,7 +220,9 @@ def _rows(number: int, people: _Entries, rejected: Detections, picture: _Picture
     return GroundTruth(np.full(len(every), number), names.astype(np.int64), every, counted, ~counted, visibility)
 
 
-def _perhaps_people(people: FloatArray, sure: BoolArray, rejected: Detections, picture: _Picture | None) -> FloatArray:
+def _perhaps_people(
+    people: FloatArray, sure: BoolArray, rejected: Detections, picture: Difference | None
+) -> FloatArray:
     """``(M, 4)`` where somebody may be whom no track tells: neither an example nor a counter-example."""
     known = people[sure]
     free = ~_on(rejected.boxes, known)

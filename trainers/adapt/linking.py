@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tsuiseki.tracking.association.affinity import Affinity
-from tsuiseki.tracking.types import Detections, ImageArray
+from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt.examples import between, first_held_out, joined, named
 from tsuiseki.trainers.adapt.find import Found, Models, track
+from tsuiseki.trainers.adapt.foreground import Foreground
 from tsuiseki.trainers.adapt.labels import Labels, label, rejected_detections
 from tsuiseki.trainers.adapt.learn_appearance import (
     Projection,
@@ -39,13 +40,13 @@ class Seen:
 
     Attributes:
         watched: the video.
-        view: its empty view; None where the camera moves.
+        foreground: of its kept pictures; None where the camera moves.
         found: detections and tracks.
         labels: taken of them.
     """
 
     watched: Watched
-    view: ImageArray | None
+    foreground: Foreground | None
     found: Found
     labels: Labels
 
@@ -77,10 +78,10 @@ class LinkScores:
         return _rises(self.identity, self.identity_learnt)
 
 
-def seen_in(watched: Watched, view: ImageArray | None, found: Found, settings: AdaptSettings) -> Seen:
+def seen_in(watched: Watched, foreground: Foreground | None, found: Found, settings: AdaptSettings) -> Seen:
     """Labels of what was found in a video."""
     rejected = rejected_detections(watched, found.detections, found.tracks, found.first)
-    return Seen(watched, view, found, label(watched, view, found.tracks, rejected, settings.labels))
+    return Seen(watched, foreground, found, label(watched, foreground, found.tracks, rejected, settings.labels))
 
 
 def learn_links(
@@ -164,7 +165,7 @@ def _moved(found: Found, projection: Projection) -> list[Detections]:
 def _again(seen: Seen, found: Found, settings: AdaptSettings) -> Seen:
     """The same video, tracked and labelled once more."""
     tracked = replace(found, tracks=track(seen.watched, found, settings.score_threshold))
-    return seen_in(seen.watched, seen.view, tracked, settings)
+    return seen_in(seen.watched, seen.foreground, tracked, settings)
 
 
 def _rises(before: float | None, after: float | None) -> bool:

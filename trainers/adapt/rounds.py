@@ -20,15 +20,16 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_detections, write_detections
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.pipelines.finding import NONE
-from tsuiseki.tracking.types import Detections, ImageArray, Track
+from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.agreement import RoundScores, round_scores
 from tsuiseki.trainers.adapt.find import Models, find
+from tsuiseki.trainers.adapt.foreground import Foreground, foreground_of
 from tsuiseki.trainers.adapt.kept_tracks import read_everyone, write_everyone
 from tsuiseki.trainers.adapt.labels import TAKEN, Verdict
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
 from tsuiseki.trainers.adapt.linking import APPEARANCE, COSTS, LinkScores, learn_links, seen_in
 from tsuiseki.trainers.adapt.settings import AdaptSettings
-from tsuiseki.trainers.adapt.watch import Watched, plain_view, refuse_other_sizes, refuse_two_cameras, watch
+from tsuiseki.trainers.adapt.watch import Watched, refuse_other_sizes, refuse_two_cameras, watch
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
 _DONE = "round.json"
@@ -78,18 +79,18 @@ class Camera:
 
     Attributes:
         videos: at least one.
-        views: the empty view of each; None where the camera moves.
+        foregrounds: what is not the empty view of each; None where the camera moves.
         view: tiles of a frame, see `parse_view`.
     """
 
     videos: tuple[Watched, ...]
-    views: tuple[ImageArray | None, ...]
+    foregrounds: tuple[Foreground | None, ...]
     view: str = "auto"
 
     @property
     def fixed(self) -> bool:
         """Whether the camera stands still in every video."""
-        return all(view is not None for view in self.views)
+        return all(foreground is not None for foreground in self.foregrounds)
 
 
 def open_camera(
@@ -110,12 +111,12 @@ def open_camera(
     """
     share = max(20, settings.pictures // len(sources))
     videos = [watch(source, stretch, work / f"video-{n}", share) for n, source in enumerate(sources)]
-    views = [plain_view(video) if video.fixed else None for video in videos]
     refuse_other_sizes(videos)
-    known = [(video, view) for video, view in zip(videos, views, strict=True) if view is not None]
-    if len(known) > 1:
-        refuse_two_cameras([video for video, _ in known], [view for _, view in known])
-    return Camera(tuple(videos), tuple(views), view)
+    foregrounds = [foreground_of(video) if video.fixed else None for video in videos]
+    fixed = [foreground for foreground in foregrounds if foreground is not None]
+    if len(fixed) > 1:
+        refuse_two_cameras([each.watched for each in fixed], [each.empty for each in fixed])
+    return Camera(tuple(videos), tuple(foregrounds), view)
 
 
 @dataclass(frozen=True)
@@ -236,11 +237,10 @@ def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
     if (folder / _DONE).is_file():
         return _read(folder, number, models)
     seen = []
-    for video, view in zip(camera.videos, camera.views, strict=True):
+    for video, foreground in zip(camera.videos, camera.foregrounds, strict=True):
         adaptation.tell(f"round {number}: looking at {video.source}")
-        seen.append(
-            seen_in(video, view, find(video, models, settings.score_threshold, camera.view, settings.threads), settings)
-        )
+        found = find(video, models, settings.score_threshold, camera.view, settings.threads)
+        seen.append(seen_in(video, foreground, found, settings))
     links = LinkScores()
     if number:
         seen, models, links = learn_links(seen, models, folder, settings, settings.seed + number)

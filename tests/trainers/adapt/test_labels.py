@@ -12,9 +12,10 @@ from tests.trainers.adapt import street
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
+from tsuiseki.trainers.adapt.foreground import foreground_of
 from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE, label, rejected_detections
 from tsuiseki.trainers.adapt.settings import LabelSettings
-from tsuiseki.trainers.adapt.watch import Watched, plain_view, watch
+from tsuiseki.trainers.adapt.watch import Watched, watch
 
 NONE = Detections.empty()
 # So far to the right that the boxes touch: they are 14 wide.
@@ -31,7 +32,7 @@ def test_each_track_gets_its_verdict(watched: Watched) -> None:
     sure, doubtful = street.track_of(0), street.track_of(1, score=0.3)
     brief = street.track_of(1, frames=4)
     tracks = [sure, replace(doubtful, id=2), street.decoy_track(), replace(brief, id=3)]
-    labels = label(watched, plain_view(watched), tracks, [NONE] * 40, LabelSettings())
+    labels = label(watched, foreground_of(watched), tracks, [NONE] * 40, LabelSettings())
     assert {v.id: v.verdict for v in labels.verdicts} == {1: TAKEN, 2: UNSURE, 9: STILL, 3: SHORT}
     assert [t.id for t in labels.tracks] == [1]
     people = labels.people
@@ -46,7 +47,7 @@ def test_who_is_boxed_twice_is_background(watched: Watched) -> None:
     pair = [street.track_of(0), replace(street.track_of(0), id=2, boxes=street.track_of(0).boxes + ASIDE)]
     between = replace(pair[0], id=3, boxes=pair[0].boxes + ASIDE / 2, scores=0.8 * pair[0].scores)
     rejected = [Detections(between.boxes[f][None], np.array([0.4])) for f in watched.frames]
-    labels = label(watched, plain_view(watched), [*pair, between], rejected, LabelSettings())
+    labels = label(watched, foreground_of(watched), [*pair, between], rejected, LabelSettings())
     assert [v.verdict for v in labels.verdicts] == [TAKEN, TAKEN, TWICE]
     assert set(labels.people.ids[labels.people.evaluated]) == {1, 2}
     ignored = labels.people.boxes[labels.people.ignored]
@@ -70,7 +71,7 @@ def test_who_is_hidden_behind_others_is_left_out(watched: Watched) -> None:
 def test_what_never_moves_may_be_left_out(watched: Watched) -> None:
     labels = label(
         watched,
-        plain_view(watched),
+        foreground_of(watched),
         [street.track_of(0), street.decoy_track()],
         [NONE] * 40,
         LabelSettings(still="ignored"),
@@ -82,16 +83,16 @@ def test_filled_boxes_are_labels_and_mostly_filled_tracks_are_not(watched: Watch
     observed = np.ones(street.FRAMES, dtype=np.bool_)
     observed[20:60] = False
     some = replace(street.track_of(0), observed=observed)
-    labels = label(watched, plain_view(watched), [some], [NONE] * 40, LabelSettings())
+    labels = label(watched, foreground_of(watched), [some], [NONE] * 40, LabelSettings())
     assert labels.verdicts[0].filled == 40
     assert len(labels.people.frames[labels.people.evaluated]) == 40
     most = replace(some, observed=np.arange(street.FRAMES) < 40)
-    assert label(watched, plain_view(watched), [most], [NONE] * 40, LabelSettings()).verdicts[0].verdict == UNSURE
+    assert label(watched, foreground_of(watched), [most], [NONE] * 40, LabelSettings()).verdicts[0].verdict == UNSURE
 
 
 def test_boxes_come_to_lie_on_silhouettes(watched: Watched) -> None:
     labels = label(
-        watched, plain_view(watched), [street.track_of(n, shift=0.4) for n in range(2)], [NONE] * 40, LabelSettings()
+        watched, foreground_of(watched), [street.track_of(n, shift=0.4) for n in range(2)], [NONE] * 40, LabelSettings()
     )
     right = np.concatenate([t.boxes[:, 2] for t in labels.tracks])
     truth = np.concatenate([[street.box_of(n, f)[2] for f in t.frames] for n, t in enumerate(labels.tracks)])
@@ -103,7 +104,7 @@ def test_where_somebody_may_be_nothing_is_learnt(watched: Watched) -> None:
     """Person 1 is rejected, the decoy is rejected, too: only the first moves."""
     frames = [*watched.frames]
     rejected = [Detections(np.stack([street.box_of(1, f), street.DECOY]), np.array([0.2, 0.25])) for f in frames]
-    labels = label(watched, plain_view(watched), [street.track_of(0)], rejected, LabelSettings())
+    labels = label(watched, foreground_of(watched), [street.track_of(0)], rejected, LabelSettings())
     ignored = labels.people.boxes[labels.people.ignored]
     assert not (np.abs(ignored - street.DECOY).max(axis=1) < 1).any()
     found = [np.abs(ignored - street.box_of(1, f)).max(axis=1).min() < 1e-6 for f in frames[:20]]
@@ -126,6 +127,6 @@ def test_rejected_detections_lie_on_no_track(watched: Watched) -> None:
 
 
 def test_labels_are_written_for_training(watched: Watched) -> None:
-    label(watched, plain_view(watched), [street.track_of(0)], [NONE] * 40, LabelSettings()).write(watched)
+    label(watched, foreground_of(watched), [street.track_of(0)], [NONE] * 40, LabelSettings()).write(watched)
     truth = read_ground_truth(Path(watched.folder) / "gt" / "gt.txt")
     assert truth.evaluated.sum() == 40

@@ -15,10 +15,11 @@ from tests.trainers.adapt import street
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.adapt.foreground import foreground_of
 from tsuiseki.trainers.adapt.labels import label
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune
 from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
-from tsuiseki.trainers.adapt.watch import Watched, plain_view, watch
+from tsuiseki.trainers.adapt.watch import Watched, watch
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector import DetectorTraining
@@ -31,7 +32,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
     folder = tmp_path_factory.mktemp("camera")
     video = watch(str(street.write_video(folder / "street")), EVERY_FRAME, folder / "kept", 20)
     tracks = [street.track_of(0), street.track_of(1)]
-    label(video, plain_view(video), tracks, [Detections.empty()] * 20, LabelSettings()).write(video)
+    label(video, foreground_of(video), tracks, [Detections.empty()] * 20, LabelSettings()).write(video)
     return video
 
 

@@ -19,13 +19,14 @@ from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import linking as module
 from tsuiseki.trainers.adapt.examples import coexisting, first_held_out, joined, named, people_of, thinned
 from tsuiseki.trainers.adapt.find import Found, Models
+from tsuiseki.trainers.adapt.foreground import foreground_of
 from tsuiseki.trainers.adapt.labels import TAKEN
 from tsuiseki.trainers.adapt.learn_appearance import Projection, export_projected, learn_projection, separation
 from tsuiseki.trainers.adapt.learn_appearance import ProjectionSettings as Settings
 from tsuiseki.trainers.adapt.learn_costs import Stretch, identity_kept
 from tsuiseki.trainers.adapt.linking import LinkScores, Seen, learn_links, seen_in
 from tsuiseki.trainers.adapt.settings import AdaptSettings
-from tsuiseki.trainers.adapt.watch import Watched, plain_view, watch
+from tsuiseki.trainers.adapt.watch import Watched, watch
 from tsuiseki.trainers.affinity.affinity_samples import NOBODY, LabelledDetections
 
 LENGTH = 16
@@ -58,7 +59,7 @@ def seen(watched: Watched) -> Seen:
             features, scores = [*features, looks(5, rng)], [*scores, 0.32]
         detections.append(Detections(boxes, np.array(scores), np.array(features)))
     found = Found(detections, 0, [street.track_of(n) for n in range(2)], 1)
-    return seen_in(watched, plain_view(watched), found, AdaptSettings())
+    return seen_in(watched, foreground_of(watched), found, AdaptSettings())
 
 
 def test_detections_are_named_by_the_taken_tracks(seen: Seen) -> None:

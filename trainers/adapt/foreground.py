@@ -1,0 +1,70 @@
+"""Where the kept pictures of a fixed camera differ from its empty view (background subtraction), found once a picture.
+
+Every round labels the same pictures, so what was found is kept beside them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.types import BoolArray, ImageArray
+from tsuiseki.trainers.adapt.silhouettes import difference
+from tsuiseki.trainers.adapt.watch import Watched, plain_view
+
+_SAME, _SHADOW, _BRIGHT = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A picture, as it differs from the empty view.
+
+    Attributes:
+        different: ``(H, W)`` pixels that differ.
+        bright: those of them that are no shadow.
+    """
+
+    different: BoolArray
+    bright: BoolArray
+
+
+@dataclass(frozen=True)
+class Foreground:
+    """What of a video's kept pictures is not its empty view.
+
+    Attributes:
+        watched: the video.
+        empty: ``(H, W, 3)`` uint8 RGB, its view without people.
+    """
+
+    watched: Watched
+    empty: ImageArray
+
+    def picture(self, number: int) -> Difference:
+        """Of the kept picture ``number``, 0-based."""
+        file = Path(self.watched.folder) / "foreground" / f"{number + 1:06d}.png"
+        levels = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) if file.is_file() else None
+        if levels is None:
+            levels = self._levels(number)
+            _write(levels, file)
+        return Difference(np.asarray(levels != _SAME), np.asarray(levels == _BRIGHT))
+
+    def _levels(self, number: int) -> np.ndarray:
+        different, bright = difference(self.watched.picture(number), self.empty)
+        return np.where(bright, _BRIGHT, np.where(different, _SHADOW, _SAME)).astype(np.uint8)
+
+
+def foreground_of(watched: Watched) -> Foreground:
+    """What of the kept pictures of a fixed camera is not its empty view."""
+    return Foreground(watched, plain_view(watched))
+
+
+def _write(levels: np.ndarray, file: Path) -> None:
+    """Whole or not at all: a run that is stopped must not leave half a picture."""
+    file.parent.mkdir(exist_ok=True)
+    work = file.with_suffix(".part.png")
+    assert cv2.imwrite(str(work), levels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    work.replace(file)
