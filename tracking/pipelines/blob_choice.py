@@ -35,6 +35,8 @@ class BlobChoice(Shared):
         particles: of each target.
         size: width and height in pixels, of objects that appear with paper and single, and of points.
         smallest: least side in pixels of an object, and of a patch of colour that may be a new one.
+        confirm: M,N: with calibrated, a new object is believed once a patch of the colour was at it in M of its first N
+            frames; 1,1 believes at once.
         detection: for measurements: probability that a target is measured, from 0 to 1.
         clutter: for measurements: expected false ones in a frame.
         score_range: smallest and largest score that the rows of --detections may have.
@@ -48,6 +50,7 @@ class BlobChoice(Shared):
     particles: int = 500
     size: tuple[float, float] = SIZE
     smallest: float = 12.0
+    confirm: tuple[int, int] = (3, 3)
     detection: float = 0.85
     clutter: float = 1.0
     score_range: tuple[float, float] = (0.0, 1.0)
@@ -80,7 +83,13 @@ class BlobChoice(Shared):
             )
             measured = read_measurements(source, self.detections, self.size, self.score_range)
             return PointTracker(points, extent, seed), measured
-        settings = BlobSettings(preset=self.preset, particles=self.particles, size=self.size, smallest=self.smallest)
+        settings = BlobSettings(
+            preset=self.preset,
+            particles=self.particles,
+            size=self.size,
+            smallest=self.smallest,
+            confirm=self.confirm,
+        )
         if self.colour_box is None:
             colour = chosen_colour(source, self.colour or "")
         else:

@@ -10,7 +10,7 @@ from typing import Any
 from tsuiseki.tracking.formats.sensors.measurements import read_scans
 from tsuiseki.tracking.formats.sensors.sensing_model import read_sensing_model, sensing_model
 from tsuiseki.tracking.trackers.measurement_model import region_of
-from tsuiseki.tracking.trackers.measurements import MeasurementMethod, MeasurementTracker
+from tsuiseki.tracking.trackers.measurements import Lag, MeasurementMethod, MeasurementTracker
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
 
 
@@ -23,6 +23,7 @@ def track_measurements(
     shortest: int = 1,
     period: float = 1.0,
     seed: int = 0,
+    lag: Lag = 0,
 ) -> list[SensedTrack]:
     """Targets behind the measurements of a sensor, each with an id, at every scan.
 
@@ -34,13 +35,14 @@ def track_measurements(
         shortest: tracks of fewer scans are left out.
         period: seconds from one frame to the next, for a CSV with frames instead of times.
         seed: of the particles.
+        lag: 1 lets each scan be judged with the next one, too (labelled only).
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
     """
     chosen = as_model(model)
     scans = read_scans(Path(measured), chosen.sensor.columns, period) if isinstance(measured, str | Path) else measured
-    tracker = MeasurementTracker(with_region(chosen, scans), method, particles, seed)
+    tracker = MeasurementTracker(with_region(chosen, scans), method, particles, seed, lag)
     for scan in scans:
         tracker.update(scan)
     return tracker.tracks(shortest)
@@ -53,12 +55,21 @@ def follow_measurements(
     method: MeasurementMethod = "labelled",
     particles: int = 1000,
     seed: int = 0,
+    lag: Lag = 0,
 ) -> Iterator[SensedTargets]:
-    """The targets of each scan, while the scans come; see `track_measurements`. The model needs a region."""
-    tracker = MeasurementTracker(as_model(model), method, particles, seed)
+    """The targets of each scan, while the scans come, with a lag of 1 a scan later; see `track_measurements`.
+
+    The model needs a region.
+    """
+    tracker = MeasurementTracker(as_model(model), method, particles, seed, lag)
     for scan in scans:
-        yield tracker.update(scan)
+        found = tracker.update(scan)
         tracker.forget()
+        if found is not None:
+            yield found
+    last = tracker.finish()
+    if last is not None:
+        yield last
 
 
 def as_model(model: str | Path | Mapping[str, Any] | SensingModel) -> SensingModel:

@@ -11,15 +11,16 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import Running, bootstrap
 from tsuiseki.tracking.filters.finite_sets.labelled_particles import LabelledParticles
 from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, ExplainedImage, PatchBirths
+from tsuiseki.tracking.filters.image_regions.region_confirmation import Confirmation, at_patches
 from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, WithoutOthers
 from tsuiseki.tracking.filters.image_regions.region_phd import RegionInfo, RegionPhdFilter
-from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, second_order
+from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, cluster_means, second_order
 from tsuiseki.tracking.filters.image_regions.region_updates import Calibrated, Equalised, as_printed
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.particles.weights import weighted_mean
 from tsuiseki.tracking.likelihoods.colour_region import ColourImage, ColourRange, region_contrast
 from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
-from tsuiseki.tracking.types import Estimate, FloatArray, Frame, Status, Targets, Track
+from tsuiseki.tracking.types import BoolArray, Estimate, FloatArray, Frame, IntArray, Status, Targets, Track
 
 BlobPreset = Literal["calibrated", "paper", "single"]
 
@@ -41,6 +42,8 @@ class BlobSettings:
         margin: of the frame around a box whose colour counts against it, as a share of its sides.
         sharpness: power of the likelihood ratio.
         smallest: least side of a target, and of a patch of colour that may be a new one.
+        confirm: with ``calibrated``, a new target is believed once a patch of the colour was at it in so many of its
+            first so many frames, and dropped when that cannot be any more; ``(1, 1)`` believes at once.
         lost_below: with ``single``, the target is not seen when the best likelihood is below this.
         patience: with ``single``, frames unseen before the search begins anew.
         min_length: a track of fewer frames is not reported.
@@ -57,6 +60,7 @@ class BlobSettings:
     margin: float = 0.5
     sharpness: float = 4.0
     smallest: float = 12.0
+    confirm: tuple[int, int] = (3, 3)
     lost_below: float = 0.2
     patience: int = 10
     min_length: int = 3
@@ -72,6 +76,8 @@ class BlobSettings:
                 raise RequestError(f"expected {name} above 0, got {getattr(self, name)}")
         if self.particles < 1 or self.targets < 1 or min(self.size) < 3:
             raise RequestError("expected at least one particle, one target and a size of 3 pixels")
+        if not 1 <= self.confirm[0] <= self.confirm[1]:
+            raise RequestError(f"`confirm`: expected M,N with 1 <= M <= N frames, got {self.confirm}")
 
 
 def region_filter(settings: BlobSettings) -> RegionPhdFilter:
@@ -107,6 +113,7 @@ class BlobTracker:
         self.settings = settings or BlobSettings()
         self.record = EstimatedTracks(self.settings.min_length)
         self.expected: list[float] = []
+        self._confirmation = Confirmation(*self.settings.confirm)
         chosen = region_filter(self.settings)
         self._running: Running[LabelledParticles, ColourImage, RegionInfo] = Running(
             chosen, chosen.init(np.empty((0, 6))), np.random.default_rng(seed)
@@ -114,12 +121,27 @@ class BlobTracker:
 
     def update(self, frame: Frame) -> Targets:
         """Take the next frame; its targets."""
-        info = self._running.step(ColourImage.of(frame.image, self.colour))
+        image = ColourImage.of(frame.image, self.colour)
+        info = self._running.step(image)
         boxes = boxes_of(info.estimates.states)
         observed = np.nan_to_num(info.likelihood) > info.background
+        believed = self._confirmed(image, info.estimates.ids)
         self.expected.append(info.expected_count)
-        targets = self.record.add(info.estimates.ids, boxes, info.estimates.weights, observed)
+        targets = self.record.add(info.estimates.ids, boxes, info.estimates.weights, observed, believed)
         return replace(targets, frame=frame.index)
+
+    def _confirmed(self, image: ColourImage, ids: IntArray) -> BoolArray | None:
+        """Which of the estimates ``(N,)`` are believed; what cannot be confirmed leaves the filter."""
+        births = self._running.chosen.births
+        if not isinstance(births, PatchBirths):
+            return None
+        state = self._running.state
+        names, _, means = cluster_means(state)
+        supported = at_patches(boxes_of(means), births.components(image))
+        failed = self._confirmation.update(names, supported)
+        if len(failed):
+            self._running.state = state.select(~np.isin(state.labels, failed))
+        return self._confirmation.believes(ids)
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, by id."""

@@ -23,7 +23,12 @@ class EstimatedTracks:
         self._rows: list[tuple[IntArray, IntArray, FloatArray, FloatArray, BoolArray]] = []
 
     def add(
-        self, labels: IntArray, boxes: FloatArray, scores: FloatArray, observed: BoolArray | None = None
+        self,
+        labels: IntArray,
+        boxes: FloatArray,
+        scores: FloatArray,
+        observed: BoolArray | None = None,
+        believed: BoolArray | None = None,
     ) -> Targets:
         """Take the next frame; the targets of it that have an id.
 
@@ -32,24 +37,25 @@ class EstimatedTracks:
             boxes: ``(N, 4)`` pixels.
             scores: ``(N,)``.
             observed: ``(N,)`` False where nothing in the frame supports the box; by default all are supported.
+            believed: ``(N,)`` False where a label is to get no id yet; by default all may.
         """
         seen = np.ones(len(labels), dtype=np.bool_) if observed is None else observed
         self._rows.append((np.full(len(labels), self.frames), labels, boxes, scores, seen))
         self.frames += 1
-        self._number(labels)
+        self._number(labels, np.ones(len(labels), dtype=np.bool_) if believed is None else believed)
         ids = np.array([self._ids.get(label, 0) for label in labels.tolist()], dtype=np.int64)
         status = np.where(seen, "tracking", "searching")
         return Targets(self.frames - 1, ids, boxes, np.where(seen, scores, 0.0), status).select(ids > 0)
 
-    def _number(self, labels: IntArray) -> None:
+    def _number(self, labels: IntArray, believed: BoolArray) -> None:
         """Give ids to labels that were now seen often enough, in the order in which they first appeared."""
-        new = [label for label in labels.tolist() if label not in self._ids]
+        new = {label: trust for label, trust in zip(labels.tolist(), believed, strict=True) if label not in self._ids}
         for label in new:
             first, count = self._seen.get(label, (self._labels, 0))
             self._labels += count == 0
             self._seen[label] = first, count + 1
-        believed = [label for label in new if self._seen[label][1] >= self.min_length]
-        for label in sorted(believed, key=self._seen.__getitem__):
+        named = [label for label, trust in new.items() if trust and self._seen[label][1] >= self.min_length]
+        for label in sorted(named, key=self._seen.__getitem__):
             del self._seen[label]
             self._ids[label] = len(self._ids) + 1
 

@@ -107,6 +107,29 @@ def test_live_targets_are_those_of_the_whole_run() -> None:
     np.testing.assert_allclose(live[-1].time, measured[-1].time)
 
 
+def test_a_scan_of_lag_answers_every_scan_once_and_places_targets_better() -> None:
+    measured = scans(steps=25)
+    at_once, later = (
+        tsuiseki.track_measurements(measured, model(), particles=300, shortest=10, lag=lag) for lag in (0, 1)
+    )
+    assert len(at_once) == len(later) == 2
+
+    def error(tracks: list[tsuiseki.SensedTrack]) -> float:
+        away = []
+        for track in tracks:
+            places = STARTS[:, None, :2] + SPEEDS[:, None, :2] * track.times[:, None]
+            away.append(np.linalg.norm(track.positions - places, axis=2)[:, 5:-1].mean(axis=1).min())
+        return float(np.mean(away))
+
+    assert error(later) < error(at_once)
+    live = list(tsuiseki.follow_measurements(measured, model(), particles=300, lag=1))
+    assert [each.time for each in live] == [scan.time for scan in measured]
+    whole = tsuiseki.track_measurements(measured, model(), particles=300, lag=1)
+    assert sum(len(each.ids) for each in live) == sum(len(track) for track in whole)
+    with pytest.raises(RequestError, match="`lag`: expected 0"):
+        tsuiseki.track_measurements(measured, model(), method="phd", lag=1)
+
+
 def write_csv(path: Path, header: str, rows: list[str]) -> Path:
     path.write_text("\n".join([header, *rows]) + "\n")
     return path

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.trackers.measurements import MeasurementMethod
+from tsuiseki.tracking.trackers.measurements import Lag, MeasurementMethod
 
 
 def points(
@@ -18,6 +19,7 @@ def points(
     particles: int = 1000,
     period: float = 1.0,
     shortest: int = 3,
+    lag: Lag = 0,
 ) -> int:
     """Track an unknown number of targets from a sensor's measurements, such as a radar's or a lidar's.
 
@@ -32,6 +34,8 @@ def points(
         particles: of each target.
         period: seconds from one frame to the next, where the file has frames.
         shortest: tracks of fewer scans are left out.
+        lag: 1 judges each scan with the next one, too, which places targets better and ends them in time (labelled
+            only).
         seed: of the particles.
     """
     from tsuiseki.tracking.cli.run import count
@@ -47,20 +51,21 @@ def points(
     chosen = read_sensing_model(model)
     scans = read_scans(file, chosen.sensor.columns, period)
     chosen = with_region(chosen, scans)
-    tracker = MeasurementTracker(chosen, method, particles, output.seed)
+    tracker = MeasurementTracker(chosen, method, particles, output.seed, lag)
     with output.run() as run:
         run.facts["region"] = [list(pair) for pair in chosen.region]
-        numbers = []
         for scan in run.steps(scans, total=len(scans)):
             with run.times.measure("track"):
-                numbers.append(len(tracker.update(scan).ids))
-        tracks = tracker.tracks(shortest)
+                tracker.update(scan)
+        every = tracker.tracks()
+        tracks = [track for track in every if len(track) >= shortest]
+        numbers = Counter(int(scan) for track in every for scan in track.scans)
         done = scans[: run.count]
         run.columns = {
             "frame": list(range(1, run.count + 1)),
             "time": [scan.time for scan in done],
             "measurements": [len(scan.measurements) for scan in done],
-            "targets": numbers,
+            "targets": [numbers[scan] for scan in range(run.count)],
         }
         run.write("tracks.csv", lambda path: write_sensed_tracks(path, tracks, chosen.sensor.dimensions))
         figure = tracks_figure(tracks, [positions_of(chosen, scan.measurements) for scan in done])

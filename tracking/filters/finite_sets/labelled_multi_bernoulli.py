@@ -15,6 +15,7 @@ import numpy as np
 from tsuiseki.tracking.filters.base import Births, BornParticles, TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.belief_propagation import association_marginals
 from tsuiseki.tracking.filters.finite_sets.labelled_particles import first_particles
+from tsuiseki.tracking.filters.finite_sets.look_back import LookBack, TrackParticles
 from tsuiseki.tracking.filters.finite_sets.pairs import draw_by_measurement, find_pairs
 from tsuiseki.tracking.filters.finite_sets.point_models import PointModel, check_measurements
 from tsuiseki.tracking.filters.particles.resampling import systematic_rows
@@ -57,12 +58,14 @@ class LabelledInfo:
         expected_count: of the tracks and of the hidden targets together.
         tracks: number of tracks kept, unlikely ones included.
         pairs: gated pairs of tracks and measurements.
+        look_back: what this observation says of the tracks before it.
     """
 
     estimates: TargetEstimates
     expected_count: float
     tracks: int
     pairs: int
+    look_back: LookBack
 
 
 @dataclass(frozen=True)
@@ -121,11 +124,13 @@ class LabelledMultiBernoulliFilter:
         new_mass, new_particles, hidden = self._hidden_update(predicted.hidden, measurements, rng)
         unclaimed = self.model.clutter_at(measurements) + new_mass
         updated, pairs, free = self._track_update(predicted, measurements, unclaimed)
+        before = TrackParticles(state.labels, state.existence, state.particles, state.log_weights)
+        back = LookBack(before, predicted.existence, predicted.log_weights, updated.existence, updated.log_weights)
         begun = free * np.divide(new_mass, unclaimed, out=np.zeros_like(new_mass), where=unclaimed > 0)
         joined = self._merge(self._join(updated, begun, new_particles, hidden), rng)
         joined, estimates = self._estimate(joined)
         count = float(joined.existence.sum() + np.exp(hidden.log_weights).sum())
-        info = LabelledInfo(estimates, count, len(joined), pairs)
+        info = LabelledInfo(estimates, count, len(joined), pairs, back)
         return self._resample(joined, rng), info
 
     def _predict(self, state: LabelledState, measurements: FloatArray, rng: np.random.Generator) -> LabelledState:
@@ -162,7 +167,9 @@ class LabelledMultiBernoulliFilter:
         drawn = draw_by_measurement(pairs, joint, mass, self.particles, rng)
         # A group much lighter than a track that is pruned can begin none.
         left = _heavy_groups(hidden, (1.0 - detection) * weights, self.prune / 10)
-        return mass, hidden.particles[drawn], left
+        # Without a hidden target nothing begins: its particles are never looked at.
+        nothing = np.zeros((*drawn.shape, hidden.particles.shape[1]))
+        return mass, hidden.particles[drawn] if len(hidden.particles) else nothing, left
 
     def _track_update(
         self, state: LabelledState, measurements: FloatArray, unclaimed: FloatArray

@@ -94,7 +94,7 @@ class PatchBirths:
         A patch apart from all targets may be a new one. A patch much smaller than the box over it, or much larger than
         the one box in it, shows that the box is wrong: several targets were taken for one, or one is seen in part.
         """
-        boxes = self._components(image)
+        boxes = self.components(image)
         if len(boxes) and len(explained):
             shared = intersections(boxes[:, None], explained[None])
             patch, target = areas(boxes)[:, None], areas(explained)[None]
@@ -107,8 +107,8 @@ class PatchBirths:
             boxes = boxes[apart | (part | whole).any(axis=1)]
         return boxes[: self.limit]
 
-    def _components(self, image: ColourImage) -> FloatArray:
-        """Boxes ``(G, 4)`` of the connected patches, largest first."""
+    def components(self, image: ColourImage) -> FloatArray:
+        """Boxes ``(G, 4)`` of the connected patches, largest first, targets there or not."""
         side = 2 * (int(self.smallest) // 2) + 1
         colour = image.mask.astype(np.float32)
         dense = cv2.boxFilter(colour, -1, (side, side), borderType=cv2.BORDER_CONSTANT) > self.share

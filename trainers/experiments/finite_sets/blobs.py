@@ -112,4 +112,13 @@ def _means(runs: list[PointScores]) -> tuple[str, ...]:
     return (f"{first.mean():.1f} ± {error:.1f}", *(f"{mean:.2f}" for mean in means))
 
 
-METHODS = {"components and SORT": ComponentsAndSort, "track blobs": BlobTracker}
+def believed_at_once(colour: ColourRange, settings: BlobSettings) -> BlobTracker:
+    """The tracker without its confirmation."""
+    return BlobTracker(colour, replace(settings, confirm=(1, 1)))
+
+
+METHODS = {
+    "components and SORT": ComponentsAndSort,
+    "track blobs": BlobTracker,
+    "track blobs --confirm 1,1": believed_at_once,
+}

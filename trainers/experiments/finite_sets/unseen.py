@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
-from tsuiseki.tracking.trackers.measurements import MeasurementMethod, MeasurementTracker
+from tsuiseki.tracking.trackers.measurements import Lag, MeasurementMethod, MeasurementTracker
 from tsuiseki.trainers.experiments.association.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.told_filter import told_filter
@@ -27,7 +27,11 @@ KINDS = {
     "known places, straight paths": UnseenSettings(first=0, births=0.12, places=STANDARD_PLACES, bends=0.0),
 }
 TOLD = "told which measurement is whose"
-METHODS: Sequence[MeasurementMethod] = ("labelled", "phd")
+METHODS: Mapping[str, tuple[MeasurementMethod, Lag]] = {
+    "labelled": ("labelled", 0),
+    "labelled, a scan later": ("labelled", 1),
+    "phd": ("phd", 0),
+}
 FIRST_SEED = 300
 """Of the scenarios: nothing else draws from it on."""
 
@@ -77,9 +81,9 @@ def reproduce(
     jobs = [(kind, number) for number in range(seed, seed + seeds) for kind in KINDS]
     for kind, number in bench.watch.over(jobs, "scenarios", len(jobs)):
         settings = replace(KINDS[kind], clutter=clutter)
-        for method in METHODS:
-            run = bench.store.recall(run_ours, settings, number, method, particles)
-            rows.setdefault((kind, method), []).append(run)
+        for name, (method, lag) in METHODS.items():
+            run = bench.store.recall(run_ours, settings, number, method, particles, lag)
+            rows.setdefault((kind, name), []).append(run)
         rows.setdefault((kind, TOLD), []).append(bench.store.recall(run_told, settings, number))
         if found is not None:
             for name, run in bench.store.recall(run_peers, found, PROGRAM, settings, number).items():
@@ -92,16 +96,20 @@ def reproduce(
     return Outcome(values, [_table(kind, rows) for kind in KINDS], notes=[note])
 
 
-def run_ours(settings: UnseenSettings, seed: int, method: MeasurementMethod, particles: int) -> UnseenRun:
+def run_ours(settings: UnseenSettings, seed: int, method: MeasurementMethod, particles: int, lag: Lag = 0) -> UnseenRun:
     """One of ours, as `track points` runs it."""
     scenario = unseen_scenario(settings, seed)
-    tracker = MeasurementTracker(settings.model, method, particles, seed=0)
-    seconds, rows = [], []
-    for number, scan in enumerate(scenario.scans):
+    tracker = MeasurementTracker(settings.model, method, particles, seed=0, lag=lag)
+    seconds = []
+    for scan in scenario.scans:
         begin = time.process_time()
-        targets = tracker.update(scan)
+        tracker.update(scan)
         seconds.append(time.process_time() - begin)
-        rows += [(number, int(name), *place) for name, place in zip(targets.ids, targets.positions, strict=True)]
+    rows = [
+        (int(scan), track.id, *place)
+        for track in tracker.tracks()
+        for scan, place in zip(track.scans, track.positions, strict=True)
+    ]
     return _scored(scenario.truth, rows, [1e3 * each for each in seconds])
 
 
