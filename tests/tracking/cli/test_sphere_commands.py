@@ -164,7 +164,7 @@ def test_calibrating_from_points_gives_the_cameras_back(tmp_path, capsys):
         ("x,y,z,u,v\n" + "0,0,0,1,1\n" * 5, ["--image-size", "8,6"], "at least 6 points a camera, got 5"),
         ("x,y,z,u,v\n" + "".join(f"{k},{k * k},0,{k},{k}\n" for k in range(8)), ["--image-size", "8,6"], "coplanar"),
         ("x,y,z,u\n1,2,3,4\n", ["--image-size", "8,6"], "found no v"),
-        ("x,y,z,u,v\n1,2,3,4,far\n", ["--image-size", "8,6"], "line 2: expected a number in column v, got 'far'"),
+        ("x,y,z,u,v\n1,2,3,4,far\n", ["--image-size", "8,6"], ":2: expected a finite number in column v, got 'far'"),
         ("x,y,z,u,v\n", ["--image-size", "8,6"], "expected rows of points"),
         ("x,y,z,u,v\n1,2,3,4,5\n", [], "expected --image-size WIDTH,HEIGHT or --intrinsics"),
     ],

@@ -7,7 +7,6 @@ name; rows without it belong to one camera).
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.columns import finite_number
 from tsuiseki.tracking.types import FloatArray
 
 COLUMNS = ("x", "y", "z", "u", "v")
@@ -71,7 +71,7 @@ def _read(path: Path, columns: Sequence[str]) -> list[Correspondences]:
         raise RequestError(f"{path}: expected a header with columns {', '.join(columns)}, found no {missing[0]}")
     found: dict[str, list[tuple[int, list[float]]]] = {}
     for row in rows:
-        values = [_number(row[n], n, path, rows.line_num) if n in columns else 0.0 for n in COLUMNS]
+        values = [finite_number(path, rows.line_num, n, row[n]) if n in columns else 0.0 for n in COLUMNS]
         found.setdefault((row.get("camera") or "camera1").strip(), []).append((rows.line_num, values))
     if not found:
         raise RequestError(f"{path}: expected rows of points, found none")
@@ -81,13 +81,3 @@ def _read(path: Path, columns: Sequence[str]) -> list[Correspondences]:
 def _group(name: str, rows: list[tuple[int, list[float]]]) -> Correspondences:
     values = np.array([v for _, v in rows])
     return Correspondences(name, values[:, :3], values[:, 3:], [line for line, _ in rows])
-
-
-def _number(text: str | None, name: str, path: Path, line: int) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise RequestError(f"{path}: line {line}: expected a number in column {name}, got {text!r}")
-    return value
