@@ -115,6 +115,7 @@ class BlobTracker:
         self.expected: list[float] = []
         self._confirmation = Confirmation(*self.settings.confirm)
         chosen = region_filter(self.settings)
+        self._births = chosen.births
         self._running: Running[LabelledParticles, ColourImage, RegionInfo] = Running(
             chosen, chosen.init(np.empty((0, 6))), np.random.default_rng(seed)
         )
@@ -132,12 +133,11 @@ class BlobTracker:
 
     def _confirmed(self, image: ColourImage, ids: IntArray) -> BoolArray | None:
         """Which of the estimates ``(N,)`` are believed; what cannot be confirmed leaves the filter."""
-        births = self._running.chosen.births
-        if not isinstance(births, PatchBirths):
+        if not isinstance(self._births, PatchBirths):
             return None
         state = self._running.state
         names, _, means = cluster_means(state)
-        supported = at_patches(boxes_of(means), births.components(image))
+        supported = at_patches(boxes_of(means), self._births.components(image))
         failed = self._confirmation.update(names, supported)
         if len(failed):
             self._running.state = state.select(~np.isin(state.labels, failed))

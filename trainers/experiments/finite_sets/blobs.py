@@ -6,7 +6,7 @@ filter's births do, and links patches by SORT.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -117,7 +117,7 @@ def believed_at_once(colour: ColourRange, settings: BlobSettings) -> BlobTracker
     return BlobTracker(colour, replace(settings, confirm=(1, 1)))
 
 
-METHODS = {
+METHODS: Mapping[str, Callable[[ColourRange, BlobSettings], ComponentsAndSort | BlobTracker]] = {
     "components and SORT": ComponentsAndSort,
     "track blobs": BlobTracker,
     "track blobs --confirm 1,1": believed_at_once,
