@@ -66,6 +66,7 @@ class RegularisedSettings:
         size_change: greatest factor on the size in a frame.
         size_rate: share of a new frame in the size filter, in [0, 1].
         size_colour: weight of the contrast of colours beside the size filter's response.
+        calibration: share of the first frame's calibration of the contrast of colours that is used, in [0, 1].
         size_area: pixels of the template of the size filter.
         smallest: least size relative to the first.
         largest: greatest size relative to the first.
@@ -83,6 +84,7 @@ class RegularisedSettings:
     size_change: float = 1.06
     size_rate: float = 0.025
     size_colour: float = 2.0
+    calibration: float = 1.0
     size_area: float = 512.0
     smallest: float = 0.2
     largest: float = 5.0
@@ -207,7 +209,7 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     colour = PixelColour.learn(patch, float(width), float(height))
     factors = model.settings.size_step ** np.arange(-_WIDEST, _WIDEST + 1.0)
     contrast = size_contrast(colour.probabilities(patch), float(width), float(height), factors)
-    contrast_at = model.settings.size_step ** best_offset(contrast)
+    contrast_at = model.settings.size_step ** (model.settings.calibration * best_offset(contrast))
     return RegularisedTarget(centre, 1.0, filters, colour, sizes, contrast_at)
 
 

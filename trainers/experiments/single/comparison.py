@@ -18,7 +18,7 @@ from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS, KcfParticleSettings
 from tsuiseki.tracking.trackers.single.methods import SingleMethod
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, follow, score, seeds_of
+from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, score, seeds_of
 from tsuiseki.trainers.experiments.store import Store
 
 BASELINES: tuple[SingleMethod, ...] = (
@@ -172,7 +172,7 @@ def passes(
     for entrant in entrants:
         for seed in seeds_of(entrant, seeds):
             for clip in clips:
-                yield partial(store.recall, follow, clip, entrant, seed)
+                yield partial(score, store, clip, entrant, seed)
 
 
 def by_attribute(clips: Sequence[Clip], results: Mapping[str, Repeated]) -> dict[str, dict[str, float]]:

@@ -14,13 +14,13 @@ from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST
 from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
-from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, generated_clips, seeds_of, start
+from tsuiseki.trainers.experiments.single.runs import Clip, Ours, generated_clips, seeds_of, start
 from tsuiseki.trainers.experiments.store import Store
 
 WITHIN = 10
 FOLLOWED = 0.5
 CHASES = 16
-TRACKERS: Mapping[str, Entrant] = {
+TRACKERS: Mapping[str, Ours] = {
     "combined": CombinedSettings(),
     "regularised": RegularisedSettings(),
     "kcf-particle, robust": ROBUST,
@@ -67,7 +67,7 @@ def count_losses(overlaps: FloatArray, lost: BoolArray) -> LostCounts:
     return LostCounts(int(long.sum()), noticed, int(followed.sum()), int((followed & lost).sum()))
 
 
-def watch(clip: Clip, entrant: Entrant, seed: int) -> list[list[float]]:
+def watch(clip: Clip, entrant: Ours, seed: int) -> list[list[float]]:
     """Overlap and whether the status was lost, a row a frame after the first."""
     tracker, truth = start(entrant, seed), clip.sequence.boxes
     tracker.start(clip.images[0], truth[0])

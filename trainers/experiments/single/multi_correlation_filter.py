@@ -34,6 +34,7 @@ def reproduce(
     parts: list[str] = list(PARTS),  # noqa: B006, the parser shows it and nobody changes it
     seeds: int = 5,
     sweep_seeds: int = 2,
+    contrib: Path | None = None,
 ) -> Outcome:
     """Correlation filters selected by a particle filter: Figs. 3.6-3.12 and Table 3.4, paper and here.
 
@@ -50,22 +51,23 @@ def reproduce(
             intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
+        contrib: the Python of an environment that has opencv-contrib-python-headless: `unseen` gets rows of its CSRT.
 
     Raises:
-        RequestError: an unknown part, a number below 1, or no sequence with images.
+        RequestError: an unknown part, a number below 1, no sequence with images, or no OpenCV-contrib in ``contrib``.
     """
     if unknown := sorted(set(parts) - set(PARTS)):
         raise RequestError(f"`parts`: expected some of {', '.join(PARTS)}, got {unknown[0]!r}")
     at_least_one(seeds=seeds, sweep_seeds=sweep_seeds)
     clips = _clips(data, attributes)
-    jobs = _jobs(bench, clips, parts, seeds, sweep_seeds)
+    jobs = _jobs(bench, clips, parts, seeds, sweep_seeds, contrib)
     for job in bench.watch.over(jobs, "passes", len(jobs)):
         job()
     names = [clip.sequence.name for clip in clips]
     values: dict[str, Any] = {"sequences": names, "seeds": seeds, "sweep_seeds": sweep_seeds}
     found: list[Outcome] = []
     if "unseen" in parts:
-        found.append(unseen.unseen(bench.store, clips, range(seeds)))
+        found.append(unseen.unseen(bench.store, clips, range(seeds), contrib))
     if "readings" in parts:
         found.append(readings.readings(bench.store, clips, range(seeds)))
     if "status" in parts:
@@ -101,12 +103,12 @@ def _clips(data: Sequence[Path] | None, attributes: Path | None) -> list[Clip]:
 
 
 def _jobs(
-    bench: Bench, clips: Sequence[Clip], parts: Sequence[str], seeds: int, sweep_seeds: int
+    bench: Bench, clips: Sequence[Clip], parts: Sequence[str], seeds: int, sweep_seeds: int, contrib: Path | None
 ) -> list[Callable[[], object]]:
     """Every pass that the parts ask for."""
     store, jobs = bench.store, list[Callable[[], object]]()
     if "unseen" in parts and len(clips) > 1:
-        jobs += comparison.passes(store, clips, unseen.entrants(), range(seeds))
+        jobs += unseen.passes(store, clips, range(seeds), contrib)
     if "readings" in parts:
         jobs += comparison.passes(store, clips, [readings.BASE, *readings.READINGS.values()], range(seeds))
     if "status" in parts:

@@ -23,6 +23,7 @@ from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.methods import SingleMethod, make_tracker
 from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.trainers.experiments.single.contrib import Contrib, follow_with_contrib
 from tsuiseki.trainers.experiments.store import Store
 
 
@@ -56,11 +57,26 @@ def generated_clips(count: int) -> list[Clip]:
     return clips
 
 
-Entrant: TypeAlias = CombinedSettings | KcfParticleSettings | RegularisedSettings | KcfSettings | SingleMethod
-"""A tracker of an experiment: ours, the thesis's, their filters alone, or a tracker of chapter 2."""
+Ours: TypeAlias = CombinedSettings | KcfParticleSettings | RegularisedSettings | KcfSettings | SingleMethod
+"""A tracker of this package: ours, the thesis's, their filters alone, or one of chapter 2."""
+Entrant: TypeAlias = Ours | Contrib
+"""A tracker of an experiment."""
 
 
-def start(entrant: Entrant, seed: int) -> SingleTracker:
+@dataclass(frozen=True)
+class Pass:
+    """A tracker's way through a sequence.
+
+    Attributes:
+        boxes: ``(T, 4)``.
+        drew: whether random numbers were drawn; else every seed gives the same boxes.
+    """
+
+    boxes: FloatArray
+    drew: bool
+
+
+def start(entrant: Ours, seed: int) -> SingleTracker:
     """A new tracker."""
     if isinstance(entrant, CombinedSettings):
         return Combined(entrant, seed)
@@ -78,12 +94,20 @@ def seeds_of(entrant: Entrant, seeds: Sequence[int]) -> Sequence[int]:
 
 
 def score(store: Store, clip: Clip, entrant: Entrant, seed: int) -> SequenceScores:
-    """Scores of one pass."""
-    return evaluate_boxes(clip.sequence.boxes, store.recall(follow, clip, entrant, seed))
+    """Scores of one pass; a pass without random numbers stands for all seeds."""
+    first = store.recall(follow, clip, entrant, 0)
+    found = store.recall(follow, clip, entrant, seed) if first.drew else first
+    return evaluate_boxes(clip.sequence.boxes, found.boxes)
 
 
-def follow(clip: Clip, entrant: Entrant, seed: int) -> FloatArray:
-    """Boxes ``(T, 4)`` of one pass."""
-    tracker, first = start(entrant, seed), clip.sequence.boxes[0]
+def follow(clip: Clip, entrant: Entrant, seed: int) -> Pass:
+    """One pass."""
+    first = clip.sequence.boxes[0]
+    if isinstance(entrant, Contrib):
+        return Pass(follow_with_contrib(entrant, clip.images, first), drew=False)
+    tracker = start(entrant, seed)
     tracker.start(clip.images[0], first)
-    return np.array([first] + [tracker.follow(image).box for image in clip.images[1:]])
+    boxes = np.array([first] + [tracker.follow(image).box for image in clip.images[1:]])
+    # Particles are the only ones that draw, and these two count the frames in which they have any.
+    searched = getattr(tracker, "searched_frames", None)
+    return Pass(boxes, drew=searched is None or searched > 0)

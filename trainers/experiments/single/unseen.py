@@ -1,14 +1,15 @@
 """What the combined tracker gains over KCF on sequences that its settings have not seen.
 
-Settings are chosen by leaving a sequence out: of a few candidates the one with the best mean over all *other* sequences
-is scored on it. So no sequence is scored with settings that it helped to choose. The interval is over sequences
-(bootstrap, both trackers on the same samples).
+Settings are chosen by leaving a sequence out: of a few candidates the one with the best mean over all *other*
+sequences, with the first seed, is scored on it, with all seeds. So no sequence is scored with settings that it helped
+to choose. The interval is over sequences (bootstrap, both trackers on the same samples).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROB
 from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
+from tsuiseki.trainers.experiments.single import comparison
+from tsuiseki.trainers.experiments.single.contrib import find_contrib
 from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, score, seeds_of
 from tsuiseki.trainers.experiments.store import Store
 
@@ -42,25 +45,33 @@ class Group:
     candidates: Mapping[str, CombinedSettings]
 
 
-def groups() -> tuple[Group, ...]:
-    """With scale search and at fixed size."""
-    shares, weights = (0.2, 0.3), (1.0, 2.0)
+def groups(contrib: Path | None = None) -> tuple[Group, ...]:
+    """With scale search and at fixed size; with CSRT where the Python of OpenCV-contrib's environment is given."""
     scaled = {
-        f"colour share {share:g}, size {weight:g}": _combined(colour_share=share, size_colour=weight)
-        for share in shares
-        for weight in weights
+        f"colours {share:g}, size {weight:g}, calibration {calibration:g}": _combined(
+            colour_share=share, size_colour=weight, calibration=calibration
+        )
+        for share in (0.2, 0.3)
+        for weight in (1.0, 2.0)
+        for calibration in (0.5, 1.0)
     }
-    fixed = {f"colour share {share:g}": _combined(colour_share=share, sizes=1) for share in shares}
+    fixed = {
+        f"colours {share:g}, certain {certain:g}": replace(_combined(colour_share=share, sizes=1), certain=certain)
+        for share in (0.2, 0.3)
+        for certain in (0.4, 0.8)
+    }
+    csrt, csrt_fixed = ({} if contrib is None else {"CSRT": find_contrib(contrib, scales)} for scales in (33, 1))
     return (
         Group(
             "scale search", kcf.KcfSettings(),
-            {"kcf-particle, robust": ROBUST, "filter alone": RegularisedSettings()}, scaled,
+            {**csrt, "kcf-particle, robust": ROBUST, "filter alone": RegularisedSettings(),
+             "combined as shipped": CombinedSettings()}, scaled,
         ),
         Group(
             "fixed size", kcf.THESIS,
-            {"kcf-particle, printed": PRINTED, "kcf-particle, thesis": THESIS,
-             "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS),
-             "filter alone": RegularisedSettings(sizes=1)}, fixed,
+            {**csrt_fixed, "kcf-particle, printed": PRINTED, "kcf-particle, thesis": THESIS,
+             "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS), "filter alone": RegularisedSettings(sizes=1),
+             "combined as shipped": _combined(sizes=1)}, fixed,
         ),
     )  # fmt: skip
 
@@ -69,14 +80,18 @@ def _combined(**fields: float) -> CombinedSettings:
     return CombinedSettings(filter=RegularisedSettings(**fields))  # type: ignore[arg-type]
 
 
-def entrants() -> list[Entrant]:
-    """Every tracker that `unseen` runs."""
-    return [one for group in groups() for one in (group.base, *group.others.values(), *group.candidates.values())]
+def passes(
+    store: Store, clips: Sequence[Clip], seeds: Sequence[int], contrib: Path | None
+) -> Iterator[Callable[[], object]]:
+    """Every pass that `unseen` needs, but those of the chosen settings with other seeds than the first."""
+    for group in groups(contrib):
+        yield from comparison.passes(store, clips, group.candidates.values(), seeds[:1])
+        yield from comparison.passes(store, clips, [group.base, *group.others.values()], seeds)
 
 
-def unseen(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
+def unseen(store: Store, clips: Sequence[Clip], seeds: Sequence[int], contrib: Path | None = None) -> Outcome:
     """A table of areas by sequence for each group, with the gains over KCF."""
-    found = [_group(store, group, clips, seeds) for group in groups()] if len(clips) > 1 else []
+    found = [_group(store, group, clips, seeds) for group in groups(contrib)] if len(clips) > 1 else []
     notes = [] if found else ["unseen: expected at least two sequences to choose settings on others"]
     return Outcome({"unseen": {name: values for name, values, _ in found}}, [table for *_, table in found], notes=notes)
 
@@ -85,8 +100,11 @@ def _group(
     store: Store, group: Group, clips: Sequence[Clip], seeds: Sequence[int]
 ) -> tuple[str, dict[str, object], Table]:
     base = areas(store, clips, group.base, seeds)
-    candidates = {name: areas(store, clips, one, seeds) for name, one in group.candidates.items()}
-    chosen, ours = leave_one_out(candidates)
+    candidates = {name: areas(store, clips, one, seeds[:1]) for name, one in group.candidates.items()}
+    chosen = leave_one_out(candidates)
+    ours = np.array(
+        [areas(store, [clip], group.candidates[one], seeds)[0] for clip, one in zip(clips, chosen, strict=True)]
+    )
     rows = {name: areas(store, clips, one, seeds) for name, one in group.others.items()} | {OURS: ours}
     names = [clip.sequence.name for clip in clips]
     cells = [
@@ -99,11 +117,12 @@ def _group(
          *(f"{row.mean():.1f} ({gains[name][0]:+.1f} [{gains[name][1]:.1f}, {gains[name][2]:.1f}])"
            for name, row in rows.items()), "")
     )  # fmt: skip
+    cells.append(("worst against KCF", "", *(f"{(row - base).min():+.1f}" for row in rows.values()), ""))
     title = f"Unseen, {group.name}: AUC [%], 21 thresholds (gain over KCF, 95 % interval over sequences)"
     values: dict[str, object] = {
         "sequences": names, "KCF": base.tolist(), "chosen": chosen,
         **{name: row.tolist() for name, row in rows.items()},
-        "candidates": {name: row.tolist() for name, row in candidates.items()},
+        "candidates, first seed": {name: row.tolist() for name, row in candidates.items()},
         "gains": gains,
     }  # fmt: skip
     return group.name, values, Table(title, ("sequence", "KCF", *rows, "settings chosen"), cells)
@@ -116,16 +135,15 @@ def areas(store: Store, clips: Sequence[Clip], entrant: Entrant, seeds: Sequence
     )
 
 
-def leave_one_out(candidates: Mapping[str, FloatArray]) -> tuple[list[str], FloatArray]:
-    """For each of S > 1 sequences the candidate that is best in the mean of the others, and its score there.
+def leave_one_out(candidates: Mapping[str, FloatArray]) -> list[str]:
+    """For each of S > 1 sequences the name of the candidate that is best in the mean of the others.
 
     Args:
         candidates: ``(S,)`` scores by name; of equal ones the first is taken.
     """
     names, scores = list(candidates), np.array(list(candidates.values()))
-    others = (scores.sum(axis=1, keepdims=True) - scores) / (scores.shape[1] - 1)
-    best = np.argmax(others, axis=0)
-    return [names[k] for k in best], scores[best, np.arange(scores.shape[1])]
+    others = scores.sum(axis=1, keepdims=True) - scores
+    return [names[k] for k in np.argmax(others, axis=0)]
 
 
 def interval(gains: FloatArray) -> tuple[float, float, float]:

@@ -1,0 +1,33 @@
+"""One pass of OpenCV-contrib's CSRT; runs alone, in an environment that need not have this package.
+
+Reads from standard input a line of JSON (``scales``, ``box`` as x, y, width, height, ``shape``, ``count``) and the
+images, blue first; writes the boxes from the second image on.
+"""
+
+import json
+import sys
+
+import cv2
+import numpy as np
+
+cv2.setNumThreads(1)
+head = json.loads(sys.stdin.buffer.readline())
+size = int(np.prod(head["shape"]))
+
+
+def read() -> np.ndarray:
+    """The next image."""
+    return np.frombuffer(sys.stdin.buffer.read(size), np.uint8).reshape(head["shape"])
+
+
+parameters = cv2.TrackerCSRT_Params()
+parameters.number_of_scales = head["scales"]
+tracker = cv2.TrackerCSRT_create(parameters)
+box = head["box"]
+tracker.init(read(), tuple(round(value) for value in box))
+boxes = []
+for _ in range(head["count"] - 1):
+    held, found = tracker.update(read())
+    box = list(found) if held else box
+    boxes.append(box)
+print(json.dumps(boxes))
