@@ -146,6 +146,7 @@ COMMANDS: Tree = {
             "people": Command("tracks: HOTA, MOTA, IDF1 and more"),
             "detection": Command("detections: average precision"),
             "single": Command("one target: success and precision"),
+            "coverage": Command("tracks of many on one labelled person: coverage and switches"),
             "points": Command("tracked points: OSPA, GOSPA and more"),
             "states": Command("bodies that bend: position, heading, identity"),
             "action": Command("what people do: F1 and average precision"),

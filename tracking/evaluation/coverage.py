@@ -39,8 +39,8 @@ class Span:
     value: int
 
 
-def coverage(truth: GroundTruth, tracks: Iterable[Track]) -> list[Coverage]:
-    """The tracks on every person, matched frame by frame from an overlap of 0.5 on, in the order of appearance."""
+def coverage(truth: GroundTruth, tracks: Iterable[Track], overlap: float = MATCH_OVERLAP) -> list[Coverage]:
+    """The tracks on every person, matched frame by frame from an ``overlap`` on, in the order of appearance."""
     rows = truth.select(truth.evaluated)
     tracks = list(tracks)
     frames = np.concatenate([t.frames for t in tracks]) if tracks else np.empty(0, np.int64)
@@ -51,7 +51,7 @@ def coverage(truth: GroundTruth, tracks: Iterable[Track]) -> list[Coverage]:
     found = np.zeros(len(rows), dtype=np.int64)
     for frame in np.unique(rows.frames):
         a, b = (slice(*np.searchsorted(numbers, [frame, frame + 1])) for numbers in (rows.frames, frames))
-        i, j = assign_overlaps(iou_matrix(rows.boxes[a], boxes[b]), MATCH_OVERLAP)
+        i, j = assign_overlaps(iou_matrix(rows.boxes[a], boxes[b]), overlap)
         found[a][i] = ids[b][j]
     people, first = np.unique(rows.ids, return_index=True)
     return [

@@ -8,12 +8,13 @@ from __future__ import annotations
 import json
 import subprocess
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -52,7 +53,11 @@ def find_contrib(python: Path, scales: int) -> Contrib:
 
 
 def follow_with_contrib(settings: Contrib, images: Sequence[ImageArray], box: FloatArray) -> FloatArray:
-    """Boxes ``(T, 4)`` from the first one on; where it reports a failure the box before stands."""
+    """Boxes ``(T, 4)`` from the first one on; where it reports a failure the box before stands.
+
+    Raises:
+        RunError: the other Python broke off.
+    """
     head = {
         "scales": settings.scales,
         "box": xywh_from_corners(box).tolist(),
@@ -62,9 +67,12 @@ def follow_with_contrib(settings: Contrib, images: Sequence[ImageArray], box: Fl
     with subprocess.Popen([settings.python, str(SCRIPT)], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdin is not None
         assert process.stdout is not None
-        process.stdin.write(json.dumps(head).encode() + b"\n")
-        for image in images:
-            process.stdin.write(np.ascontiguousarray(image[:, :, ::-1]).tobytes())
-        process.stdin.close()
-        found = json.loads(process.stdout.read())
-    return np.asarray(np.concatenate([box[None], corners_from_xywh(np.array(found, dtype=np.float64))]))
+        with suppress(BrokenPipeError), process.stdin as sent:
+            sent.write(json.dumps(head).encode() + b"\n")
+            for image in images:
+                sent.write(np.ascontiguousarray(image[:, :, ::-1]).tobytes())
+        answer = process.stdout.read()
+    if process.returncode:
+        raise RunError(f"expected boxes from CSRT in {settings.python}, it ended with status {process.returncode}")
+    found = np.array(json.loads(answer), dtype=np.float64)
+    return np.asarray(np.concatenate([box[None], corners_from_xywh(found)]))

@@ -10,24 +10,28 @@ import sys
 import cv2
 import numpy as np
 
-cv2.setNumThreads(1)
-head = json.loads(sys.stdin.buffer.readline())
-size = int(np.prod(head["shape"]))
+
+def main() -> None:
+    """The pass."""
+    cv2.setNumThreads(1)
+    head = json.loads(sys.stdin.buffer.readline())
+    size = int(np.prod(head["shape"]))
+
+    def read() -> np.ndarray:
+        return np.frombuffer(sys.stdin.buffer.read(size), np.uint8).reshape(head["shape"])
+
+    parameters = cv2.TrackerCSRT_Params()  # type: ignore[attr-defined]
+    parameters.number_of_scales = head["scales"]
+    tracker = cv2.TrackerCSRT_create(parameters)  # type: ignore[attr-defined]
+    box = head["box"]
+    tracker.init(read(), tuple(round(value) for value in box))
+    boxes = []
+    for _ in range(head["count"] - 1):
+        held, found = tracker.update(read())
+        box = list(found) if held else box
+        boxes.append(box)
+    print(json.dumps(boxes))
 
 
-def read() -> np.ndarray:
-    """The next image."""
-    return np.frombuffer(sys.stdin.buffer.read(size), np.uint8).reshape(head["shape"])
-
-
-parameters = cv2.TrackerCSRT_Params()
-parameters.number_of_scales = head["scales"]
-tracker = cv2.TrackerCSRT_create(parameters)
-box = head["box"]
-tracker.init(read(), tuple(round(value) for value in box))
-boxes = []
-for _ in range(head["count"] - 1):
-    held, found = tracker.update(read())
-    box = list(found) if held else box
-    boxes.append(box)
-print(json.dumps(boxes))
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""Tracks of many against the one person who is labelled."""
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.evaluation.target_coverage import TargetCoverage, target_coverage
+from tsuiseki.tracking.formats.boxes import write_boxes
+from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.types import Track
+
+TARGET = np.array([[10.0, 20, 30, 60]]) + np.arange(10)[:, None]
+
+
+def track(number, frames, shift=0.0):
+    frames = np.array(frames)
+    return Track(number, frames, TARGET[frames] + shift, np.ones(len(frames)))
+
+
+def test_frames_tracks_and_switches_are_counted():
+    tracks = [track(4, [1, 2, 3]), track(7, [5, 6]), track(4 + 5, range(10), shift=100)]
+    assert target_coverage(TARGET, tracks) == TargetCoverage(
+        labelled=10, covered=5, tracks=2, switches=1, longest=3, first=1, others=1
+    )
+
+
+def test_the_same_track_after_a_gap_is_no_switch():
+    found = target_coverage(TARGET, [track(3, [0, 1, 8, 9])])
+    assert (found.switches, found.longest, found.covered) == (0, 2, 4)
+
+
+def test_frames_without_label_do_not_count():
+    boxes = TARGET.copy()
+    boxes[:4] = np.nan
+    found = target_coverage(boxes, [track(1, range(10))])
+    assert (found.labelled, found.covered, found.first) == (6, 6, 4)
+
+
+def test_a_lower_overlap_counts_looser_boxes():
+    loose = [track(1, range(10), shift=6)]  # overlap of 14 x 34 in 2 x 800 - 476, .42
+    assert target_coverage(TARGET, loose).covered == 0
+    assert target_coverage(TARGET, loose, 0.4).covered == 10
+
+
+def test_nothing_labelled_or_nobody_tracked():
+    assert target_coverage(np.full((5, 4), np.nan), []).first is None
+    assert target_coverage(TARGET, []) == TargetCoverage(10, 0, 0, 0, 0, None, 0)
+
+
+@pytest.fixture
+def files(tmp_path):
+    (tmp_path / "truth").mkdir()
+    write_boxes(tmp_path / "truth" / "walk.txt", TARGET)
+    (tmp_path / "result").mkdir()
+    write_tracks(tmp_path / "result" / "walk.txt", [track(2, range(5)), track(3, range(5, 10))])
+    return tmp_path
+
+
+def test_the_command_prints_a_row_and_writes_it(files, capsys):
+    command = ["evaluate", "coverage", str(files / "truth"), str(files / "result")]
+    assert main([*command, "--json", str(files / "found.json")]) == 0
+    row = next(line for line in capsys.readouterr().out.splitlines() if "walk" in line)
+    assert row.split() == ["walk", "result", "10", "100.0", "2", "1", "5", "1", "0"]
+    assert '"switches": 1' in (files / "found.json").read_text()
+
+
+def test_an_overlap_outside_its_range_and_a_missing_result_are_refused(files, capsys):
+    command = ["evaluate", "coverage", str(files / "truth"), str(files / "result")]
+    assert main([*command, "--overlap", "0"]) == 2
+    assert "--overlap: expected a share above 0" in capsys.readouterr().err
+    assert main([*command[:3], str(files)]) == 2
+    assert "the result of walk" in capsys.readouterr().err
