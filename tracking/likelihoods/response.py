@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +66,33 @@ class ResponseMaps:
         shift, _ = peak_near(response, around[int(np.argmax(values))])
         found = self.centres[window] + shift * self.cell
         return np.asarray(found if (np.abs(found - place) <= 1.5 * self.cell).all() else place)
+
+
+@dataclass(frozen=True)
+class SizedResponseMaps:
+    """Responses about one place at several sizes of the target.
+
+    Attributes:
+        levels: ``(S,)`` logarithms of the sizes relative to the present one, ascending, 0 in the middle.
+        maps: of each size.
+    """
+
+    levels: FloatArray
+    maps: Sequence[ResponseMaps]
+
+    @property
+    def middle(self) -> ResponseMaps:
+        """At the present size."""
+        return self.maps[len(self.maps) // 2]
+
+    def at(self, places: FloatArray, filters: IntArray, log_sizes: FloatArray) -> FloatArray:
+        """Response ``(N,)`` at ``places`` ``(N, 2)`` at the level nearest to each of ``log_sizes`` ``(N,)``."""
+        level = np.argmin(np.abs(log_sizes[:, None] - self.levels[None]), axis=1)
+        found = np.zeros(len(places))
+        for k, maps in enumerate(self.maps):
+            here = level == k
+            found[here] = maps.at(places[here], filters[here])
+        return found
 
 
 def object_overlap(boxes: FloatArray, proposals: FloatArray) -> FloatArray:

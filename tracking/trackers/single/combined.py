@@ -9,9 +9,9 @@ recovers by itself. So here
   medians; doubt ends at higher values than it begins (hysteresis);
 * the filter's learning rate falls with its response, and in doubt it is low; the filter goes on all the same and stays
   one of the hypotheses;
-* the particles of 3.2.3 to 3.2.5, each a place and the number of a filter (the present one, the first one, stored
-  ones), look for the target all around. Where the best one's response is higher elsewhere for several frames in a
-  row, the target is taken to be there, with that filter.
+* the particles of 3.2.3 to 3.2.5, each a place, the number of a filter (the present one, the first one, stored ones)
+  and a size, look for the target all around. Where the best one's response is higher elsewhere for several frames in a
+  row, the target is taken to be there, with that filter. By default all particles have the target's present size.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import ComplexArray
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak
-from tsuiseki.tracking.likelihoods.response import ResponseMaps
+from tsuiseki.tracking.likelihoods.response import ResponseMaps, SizedResponseMaps
 from tsuiseki.tracking.trackers.single import regularised
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.trackers.single.particles import random_walk
 from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, RegularisedTarget
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+
+_SIZE_STEP = float(np.log(1.1))  # between the sizes that particles see
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class CombinedSettings:
         particles: N.
         reach: windows searched to each side of the one about the target; 1 gives 3 x 3.
         spread: standard deviation of the particles' step, as a share of the target's sides.
+        size_spread: likewise of the logarithm of their size; 0 leaves it as it is. More takes three times as long.
         sharpness: factor on the response in the log-likelihood.
         margin: how much more than the filter's a challenger's response must be.
         wins: frames in a row in which it must be.
@@ -71,6 +74,7 @@ class CombinedSettings:
     particles: int = 200
     reach: int = 1
     spread: float = 0.25
+    size_spread: float = 0.0
     sharpness: float = 20.0
     margin: float = 0.1
     wins: int = 3
@@ -177,43 +181,58 @@ class Combined:
         """One frame of the particles; where they have won often enough, the target is theirs."""
         settings, target = self.settings, self.target
         bank = np.stack([target.filters, self._first, *self._stored])
-        maps = self._maps(image, bank)
+        maps = self._sized_maps(image, bank)
         deviation = self._model.target * target.size * settings.spread
-        particle_filter = ParticleFilter(bootstrap(random_walk(deviation)), self._log_likelihood, threshold=1.0)
-        before = self._challenge or Challenge(particle_filter.init(self._draw(maps)))
+        motion = random_walk(deviation, settings.size_spread)
+        particle_filter = ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=1.0)
+        before = self._challenge or Challenge(particle_filter.init(self._draw(maps.middle)))
         state, _ = particle_filter.step(before.state, maps, self._rng)
         heaviest = state.particles[int(np.argmax(state.log_weights))]
         number = int(heaviest[2])
-        place, response = self._look(image, heaviest[:2], bank[number])
-        elsewhere = bool((np.abs(place - target.centre) > 0.5 * self._model.target * target.size).any()) or number > 0
+        least, most = settings.filter.smallest, settings.filter.largest
+        size = float(np.clip(target.size * np.exp(heaviest[3]), least, most))
+        there = replace(target, centre=heaviest[:2], filters=bank[number], size=size)
+        place, response = self._look(image, there)
+        moved = bool((np.abs(place - target.centre) > 0.5 * self._model.target * target.size).any())
+        elsewhere = moved or number > 0 or abs(heaviest[3]) > _SIZE_STEP / 2
         plausible = self._evidence.shares(replace(target, peak=response))[0] >= settings.hidden
         won = elsewhere and plausible and response > target.peak + settings.margin
         self._challenge = Challenge(state, before.wins + 1 if won else 0)
         if self._challenge.wins >= settings.wins:
             extent = np.array([image.shape[1], image.shape[0]], dtype=np.float64)
-            self.target = replace(target, centre=np.clip(place, 0, extent), filters=bank[number], peak=response)
+            self.target = replace(there, centre=np.clip(place, 0, extent), peak=response)
             self.doubted, self._challenge = 0, None
 
-    def _look(self, image: ImageArray, place: FloatArray, filters: ComplexArray) -> tuple[FloatArray, float]:
-        """Place and response of the maximum about ``place``, in a window of its own as the filter alone has one."""
-        response, _ = regularised.responses(self._model, replace(self.target, centre=place, filters=filters), image)
+    def _look(self, image: ImageArray, there: RegularisedTarget) -> tuple[FloatArray, float]:
+        """Place and response of the maximum about ``there``, in a window of its own as the filter alone has one."""
+        response, _ = regularised.responses(self._model, there, image)
         shift, value = peak(response)
-        return place + shift * self._model.cell_pixels(self.target.size), value
+        return there.centre + shift * self._model.cell_pixels(there.size), value
 
-    def _maps(self, image: ImageArray, bank: ComplexArray) -> ResponseMaps:
-        """Responses of all filters in the windows about the target that lie in the image."""
-        model, target = self._model, self.target
-        step = np.array(model.shape[::-1]) * model.cell_pixels(target.size) / 2
+    def _sized_maps(self, image: ImageArray, bank: ComplexArray) -> SizedResponseMaps:
+        """Responses at the present size, or at three sizes where particles have their own."""
+        steps = np.arange(-1.0, 2.0) if self.settings.size_spread > 0 else np.zeros(1)
+        sizes = [self.target.size * float(np.exp(step * _SIZE_STEP)) for step in steps]
+        return SizedResponseMaps(steps * _SIZE_STEP, [self._maps(image, bank, size) for size in sizes])
+
+    def _maps(self, image: ImageArray, bank: ComplexArray, size: float) -> ResponseMaps:
+        """Responses of all filters in the windows of a ``size`` about the target that lie in the image."""
+        model, target = self._model, replace(self.target, size=size)
+        step = np.array(model.shape[::-1]) * model.cell_pixels(size) / 2
         offsets = np.arange(-self.settings.reach, self.settings.reach + 1)
         grid = np.array([(x, y) for y in offsets for x in offsets])
         centres = target.centre + grid[np.argsort((grid**2).sum(axis=1), kind="stable")] * step
         inside = np.all((centres >= 0) & (centres <= [image.shape[1], image.shape[0]]), axis=1)
         centres = centres[inside | (np.arange(len(centres)) == 0)]
         maps = [regularised.responses(model, replace(target, centre=c), image, bank)[0] for c in centres]
-        return ResponseMaps(np.stack(maps), centres, model.cell_pixels(target.size))
+        return ResponseMaps(np.stack(maps), centres, model.cell_pixels(size))
 
     def _draw(self, maps: ResponseMaps) -> FloatArray:
-        """``(N, 3)`` particles at the highest maxima of all filters, by their likelihood."""
+        """``(N, 4)`` particles x, y, number of a filter and logarithm of the size over the present one.
+
+        They lie at the highest maxima of all filters, by their likelihood.
+        """
+        count, settings = self.settings.particles, self.settings
         places, heights = [], []
         for window, number in np.ndindex(maps.maps.shape[:2]):
             shifts, values = local_maxima(maps.maps[window, number], 3)
@@ -222,17 +241,17 @@ class Combined:
             heights.append(values)
         everywhere = np.concatenate(places)
         if not len(everywhere):  # a flat response has no maximum
-            return np.tile([*self.target.centre, 0.0], (self.settings.particles, 1))
+            return np.tile([*self.target.centre, 0.0, 0.0], (count, 1))
         height = np.concatenate(heights)
-        weights = np.exp(self.settings.sharpness * (height - height.max()))
-        return np.asarray(
-            everywhere[self._rng.choice(len(everywhere), self.settings.particles, p=weights / weights.sum())]
-        )
+        weights = np.exp(settings.sharpness * (height - height.max()))
+        drawn = everywhere[self._rng.choice(len(everywhere), count, p=weights / weights.sum())]
+        sizes = self._rng.normal(size=count) * _SIZE_STEP if settings.size_spread > 0 else np.zeros(count)
+        return np.column_stack([drawn, sizes])
 
-    def _log_likelihood(self, particles: FloatArray, maps: ResponseMaps) -> FloatArray:
+    def _log_likelihood(self, particles: FloatArray, maps: SizedResponseMaps) -> FloatArray:
         """Equation (3.4), its response joined with the colours and in the exponent."""
-        numbers = np.minimum(particles[:, 2].astype(np.int64), maps.maps.shape[1] - 1)
-        return self.settings.sharpness * maps.at(particles[:, :2], numbers)
+        numbers = np.minimum(particles[:, 2].astype(np.int64), maps.middle.maps.shape[1] - 1)
+        return self.settings.sharpness * maps.at(particles[:, :2], numbers, particles[:, 3])
 
     def _status(self) -> Status:
         if self.doubted == 0:

@@ -36,7 +36,7 @@ from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import FilterBank, Samples, join, respond
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.particles.weights import probabilities
-from tsuiseki.tracking.likelihoods.peaks import local_maxima
+from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak
 from tsuiseki.tracking.likelihoods.response import ResponseMaps, log_likelihood, object_overlap
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.archive import Archive
@@ -170,7 +170,25 @@ class KcfParticle:
         self._weigh(self._view(image, windows, bank), Search(state, bank, 0), move=False)
 
     def _continue_search(self, image: ImageArray, search: Search) -> None:
-        self._weigh(self._view(image, self._windows(image), search.bank), search, move=True)
+        view = self._view(image, self._windows(image), search.bank)
+        if not (self.settings.decides_always and self._confident(view, search)):
+            self._weigh(view, search, move=True)
+
+    def _confident(self, view: SearchView, search: Search) -> bool:
+        """3.2.2 in a frame of search: whether a filter's response is above epsilon_1; if so, it goes on alone."""
+        maps, size = view.maps.maps, np.array([self.target.size])
+        if maps.max() <= self.settings.switch:
+            return False
+        window, number = divmod(int(np.argmax(maps.max(axis=(2, 3)))), maps.shape[1])
+        shift, value = peak(maps[window, number])
+        place = view.maps.centres[window] + shift * view.maps.cell
+        self.searched_frames += 1
+        self.target = replace(self.target, centre=place, peak=value)
+        self._doubted = 0
+        self._end_search(
+            self.model.update(search.bank.select(slice(number, number + 1)), view.image, place[None], size)
+        )
+        return True
 
     def _windows(self, image: ImageArray) -> Windows:
         """The windows of a frame of search and their centres."""
@@ -243,8 +261,7 @@ class KcfParticle:
         numbers = np.searchsorted(used, state.particles[:, 2])
         particles = np.column_stack([state.particles[:, :2], numbers])
         self.search = Search(ParticleState(particles, state.log_weights), bank, search.frames + 1)
-        variances = self._deviation**2 if settings.agreement == "covariance" else np.ones(2)
-        spread = dispersion(particles, weights, variances) / float(np.prod(self.model.target))
+        spread = dispersion(particles, weights, self._agreement()) / float(np.prod(self.model.target))
         if spread >= settings.convergence:
             return
         colour = self._confidence.colour_score(view.image, self._box())
@@ -252,6 +269,15 @@ class KcfParticle:
         if sure or search.frames + 1 >= settings.longest_search:
             self._doubted = 0 if sure else self._doubted
             self._end_search(bank.select(slice(int(numbers[chosen]), int(numbers[chosen]) + 1)))
+
+    def _agreement(self) -> FloatArray:
+        """``(2,)`` diagonal of C in (3.7), square pixels."""
+        chosen = {
+            "covariance": self._deviation**2,
+            "lengths": self.model.target / self.settings.divisor,
+            "pixels": np.ones(2),
+        }
+        return chosen[self.settings.agreement]
 
     def _end_search(self, bank: FilterBank) -> None:
         """3.2.6: the best particle's filter goes on alone."""

@@ -10,7 +10,7 @@ from tsuiseki.tracking.trackers.single import kcf
 Past = Literal["uniform", "score"]
 Covariance = Literal["variances", "deviations"]
 ResponseScale = Literal["printed", "greatest"]
-Agreement = Literal["covariance", "pixels"]
+Agreement = Literal["covariance", "lengths", "pixels"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,10 @@ class KcfParticleSettings:
 
         covariance: what w1 / a and h1 / a of S are, see `particles.step_deviation`.
         response_scale: r of (3.4) as it is ``printed``, or over the ``greatest`` response of the frame.
-        agreement: C of (3.7) is the ``covariance`` S, or one square pixel (``pixels``).
+        agreement: C of (3.7) is the ``covariance`` S of the motion; the diagonal w1 / a and h1 / a (``lengths``),
+            whatever the motion takes them for; or one square pixel (``pixels``).
+        decides_always: the response is compared with epsilon_1 in every frame, as Fig. 3.2 can be read: during a
+            search a filter whose response is above it goes on alone at once.
 
         spread: factor on the standard deviation of S: 2.7 pixels for a target of 25 is less than people move.
         reach: windows searched to each side of the one about the target; 0 is the thesis.
@@ -69,6 +72,7 @@ class KcfParticleSettings:
     covariance: Covariance = "variances"
     response_scale: ResponseScale = "printed"
     agreement: Agreement = "covariance"
+    decides_always: bool = False
 
     spread: float = 1.0
     reach: int = 0

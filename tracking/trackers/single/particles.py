@@ -63,12 +63,19 @@ def draw_particles(
     return np.column_stack([places, number])
 
 
-def random_walk(deviation: FloatArray) -> Motion:
-    """Equation (3.3), in frames: places walk with S, filter numbers stay."""
+def random_walk(deviation: FloatArray, size_deviation: float = 0.0) -> Motion:
+    """Equation (3.3), in frames: places walk with S, filter numbers stay.
+
+    Args:
+        deviation: ``(2,)`` of x and y, pixels.
+        size_deviation: of the logarithm of the size, the particles' fourth column; 0 where they have none.
+    """
 
     def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
         moved = particles.copy()
         moved[:, :2] += rng.normal(size=(len(particles), 2)) * deviation
+        if size_deviation > 0:
+            moved[:, 3] += rng.normal(size=len(particles)) * size_deviation
         return moved
 
     return each_frame(move)

@@ -1,7 +1,8 @@
 """What the text of thesis chapter 3 can mean, each reading over KCF of the same fixed size.
 
-Three things are open: whether S holds variances or deviations, whether r is as the filter gives it or over the greatest
-response of the frame, and the unit of V in (3.7), which is compared with an area.
+Open are: whether S holds variances or deviations, and whether in the motion and in (3.7) alike; whether r is as the
+filter gives it or over the greatest response of the frame; the unit of V in (3.7), which is compared with an area; and
+whether the response is compared with epsilon_1 during a search, too (Fig. 3.2).
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ READINGS: Mapping[str, KcfParticleSettings] = {
     "V in square pixels": replace(PRINTED, agreement="pixels"),
     "V in square pixels, r over the greatest": replace(PRINTED, agreement="pixels", response_scale="greatest"),
     "all three": replace(THESIS, agreement="pixels"),
+    "both, C of lengths": replace(THESIS, agreement="lengths"),
+    "both, confidence looked at in every frame": replace(THESIS, decides_always=True),
+    "both, C of lengths, confidence in every frame": replace(THESIS, agreement="lengths", decides_always=True),
     "both, the densest place put out": replace(THESIS, densest=True),
     "both, nothing learnt while searching": replace(THESIS, learns_while_searching=False),
 }

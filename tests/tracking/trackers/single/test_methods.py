@@ -18,6 +18,7 @@ from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROB
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.matching import MEASURES, active_search, colour_bins, match
 from tsuiseki.tracking.trackers.single.methods import METHODS, make_tracker
+from tsuiseki.tracking.trackers.single.particles import dispersion
 from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.types import Frame
 
@@ -241,6 +242,32 @@ def test_no_search_starts_in_the_frames_after_one():
     assert (np.diff(starts) == 9).all()  # every search ends in its first frame, then 8 without
 
 
+def test_a_filter_that_is_confident_again_ends_the_search_where_the_confidence_is_looked_at_in_every_frame():
+    images, boxes = clip(walk(30), hidden=range(12, 15))
+    never_agree = replace(THESIS_WITHOUT_OBJECTS, convergence=0.0)
+    ends = []
+    for settings in (never_agree, replace(never_agree, decides_always=True)):
+        tracker = KcfParticle(settings)
+        seen = run(tracker, images, boxes[0])
+        ends.append((tracker.search is None, tracker.searched_frames))
+    (still, long), (over, short) = ends
+    assert not still
+    assert over
+    assert 0 < short < long
+    assert iou_pairs(seen[-1].box, boxes[-1]) > 0.5
+
+
+@pytest.mark.parametrize(("agreement", "spread"), [("pixels", 18.0), ("lengths", 9 / 7.2 + 9 / 10.8)])
+def test_c_of_the_agreement_is_lengths_or_square_pixels(agreement, spread):
+    """Two groups of particles 6 pixels apart in x and y: a variance of 9 in each."""
+    images, boxes = clip(walk(2), height=36, width=24)
+    tracker = KcfParticle(replace(THESIS, agreement=agreement))
+    tracker.start(images[0], boxes[0])
+    particles = np.array([[0.0, 0, 0], [6, 6, 0]])
+    found = dispersion(particles, np.array([0.5, 0.5]), tracker._agreement())
+    assert found == pytest.approx(spread)
+
+
 def test_a_target_that_does_not_come_back_is_lost():
     images, boxes = clip(walk(30, 3.0), hidden=range(10, 30))
     statuses = [s.status for s in run(KcfParticle(replace(ROBUST, lost_after=5)), images, boxes[0])]
@@ -323,6 +350,19 @@ def test_particles_take_the_combined_tracker_to_a_target_that_jumped():
     images, boxes = clip(path)
     assert overlaps(run(RegularisedTracker(), images, boxes[0]), boxes)[-1] == 0
     assert overlaps(run(Combined(CombinedSettings(reach=2)), images, boxes[0]), boxes)[-1] > 0.6
+
+
+def test_particles_with_sizes_find_a_target_that_came_back_larger():
+    """It jumps four of its widths and is a fifth larger there; the particles take its size, too."""
+    path = np.concatenate([np.tile([[50.0, 80.0]], (12, 1)), np.tile([[145.0, 80.0]], (4, 1))])
+    images, boxes = clip(path, sizes=[1.0] * 12 + [1.2] * 4)
+    sizes = {}
+    for spread in (0.0, 0.05):
+        tracker = Combined(CombinedSettings(reach=2, size_spread=spread, filter=RegularisedSettings(sizes=1)))
+        assert overlaps(run(tracker, images, boxes[0]), boxes)[-1] > 0.5
+        sizes[spread] = tracker.target.size
+    assert sizes[0.0] == 1.0
+    assert 1.1 < sizes[0.05] < 1.35
 
 
 def test_doubt_needs_both_witnesses():
