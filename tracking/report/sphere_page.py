@@ -15,7 +15,7 @@ from tsuiseki.tracking.report.page import embedded_video, html_page, listing, sc
 from tsuiseki.tracking.report.plots import inline_svg
 from tsuiseki.tracking.report.space_plots import deviation_figure, path_figure
 from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
-from tsuiseki.tracking.types import STATUSES, Position
+from tsuiseki.tracking.types import STATUSES, FloatArray, Position
 from tsuiseki.tracking.types.tracks import Path3D
 
 
@@ -33,7 +33,7 @@ def sphere_page(
     Args:
         log: what was found.
         cameras: that looked.
-        radius: of the ball, m.
+        radius: of the ball, m; 0 where measured points were followed and none was told.
         truth: the true path, where it is known.
         videos: overlays, one a camera, where there is one.
         seconds: per stage of the run.
@@ -52,7 +52,8 @@ def sphere_page(
     sections += [(f"Overlay of {cameras[k].name}", embedded_video(video)) for k, video in enumerate(videos) if video]
     facts = {name: str(value) for name, value in settings.items() if value is not None}
     sections.append(("How it was made", listing(facts)))
-    introduction = f"A ball of {100 * radius:g} cm radius followed by {len(cameras)} cameras."
+    ball = f"A ball of {100 * radius:g} cm radius" if radius > 0 else "A point"
+    introduction = f"{ball} followed by {len(cameras)} cameras."
     return html_page("Ball in space", introduction, [section(*each) for each in sections])
 
 
@@ -78,13 +79,21 @@ def _summary(log: SphereLog, cameras: Sequence[PlacedCamera], seconds: Mapping[s
     return scrolling(f"<table><tbody>{cells}</tbody></table>")
 
 
+def distances_to_truth(positions: Sequence[Position], truth: Path3D) -> FloatArray:
+    """``(N,)`` distances to the true position, metres, where it is known."""
+    away = distance_to_position(_track(positions), truth)
+    return away[np.isfinite(away)]
+
+
+def _track(positions: Sequence[Position]) -> Path3D:
+    return Path3D(np.array([p.time for p in positions]), np.array([p.point for p in positions]))
+
+
 def _distances(positions: Sequence[Position], truth: Path3D) -> str:
     """Distances of the estimates to the truth, centimetres."""
-    track = Path3D(np.array([p.time for p in positions]), np.array([p.point for p in positions]))
-    away = distance_to_position(track, truth)
-    rows = ""
+    track, away, rows = _track(positions), distances_to_truth(positions, truth), ""
     for name, values in (
-        ("true position", away[np.isfinite(away)]),
+        ("true position", away),
         ("true path", distance_to_path(track.points, truth.points)),
     ):
         if len(values):

@@ -62,7 +62,7 @@ def sphere(
     from tsuiseki.tracking.pipelines.sphere import sphere_run
     from tsuiseki.tracking.pipelines.sphere_points import sphere_points_run
     from tsuiseki.tracking.report.space_plots import path_figure
-    from tsuiseki.tracking.report.sphere_page import sphere_page
+    from tsuiseki.tracking.report.sphere_page import distances_to_truth, sphere_page
 
     if volume is not None and not all(low < high for low, high in zip(volume[:3], volume[3:], strict=True)):
         shown = ",".join(f"{value:g}" for value in volume)
@@ -103,7 +103,11 @@ def sphere(
         )
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         found = sum(p.status == "tracking" for p in log.positions)
-        run.done(f"ball known in {found} of {len(log.positions)} moments: {output.out / 'track3d.csv'}")
+        summary = f"ball known in {found} of {len(log.positions)} moments: {output.out / 'track3d.csv'}"
+        away = np.empty(0) if true_path is None else distances_to_truth(log.positions, true_path)
+        if len(away):
+            summary += f"\n{100 * away.mean():.2f} cm from the true position in the mean, {100 * away.max():.2f} at most"
+        run.done(summary)
     return run.status
 
 
