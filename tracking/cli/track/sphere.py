@@ -106,7 +106,9 @@ def sphere(
         summary = f"ball known in {found} of {len(log.positions)} moments: {output.out / 'track3d.csv'}"
         away = np.empty(0) if true_path is None else distances_to_truth(log.positions, true_path)
         if len(away):
-            summary += f"\n{100 * away.mean():.2f} cm from the true position in the mean, {100 * away.max():.2f} at most"
+            summary += (
+                f"\n{100 * away.mean():.2f} cm from the true position in the mean, {100 * away.max():.2f} at most"
+            )
         run.done(summary)
     return run.status
 

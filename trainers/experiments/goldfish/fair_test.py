@@ -24,10 +24,11 @@ from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.bodies.motion import Steps, learn_motion, pooled_steps
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
-from tsuiseki.trainers.experiments.goldfish.arms import LAG, Learnt, interval
+from tsuiseki.trainers.experiments.goldfish.arms import LAG, Learnt
 from tsuiseki.trainers.experiments.goldfish.runs import Clip, prepare_clip
 from tsuiseki.trainers.experiments.goldfish.step_density import learnt_densities
 from tsuiseki.trainers.experiments.goldfish.trials import BODY, EXTRACTION, TRACKER, write_learning_tracks
+from tsuiseki.trainers.experiments.intervals import interval
 from tsuiseki.trainers.experiments.store import Store
 
 PARTICLES = (25, 50, 100)

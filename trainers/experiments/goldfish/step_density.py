@@ -8,7 +8,8 @@ import numpy as np
 
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.bodies.motion import Steps, regression
-from tsuiseki.trainers.experiments.goldfish.arms import LAG, interval
+from tsuiseki.trainers.experiments.goldfish.arms import LAG
+from tsuiseki.trainers.experiments.intervals import interval
 
 
 def learnt_densities(exact: Steps, wide: Steps, test: Sequence[Steps]) -> list[list[str]]:

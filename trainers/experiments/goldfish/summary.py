@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND, interval, paired_interval
+from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND
 from tsuiseki.trainers.experiments.goldfish.trials import Trial
+from tsuiseki.trainers.experiments.intervals import interval, paired_interval
 
 # What is compared with what: name, arm and number of particles, twice. The first is the paper's claim.
 CLAIMS = (

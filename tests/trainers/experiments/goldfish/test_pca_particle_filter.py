@@ -14,9 +14,10 @@ from tsuiseki.tracking.filters.motion.body_motion import Noise, RandomWalk
 from tsuiseki.tracking.filters.particles.annealed import Annealed
 from tsuiseki.trainers.experiments.goldfish import pca_particle_filter
 from tsuiseki.trainers.experiments.goldfish import trials as trials_module
-from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND, interval, paired_interval
+from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND
 from tsuiseki.trainers.experiments.goldfish.summary import gather, summarise
 from tsuiseki.trainers.experiments.goldfish.trials import Run, Trial
+from tsuiseki.trainers.experiments.intervals import interval, paired_interval
 from tsuiseki.trainers.experiments.values import restored
 
 
