@@ -29,7 +29,7 @@ def single(
 
     Args:
         box: the target in the first frame, X,Y,W,H in pixels counted from 0; a labelled sequence folder has its own.
-        select: draw the box with the mouse; needs a display.
+        select: draw the box with the mouse, on a page in the browser whose address is printed.
         plot: also plot the scores, peaks.png.
     """
     import numpy as np
