@@ -24,13 +24,10 @@ READINGS: Mapping[str, KcfParticleSettings] = {
     "r over the greatest": replace(PRINTED, response_scale="greatest"),
     "both (preset thesis)": THESIS,
     "V in square pixels": replace(PRINTED, agreement="pixels"),
-    "V in square pixels, r over the greatest": replace(PRINTED, agreement="pixels", response_scale="greatest"),
-    "all three": replace(THESIS, agreement="pixels"),
     "both, C of lengths": replace(THESIS, agreement="lengths"),
     "both, confidence looked at in every frame": replace(THESIS, decides_always=True),
     "both, C of lengths, confidence in every frame": replace(THESIS, agreement="lengths", decides_always=True),
     "both, the densest place put out": replace(THESIS, densest=True),
-    "both, nothing learnt while searching": replace(THESIS, learns_while_searching=False),
 }
 
 
