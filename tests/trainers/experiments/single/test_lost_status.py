@@ -2,8 +2,13 @@
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
+from tsuiseki.tracking.formats.single import SingleSequence
+from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings
+from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.single import lost_status
-from tsuiseki.trainers.experiments.single.lost_status import LostCounts, count_losses
+from tsuiseki.trainers.experiments.single.lost_status import LostCounts, Watched, count_losses, watch
+from tsuiseki.trainers.experiments.single.runs import Clip
 from tsuiseki.trainers.experiments.store import Store
 
 
@@ -23,10 +28,21 @@ def test_a_loss_noticed_later_than_ten_frames_is_not_noticed():
 
 
 def test_the_table_has_given_clips_and_generated_ones(tmp_path, monkeypatch):
-    monkeypatch.setattr(lost_status, "CHASES", 1)
-    monkeypatch.setattr(lost_status, "TRACKERS", {"kcf": lost_status.RegularisedSettings(sizes=1)})
+    monkeypatch.setattr(lost_status, "CHASES", 2)
+    monkeypatch.setattr(lost_status, "SEEN", 1)
+    monkeypatch.setattr(lost_status, "TRACKERS", {"kcf": lost_status.Watched(RegularisedSettings(sizes=1))})
     clips = lost_status.generated_clips(1)
     outcome = lost_status.lost_status(Store(tmp_path), clips, [0])
-    first, second = outcome.tables[0].rows
+    first, second, third = outcome.tables[0].rows
     assert first[2:] == second[2:]
+    assert third[1] == "generated chases 2 to 2"
     assert outcome.values["status"]["kcf, given clips"]["followed"] > 0
+
+
+def test_the_network_has_a_say_in_the_status_alone():
+    settings = ChaseSettings(frames=8, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
+    made = render_chase(np.random.default_rng(1), settings)
+    tiny = Clip(SingleSequence("tiny", (), made.boxes), list(made.images))
+    alone = Watched(RegularisedSettings(sizes=1))
+    plain, witnessed = (watch(tiny, w, 0) for w in (alone, Watched(alone.entrant, shipped("appearance_people"))))
+    assert [row[0] for row in plain] == [row[0] for row in witnessed]
