@@ -42,6 +42,7 @@ def test_all_tables_and_figures_and_what_was_there_is_used_again(
         "32.42 73.93 597 21.43 32.99",
         "Table 5.4",
         "Table 5.3, the camera's motion left in",
+        "Camera's motion, the largest error",
         "Bridging of missed detections",
         "Table 5.5",
         "42.88",

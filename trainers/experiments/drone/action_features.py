@@ -17,6 +17,7 @@ from tsuiseki.tracking.evaluation.action.action_table import action_values
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.drone.bridging_rows import bridging_rows
+from tsuiseki.trainers.experiments.drone.camera_errors import flight_errors
 from tsuiseki.trainers.experiments.drone.clips import (
     FAULTS,
     FIRST_SEED,
@@ -141,6 +142,10 @@ def run_plan(bench: Bench, plan: Plan, networks: Networks) -> Outcome:
         "people": people,
         "iterations": curves,
         "second": _people([carried], compensate=True),
+        "camera": {
+            name: asdict(bench.store.recall(flight_errors, scene, seed, [one.motion for one in clip.seen]))
+            for (name, scene, seed), clip in zip(_test_plans(plan), every, strict=True)
+        },
         "bridging": bridging_rows(sets, observations_in(bench.store), networks, say),
         "actions": action_values(recognised),
         "action_gain": gains,

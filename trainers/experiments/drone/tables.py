@@ -49,6 +49,11 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
             [_person_row(n, r, PAPER_SECOND) for n, r in values["second"].items()],
         ),
         Table(
+            "Camera's motion, the largest error over all steps of a flight; pixels",
+            ("flight", "median place", "worst place", "best similarity, worst place", "largest step", "unknown steps"),
+            [_flight_row(name, row) for name, row in values["camera"].items()],
+        ),
+        Table(
             "Bridging of missed detections, the camera's motion taken out",
             ("", "bridging", *COLUMNS),
             [_bridging_row(row) for row in values["bridging"]],
@@ -71,6 +76,15 @@ def _person_row(name: str, row: Mapping[str, Any], paper: Mapping[Any, Sequence[
     against = row["against_flow"]["id_switches"]
     interval = f"{against['difference']:+.0f} ({against['low']:+.0f} to {against['high']:+.0f})"
     return [name, *_scores(row), interval, printed]
+
+
+def _flight_row(name: str, row: Mapping[str, float]) -> list[str]:
+    return [
+        name,
+        *(f"{row[key]:.1f}" for key in ("median", "worst", "best")),
+        f"{row['step']:.0f}",
+        f"{row['unknown']:.0f} of {row['steps']:.0f}",
+    ]
 
 
 def _bridging_row(row: Mapping[str, Any]) -> list[str]:
