@@ -180,6 +180,8 @@ def _animal(
 def _steadied(states: FloatArray, poses: list[AnimalPose], window: int) -> None:
     """Length, and the way from core to middle, as medians over ``window`` frames: legs and wings come and go.
 
+    Contact hides both: there they are taken over from the frames before and after.
+
     Args:
         states: ``(T, 5)``, changed in place.
         poses: of the same frames.
@@ -188,5 +190,13 @@ def _steadied(states: FloatArray, poses: list[AnimalPose], window: int) -> None:
     heading = np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=1)
     cores = np.array([pose.core for pose in poses])
     shift = ((states[:, :2] - cores) * heading).sum(axis=1)
-    states[:, :2] = cores + median_filter(shift, max(window, 1), mode="nearest")[:, None] * heading
-    states[:, 3] = median_filter(states[:, 3], max(window, 1), mode="nearest")
+    free = np.flatnonzero([not pose.contact for pose in poses])
+    if len(free) == 0:
+        free = np.arange(len(poses))
+    every = np.arange(len(poses))
+    steady = [
+        np.interp(every, free, median_filter(column[free], max(window, 1), mode="nearest"))
+        for column in (shift, states[:, 3])
+    ]
+    states[:, :2] = cores + steady[0][:, None] * heading
+    states[:, 3] = steady[1]

@@ -9,7 +9,7 @@ import pytest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import learn_background
 from tsuiseki.tracking.trackers.animals.identity import contacts, exchanged_after_contacts
-from tsuiseki.tracking.trackers.animals.linking import AnimalSettings
+from tsuiseki.tracking.trackers.animals.linking import AnimalSettings, link_animals
 from tsuiseki.tracking.trackers.animals.pose import AnimalPose, pose_of
 from tsuiseki.tracking.trackers.animals.tracker import AnimalTracker
 from tsuiseki.tracking.types import Frame
@@ -140,6 +140,20 @@ def test_looks_exchange_two_that_the_flow_confused():
     # Animals that look alike are left to the flow.
     alike = [[pose(0.0, 25.0, t in met), pose(12.0, 25.0, t in met)] for t in range(frames)]
     assert exchanged_after_contacts(labels, alike)[1] == 0
+
+
+def test_in_contact_the_middle_of_the_body_is_that_of_the_frames_around() -> None:
+    # The bright core lies 6 pixels ahead of the middle; the run begins in contact, where only cores are known.
+    poses = []
+    for t in range(40):
+        core, contact = np.array([60.0 + 2 * t, 50.0]), t < 10
+        place = core if contact else core - [6.0, 0.0]
+        length = 20.0 if contact else 30.0
+        spread = np.array([8.0, 3.0])
+        poses.append([AnimalPose(place, 0.0, length, 10.0, core, spread, 100.0, np.zeros(2), contact)])
+    (animal,) = link_animals(poses, range(40), AnimalSettings(), 25.0, (240, 160))
+    np.testing.assert_allclose(animal.track.states[:, 0], 54.0 + 2 * animal.track.frames, atol=1e-9)
+    np.testing.assert_allclose(animal.track.states[:, 3], 30.0)
 
 
 def test_a_wing_held_out_moves_neither_axis_nor_place():
