@@ -123,10 +123,8 @@ def try_noise(
     settings = FlightSettings(agitation=agitation, inflation=inflation)
     rng = np.random.default_rng((seed, len(cameras), 6))
     course = track_points(cameras, times, pixels, triangulated, settings, rng)
-    return [
-        Trial(replace(settings, lag=lag), _scores(len(cameras), course, lag, triangulated, truth), course.log_evidence)
-        for lag in LAGS
-    ]
+    scores = [score_course(len(cameras), course, lag, triangulated, truth) for lag in LAGS]
+    return [Trial(replace(settings, lag=lag), of, course.log_evidence) for lag, of in zip(LAGS, scores, strict=True)]
 
 
 def chosen(trials: Sequence[Trial]) -> Trial:
@@ -134,21 +132,8 @@ def chosen(trials: Sequence[Trial]) -> Trial:
     return min(trials, key=lambda t: (not t.scores.better, t.scores.filter_median))
 
 
-def score_flight(
-    cameras: Sequence[TimedCamera],
-    times: FloatArray,
-    pixels: FloatArray,
-    truth: FloatArray,
-    settings: FlightSettings,
-    seed: int,
-) -> FlightScores:
-    """Filter and triangulation with ``cameras`` against the truth."""
-    triangulated, _ = triangulate([c.camera for c in cameras], pixels)
-    course = track_points(cameras, times, pixels, triangulated, settings, np.random.default_rng((seed, len(cameras))))
-    return _scores(len(cameras), course, settings.lag, triangulated, truth)
-
-
-def _scores(cameras: int, course: Course, lag: float, triangulated: FloatArray, truth: FloatArray) -> FlightScores:
+def score_course(cameras: int, course: Course, lag: float, triangulated: FloatArray, truth: FloatArray) -> FlightScores:
+    """Smoothed filter and plain triangulation ``(T, 3)`` against the truth ``(T, 3)``."""
     estimates = course.smoothed(lag)
     both = np.isfinite(triangulated[:, 0]) & np.isfinite(estimates[:, 0])
     away, plain = (np.sqrt(np.square(p - truth).sum(axis=1)) for p in (estimates, triangulated))

@@ -18,7 +18,7 @@ from tsuiseki.tracking.evaluation.space import acceleration
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Table
 from tsuiseki.trainers.experiments.sphere.flights import LAGS, STEP, half_of
-from tsuiseki.trainers.experiments.sphere.multiview_filter import FlightSettings, track_points
+from tsuiseki.trainers.experiments.sphere.multiview_filter import Course
 
 WINDOWS = (0.12, 0.24, 0.48, 0.96)
 """Seconds behind that a local fit sees."""
@@ -73,32 +73,36 @@ def local_fit(points: FloatArray, behind: int, ahead: int, degree: int) -> Float
 
 
 def look_ahead(
-    flight: DroneFlight, cameras: Sequence[TimedCamera], settings: FlightSettings, seed: int
+    flight: DroneFlight, cameras: Sequence[TimedCamera], course: Course, triangulated: FloatArray, truth: FloatArray
 ) -> list[LookAhead]:
     """A row for each look-ahead on the second half of the flight; the fits' windows are chosen on the first.
 
     Of the fits with at most half the acceleration of the plain points, as is asked of the filter, that of the least
     median; or of all, if there is none.
+
+    Args:
+        flight: all of it.
+        cameras: that are used.
+        course: of the filter over the second half.
+        triangulated, truth: ``(T, 3)`` at the times of the course.
     """
-    first, second = (half_of(flight, cameras, first=one) for one in (True, False))
-    plain = [triangulate([c.camera for c in cameras], pixels)[0] for _, pixels, _ in (first, second)]
-    rng = np.random.default_rng((seed, len(cameras)))
-    course = track_points(cameras, second[0], second[1], plain[1], settings, rng)
+    first = half_of(flight, cameras, first=True)
+    plain, _ = triangulate([c.camera for c in cameras], first[1])
     rows = []
     for ahead in LAGS:
         tried = []
         for window in WINDOWS:
             for degree in DEGREES:
-                fitted = local_fit(plain[0], round(window / STEP), round(ahead / STEP), degree)
+                fitted = local_fit(plain, round(window / STEP), round(ahead / STEP), degree)
                 median, restless = _scored(first[0], fitted, first[2])
-                calm = restless <= 0.5 * acceleration(first[0], plain[0], STEP)
+                calm = restless <= 0.5 * acceleration(first[0], plain, STEP)
                 tried.append((not calm, median, window, degree))
         _, _, window, degree = min(tried)
         estimates = course.smoothed(ahead)
-        estimates[~np.isfinite(plain[1][:, 0])] = np.nan
-        fitted = local_fit(plain[1], round(window / STEP), round(ahead / STEP), degree)
+        estimates[~np.isfinite(triangulated[:, 0])] = np.nan
+        fitted = local_fit(triangulated, round(window / STEP), round(ahead / STEP), degree)
         fitted[~np.isfinite(estimates[:, 0])] = np.nan
-        scores = (*_scored(second[0], estimates, second[2]), *_scored(second[0], fitted, second[2]))
+        scores = (*_scored(course.times, estimates, truth), *_scored(course.times, fitted, truth))
         rows.append(LookAhead(len(cameras), ahead, *scores, window, degree))
     return rows
 

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.readers.multiview_drone import read_drone_flight
+from tsuiseki.datamodules.readers.multiview_drone import DroneFlight, read_drone_flight
 from tsuiseki.tracking.cameras.moving_target import TimedCamera
+from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
 from tsuiseki.trainers.experiments.sphere.flights import (
@@ -22,11 +23,12 @@ from tsuiseki.trainers.experiments.sphere.flights import (
     calibrate_flight,
     chosen,
     half_of,
-    score_flight,
+    score_course,
     surveyed_errors,
     try_noise,
 )
 from tsuiseki.trainers.experiments.sphere.look_ahead import LookAhead, look_ahead, look_ahead_table
+from tsuiseki.trainers.experiments.sphere.multiview_filter import FlightSettings, track_points
 
 
 def reproduce(bench: Bench, data: Path = Path("../shared/data/stereo/multiview-drone-3"), seed: int = 0) -> Outcome:
@@ -56,8 +58,9 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data/stereo/multiview-d
             trial for noise in watched for trial in bench.store.recall(try_noise, flight, used, seed, *noise)
         ]
         best = chosen(trials[count]).settings
-        scores.append(bench.store.recall(score_flight, used, *half_of(flight, used, first=False), best, seed))
-        ahead += bench.store.recall(look_ahead, flight, used, best, seed)
+        scored, rows = bench.store.recall(second_half, flight, used, best, seed)
+        scores.append(scored)
+        ahead += rows
     values = {
         "scores": [asdict(s) for s in scores],
         "look_ahead": [asdict(row) for row in ahead],
@@ -65,6 +68,17 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data/stereo/multiview-d
     }
     tables = [_score_table(scores), _camera_table(cameras), _choice_table(trials), look_ahead_table(ahead)]
     return Outcome(values, tables, notes=_survey(data, cameras))
+
+
+def second_half(
+    flight: DroneFlight, cameras: Sequence[TimedCamera], settings: FlightSettings, seed: int
+) -> tuple[FlightScores, list[LookAhead]]:
+    """One run of the filter over the second half of the flight: its scores, and what each look-ahead is worth."""
+    times, pixels, truth = half_of(flight, cameras, first=False)
+    triangulated, _ = triangulate([c.camera for c in cameras], pixels)
+    course = track_points(cameras, times, pixels, triangulated, settings, np.random.default_rng((seed, len(cameras))))
+    scores = score_course(len(cameras), course, settings.lag, triangulated, truth)
+    return scores, look_ahead(flight, cameras, course, triangulated, truth)
 
 
 def _survey(data: Path, cameras: Sequence[TimedCamera]) -> list[str]:

@@ -11,14 +11,16 @@ from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.experiment import Watch
 from tsuiseki.trainers.experiments.sphere.flights import (
+    LAGS,
     FlightScores,
     Trial,
     calibrate_flight,
     chosen,
     half_of,
-    score_flight,
+    score_course,
     surveyed_errors,
 )
+from tsuiseki.trainers.experiments.sphere.look_ahead import look_ahead
 from tsuiseki.trainers.experiments.sphere.multiview_filter import FlightSettings, track_points
 
 
@@ -38,10 +40,17 @@ def test_two_cameras_calibrated_on_the_first_half_hold_in_the_second(flight):
         # The pixels' own scatter is 0.7 and 0.8; RTK stands still for a few tenths of a second at times.
         assert np.nanmedian(away) < 2.0
     stretch = slice(0, 1000)
-    settings = FlightSettings(particles=500)
-    scores = score_flight(cameras, times[stretch], pixels[stretch], truth[stretch], settings, 0)
+    triangulated, _ = triangulate([c.camera for c in cameras], pixels[stretch])
+    rng, settings = np.random.default_rng(0), FlightSettings(particles=500)
+    course = track_points(cameras, times[stretch], pixels[stretch], triangulated, settings, rng)
+    scores = score_course(2, course, settings.lag, triangulated, truth[stretch])
     assert scores.filter_median < 0.3
     assert scores.filter_acceleration < scores.triangulation_acceleration
+    rows = look_ahead(pair, cameras, course, triangulated, truth[stretch])
+    assert [row.ahead for row in rows] == list(LAGS)
+    # Both are smoothed, so both are far calmer than the plain points; and both stay near the truth.
+    assert all(row.fit_median < 0.3 and row.filter_median < 0.3 for row in rows)
+    assert rows[-1].fit_acceleration < 0.5 * scores.triangulation_acceleration
 
 
 def test_a_known_clock_and_camera_are_found_again():
