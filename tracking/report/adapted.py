@@ -10,9 +10,10 @@ from html import escape
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.geometry import clip_boxes, grown
+from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.geometry import clip_boxes, grown, iou_matrix
 from tsuiseki.tracking.report.page import html_page, section
-from tsuiseki.tracking.types import Detections, ImageArray
+from tsuiseki.tracking.types import Detections, ImageArray, IntArray
 
 HEADINGS = {
     "agreement": "Agreement",
@@ -26,7 +27,14 @@ _NOTE = (
     "overlaps of 0.5 to 0.8. People are tracks followed with confidence, boxes those of their tracks. Rejected "
     "detections lie on none of them."
 )
-_COLOUR = (255, 196, 0)
+_LINK_NOTE = (
+    "Measured on the same held-out frames, before and after learning; what rises is taken. Appearance: how surely two "
+    "views of one track are more alike than two people seen at one time (area under the ROC). Link costs: how well "
+    "tracks with every other frame missing keep the identities of those with all frames (IDF1)."
+)
+_LEGEND = "Boxes of which the other picture has none are blue."
+_COLOUR, _ONLY_HERE = (255, 196, 0), (40, 110, 255)
+_SAME = 0.5
 _LONGEST, _CROP = 480, 96
 _GRID = (
     "<style>.pair{display:grid;grid-template-columns:1fr 1fr;gap:.5rem}.pair img{width:100%}"
@@ -52,6 +60,21 @@ class Compared:
 
 
 @dataclass(frozen=True)
+class Tried:
+    """What was learnt beside the detector, and tried where nothing was learnt.
+
+    Attributes:
+        before: its score as it was.
+        after: as learnt.
+        taken: the round goes on with it.
+    """
+
+    before: float
+    after: float
+    taken: bool
+
+
+@dataclass(frozen=True)
 class AdaptedReport:
     """What the page shows.
 
@@ -62,6 +85,7 @@ class AdaptedReport:
         compared: pictures before and after.
         examples: crops by what they are examples of.
         notes: lines about the camera and the end of the rounds.
+        links: what tells people apart, by its name, of each round; None where the video could not tell.
     """
 
     sources: Sequence[str]
@@ -70,17 +94,19 @@ class AdaptedReport:
     compared: Sequence[Compared]
     examples: Mapping[str, Sequence[ImageArray]]
     notes: Sequence[str] = ()
+    links: Sequence[Mapping[str, Tried | None]] = ()
 
 
 def adapted_page(report: AdaptedReport) -> str:
     """The page as HTML, self-contained."""
     notes = f"<p class=note>{_NOTE}</p>" + "".join(f"<p>{escape(note)}</p>" for note in report.notes)
-    sections = [
-        section("Rounds", _table(report) + notes),
-        section("Before and after", _GRID + "".join(map(_pair, report.compared))),
-        section(
-            "What it learnt from", "".join(_crops(name, crops) for name, crops in report.examples.items() if crops)
-        ),
+    crops = "".join(_crops(name, crops) for name, crops in report.examples.items() if crops)
+    sections = [section("Rounds", _table(report) + notes)]
+    if any(any(links.values()) for links in report.links):
+        sections.append(section("What tells people apart", _links(report) + f"<p class=note>{_LINK_NOTE}</p>"))
+    sections += [
+        section("Before and after", _GRID + f"<p class=note>{_LEGEND}</p>" + "".join(map(_pair, report.compared))),
+        section("What it learnt from", crops),
     ]
     kept = f"round {report.best} is kept" if report.best else "no round was better than the start, which is kept"
     title = f"A camera learnt from {', '.join(report.sources)}"
@@ -88,12 +114,24 @@ def adapted_page(report: AdaptedReport) -> str:
 
 
 def _table(report: AdaptedReport) -> str:
-    head = "".join(f"<th scope=col>{heading}</th>" for heading in HEADINGS.values())
+    return _rows(
+        list(HEADINGS.values()), [[_number(values[key]) for key in HEADINGS] for values in report.rounds], report
+    )
+
+
+def _links(report: AdaptedReport) -> str:
+    names = list(dict.fromkeys(name for links in report.links for name in links))
+    return _rows(names, [[_tried(links.get(name)) for name in names] for links in report.links], report)
+
+
+def _rows(headings: Sequence[str], rounds: Sequence[Sequence[str]], report: AdaptedReport) -> str:
+    """A table with a row for each round, the best one marked."""
+    head = "".join(f"<th scope=col>{escape(heading)}</th>" for heading in headings)
     rows = []
-    for number, values in enumerate(report.rounds):
+    for number, values in enumerate(rounds):
         name = "start" if number == 0 else f"round {number}"
         mark = ' class="best"' if number == report.best else ""
-        cells = "".join(f"<td{mark}>{_number(values[key])}</td>" for key in HEADINGS)
+        cells = "".join(f"<td{mark}>{value}</td>" for value in values)
         rows.append(f"<tr><th scope=row>{name}</th>{cells}</tr>")
     return (
         f'<div class="wide"><table><thead><tr><th scope=col></th>{head}</tr></thead>'
@@ -101,21 +139,29 @@ def _table(report: AdaptedReport) -> str:
     )
 
 
+def _tried(tried: Tried | None) -> str:
+    if tried is None:
+        return "–"
+    return f"{tried.before:.3f} → {tried.after:.3f}{'' if tried.taken else ', not taken'}"
+
+
 def _number(value: float) -> str:
     return str(value) if isinstance(value, int) else f"{value:.3f}" if value <= 1 else f"{value:.1f}"
 
 
 def _pair(compared: Compared) -> str:
-    parts = [_picture(compared.image, found) for found in (compared.before, compared.after)]
-    caption = f"{compared.caption}: {len(compared.before)} found before, {len(compared.after)} after"
+    before, after = compared.before, compared.after
+    in_both = assign_overlaps(iou_matrix(before.boxes, after.boxes), _SAME)
+    parts = [_picture(compared.image, *each) for each in zip((before, after), in_both, strict=True)]
+    caption = f"{compared.caption}: {len(before)} found before, {len(after)} after"
     return f'<h3>{escape(caption)}</h3><div class="pair">{"".join(parts)}</div>'
 
 
-def _picture(image: ImageArray, found: Detections) -> str:
+def _picture(image: ImageArray, found: Detections, in_both: IntArray) -> str:
     scale = min(1.0, 2 * _LONGEST / max(image.shape[:2]))
     drawn = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    for x1, y1, x2, y2 in (found.boxes * scale).round().astype(int).tolist():
-        cv2.rectangle(drawn, (x1, y1), (x2, y2), _COLOUR, 2)
+    for row, (x1, y1, x2, y2) in enumerate((found.boxes * scale).round().astype(int).tolist()):
+        cv2.rectangle(drawn, (x1, y1), (x2, y2), _COLOUR if row in in_both else _ONLY_HERE, 2)
     return _image(np.asarray(drawn, dtype=np.uint8))
 
 

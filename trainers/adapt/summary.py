@@ -9,10 +9,11 @@ import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, example_crop
+from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, Tried, example_crop
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
 from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE
+from tsuiseki.trainers.adapt.linking import LinkScores
 from tsuiseki.trainers.adapt.rounds import Adaptation, Round, best_of
 from tsuiseki.trainers.adapt.watch import Watched
 
@@ -37,7 +38,19 @@ def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[s
         [pair for n in range(len(adaptation.camera.videos)) for pair in _compared(adaptation, finished[0], best, n)],
         _examples(adaptation, finished[0 if best.number == 0 else best.number - 1]),
         notes,
+        [_tried(here.links) for here in finished],
     )
+
+
+def _tried(links: LinkScores) -> dict[str, Tried | None]:
+    return {
+        "Appearance": _pair(links.separation, links.separation_learnt, links.better_appearance),
+        "Link costs": _pair(links.identity, links.identity_learnt, links.better_costs),
+    }
+
+
+def _pair(before: float | None, after: float | None, taken: bool) -> Tried | None:
+    return None if before is None or after is None else Tried(before, after, taken)
 
 
 def _compared(adaptation: Adaptation, start: Round, best: Round, number: int) -> list[Compared]:
