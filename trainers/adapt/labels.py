@@ -21,7 +21,13 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray,
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.adapt.foreground import Difference, Foreground
 from tsuiseki.trainers.adapt.settings import LabelSettings
-from tsuiseki.trainers.adapt.silhouettes import covered_share, edge_offsets, moving_blobs, usual_offset
+from tsuiseki.trainers.adapt.silhouettes import (
+    covered_share,
+    edge_offsets,
+    moving_blobs,
+    told_from_shadow,
+    usual_offset,
+)
 from tsuiseki.trainers.adapt.straddling import EXPLAINED, explained_boxes
 from tsuiseki.trainers.adapt.watch import Watched
 
@@ -112,7 +118,7 @@ def label(
     verdicts = [_judge(*each, watched.frame_rate, settings) for each in zip(tracks, moving, strict=True)]
     explained = explained_boxes(tracks, [v.verdict == TAKEN for v in verdicts])
     verdicts = [_unless_twice(*each) for each in zip(verdicts, tracks, explained, strict=True)]
-    offset = _offset(tracks, verdicts, foreground, number_of)
+    offset = _offset(tracks, verdicts, foreground, number_of, settings)
     moved = [_moved(track, offset, watched.size) for track in tracks]
     unseen = [each & ~track.observed for each, track in zip(explained, tracks, strict=True)]
     entries = [_entries(*each, settings) for each in zip(moved, tracks, verdicts, unseen, strict=True)]
@@ -165,9 +171,10 @@ def _offset(
     verdicts: Sequence[Verdict],
     foreground: Foreground | None,
     number_of: dict[int, int],
+    settings: LabelSettings,
 ) -> FloatArray:
-    """By how much the boxes of taken tracks usually lie off their silhouettes."""
-    if foreground is None:
+    """By how much to move boxes: part of what those of taken tracks usually lie off their silhouettes."""
+    if foreground is None or settings.onto_silhouettes == 0:
         return np.zeros(4)
     boxes: dict[int, list[FloatArray]] = {}
     for track, verdict in zip(tracks, verdicts, strict=True):
@@ -175,11 +182,17 @@ def _offset(
             for frame, box in zip(track.frames[track.observed].tolist(), track.boxes[track.observed], strict=True):
                 boxes.setdefault(frame, []).append(box)
     found = [
-        edge_offsets(foreground.picture(number).bright, np.stack(boxes[frame]))
+        _edge_offsets(foreground.picture(number), np.stack(boxes[frame]))
         for frame, number in number_of.items()
         if frame in boxes
     ]
-    return usual_offset(np.concatenate([np.empty((0, 4)), *found]))
+    return settings.onto_silhouettes * usual_offset(np.concatenate([np.empty((0, 4)), *found]))
+
+
+def _edge_offsets(picture: Difference, boxes: FloatArray) -> FloatArray:
+    """Of the silhouettes that are told from shadow; NaN for the others."""
+    told = told_from_shadow(picture.different, picture.bright, boxes)
+    return np.where(told[:, None], edge_offsets(picture.bright, boxes), np.nan)
 
 
 def _moved(track: Track, offset: FloatArray, size: tuple[int, int]) -> Track:

@@ -233,7 +233,7 @@ def _teaching(videos: Sequence[Watched], taught_by: Round, held_out: float) -> l
 
 def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
     """Look with ``models``, or read what an earlier call saw."""
-    folder, camera, settings = adaptation.folder(number), adaptation.camera, adaptation.settings
+    folder, camera, settings = adaptation.folder(number), adaptation.camera, _settings_of(adaptation, number)
     if (folder / _DONE).is_file():
         return _read(folder, number, models)
     seen = []
@@ -262,6 +262,12 @@ def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
     )
     _keep(here)
     return here
+
+
+def _settings_of(adaptation: Adaptation, number: int) -> AdaptSettings:
+    """Those of a round: boxes that were learnt from silhouettes are not moved again."""
+    settings = adaptation.settings
+    return replace(settings, labels=replace(settings.labels, onto_silhouettes=0.0)) if number else settings
 
 
 def _keep(here: Round) -> None:

@@ -19,18 +19,21 @@ class LabelSettings:
             part of the view: it never moves.
         still: what never moves is background to learn from, or left out of the learning (``ignored``), where people
             may sit through most of the video.
+        onto_silhouettes: share of the way that boxes are moved onto silhouettes, as they usually lie off them.
     """
 
     sure: float = 0.5
     least: float = 0.6
     moving: float = 0.2
     still: Literal["background", "ignored"] = "background"
+    onto_silhouettes: float = 0.5
 
     def __post_init__(self) -> None:
-        if not (0 <= self.sure <= 1 and 0 <= self.moving <= 1 and self.least >= 0):
+        shares = (self.sure, self.moving, self.onto_silhouettes)
+        if not (all(0 <= share <= 1 for share in shares) and self.least >= 0):
             raise RequestError(
-                "`labels`: expected sure and moving from 0 to 1 and least from 0, "
-                f"got {self.sure:g}, {self.moving:g} and {self.least:g}"
+                "`labels`: expected sure, moving and onto_silhouettes from 0 to 1 and least from 0, "
+                f"got {self.sure:g}, {self.moving:g}, {self.onto_silhouettes:g} and {self.least:g}"
             )
 
 

@@ -90,14 +90,14 @@ def test_filled_boxes_are_labels_and_mostly_filled_tracks_are_not(watched: Watch
     assert label(watched, foreground_of(watched), [most], [NONE] * 40, LabelSettings()).verdicts[0].verdict == UNSURE
 
 
-def test_boxes_come_to_lie_on_silhouettes(watched: Watched) -> None:
-    labels = label(
-        watched, foreground_of(watched), [street.track_of(n, shift=0.4) for n in range(2)], [NONE] * 40, LabelSettings()
-    )
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_boxes_are_moved_part_of_the_way_onto_silhouettes(watched: Watched, share: float) -> None:
+    tracks = [street.track_of(n, shift=0.4) for n in range(2)]
+    labels = label(watched, foreground_of(watched), tracks, [NONE] * 40, LabelSettings(onto_silhouettes=share))
     right = np.concatenate([t.boxes[:, 2] for t in labels.tracks])
     truth = np.concatenate([[street.box_of(n, f)[2] for f in t.frames] for n, t in enumerate(labels.tracks)])
-    # The room that labellers leave is 0.08 widths, and an edge is found to a pixel.
-    assert abs(np.median(right - truth) - 0.08 * 14) < 1.0
+    # From 0.4 widths to 0.08, the room about silhouettes; an edge is found to a pixel.
+    assert abs(np.median(right - truth) - (0.4 - 0.32 * share) * 14) < 1.0
 
 
 def test_where_somebody_may_be_nothing_is_learnt(watched: Watched) -> None:

@@ -86,6 +86,14 @@ def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[Found]], Ad
     assert counted == [30, 60]
 
 
+def test_boxes_are_moved_onto_silhouettes_once(adaptation: Callable[[list[Found]], Adaptation]) -> None:
+    """Otherwise a part of the way becomes the whole way in a few rounds."""
+    wide = seeing(2, 1.0)
+    wide = replace(wide, tracks=[street.track_of(n, shift=0.4) for n in range(2)])
+    finished = list(rounds(adaptation([wide, replace(wide, detections=seeing(2, 0.5).detections)])))
+    assert [here.scores.offset > 0.01 for here in finished] == [True, False]
+
+
 def test_finished_rounds_are_not_made_again(
     adaptation: Callable[[list[Found]], Adaptation], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from tests.trainers.adapt import street
-from tsuiseki.trainers.adapt.silhouettes import covered_share, difference, edge_offsets, moving_blobs, usual_offset
+from tsuiseki.trainers.adapt.silhouettes import (
+    covered_share,
+    difference,
+    edge_offsets,
+    moving_blobs,
+    told_from_shadow,
+    usual_offset,
+)
 
 
 def test_people_differ_and_nothing_else() -> None:
@@ -28,8 +35,20 @@ def test_a_shadow_is_told_from_a_person() -> None:
     assert bright[82:88, 45:75].mean() < 0.1
 
 
+def test_dark_legs_on_dark_ground_tell_nothing() -> None:
+    """Two people alike, but that the lower half of one is as dark as a shadow there."""
+    image = street.view().copy()
+    boxes = np.array([[20.0, 30.0, 40.0, 90.0], [80.0, 30.0, 100.0, 90.0]])
+    for x1, y1, x2, y2 in boxes.astype(int):
+        image[y1:y2, x1:x2] = (230, 40, 40)
+    image[60:90, 80:100] = (0.6 * street.view()[60:90, 80:100]).astype(np.uint8)
+    different, bright = difference(image, street.view())
+    assert (covered_share(different, boxes) > 0.9).all()
+    assert told_from_shadow(different, bright, boxes).tolist() == [True, False]
+
+
 def test_boxes_are_moved_onto_silhouettes() -> None:
-    """The right side lies 0.2 widths outside; labellers leave 0.08 of room, 0.03 above and below."""
+    """The right side lies 0.2 widths outside; silhouettes get 0.08 of room, 0.03 above and below."""
     offsets = []
     for frame in range(0, 20):
         _, bright = difference(street.picture(frame), street.view())
