@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from typing import Literal, get_args
@@ -33,6 +33,9 @@ METHODS: tuple[PeopleMethod, ...] = get_args(PeopleMethod)
 APPEARANCE = ("flow", "deepsort")
 # What `--affinity` takes: costs learnt on pairs, or on whole tracks.
 LearntCosts = Affinity | CostNetwork
+# Mean logit that a track's detections need where scores are probabilities: 0.62. Somebody far away is found with 0.65
+# in every frame, which the flow's own 1.0, or 0.73, of learnt costs takes for clutter.
+_PROBABLE = 0.5
 
 
 @dataclass(frozen=True)
@@ -89,8 +92,9 @@ def people_tracker(
     observation = scores if pairs is None else pairs.observation
     rate, size = DEFAULT_FRAME_RATE if source is None else source.frame_rate, getattr(source, "size", None)
     size = size if size and min(size) > 0 else None
+    flow = _flow_settings(settings.flow, observation)
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
-        "flow": lambda: FlowTracker(settings.flow, pairs, observation, rate, size, camera, seed, changes, delay),
+        "flow": lambda: FlowTracker(flow, pairs, observation, rate, size, camera, seed, changes, delay),
         "deepsort": lambda: DeepSort(settings.deepsort, seed),
         "sort": lambda: Sort(settings.sort, seed),
         "bytetrack": lambda: ByteTrack(settings.bytetrack, seed),
@@ -100,6 +104,13 @@ def people_tracker(
         raise RequestError(f"expected the method {', '.join(makers)} or a tracker, got {method!r}")
     tracker = makers[method]()
     return tracker if camera is None or method == "flow" else MotionCompensated(tracker, camera)
+
+
+def _flow_settings(given: FlowSettings, observation: ScoreCost | None) -> FlowSettings:
+    """The settings, and what they leave at its default where scores are probabilities."""
+    if isinstance(observation, ProbabilityCost) and given.least == FlowSettings().least:
+        return replace(given, least=_PROBABLE)
+    return given
 
 
 def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:
