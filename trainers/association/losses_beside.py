@@ -15,15 +15,16 @@ from tsuiseki.trainers.association.graphs import Graph
 TEMPERATURE = 0.1
 
 
-def finite(loss: Tensor, name: str) -> Tensor:
-    """The loss of the window ``name``.
+def finite(values: Tensor, name: str, what: str = "loss") -> Tensor:
+    """The loss, or the costs, of the window ``name``.
 
     Raises:
-        RunError: it is no number.
+        RunError: one of them is no number.
     """
-    if not torch.isfinite(loss):
-        raise RunError(f"the loss is {loss.item()} on {name}; lower --model.learning_rate and start again")
-    return loss
+    wrong = values.detach()[~torch.isfinite(values.detach())]
+    if len(wrong):
+        raise RunError(f"the {what} is {wrong[0].item()} on {name}; lower --model.learning_rate and start again")
+    return values
 
 
 def contrast_within(features: Tensor, graph: Graph) -> Tensor:

@@ -183,7 +183,11 @@ class AssociationTraining(lightning.LightningModule):
         return Seen(features, heads)
 
     def costs(self, batch: TrainingWindow, seen: Seen | None = None) -> Tensor:
-        """``(3 N + P,)`` costs of the arcs of a window of detections: by default, and what the networks change."""
+        """``(3 N + P,)`` costs of the arcs of a window of detections: by default, and what the networks change.
+
+        Raises:
+            RunError: one is no number, as those of weights that ran away are; names the window.
+        """
         graph, seen = batch.detections, seen or self.seen(batch)
         count = len(graph)
         base, rows, links = (self._tensor(part) for part in (graph.costs, graph.detections, graph.links))
@@ -195,12 +199,17 @@ class AssociationTraining(lightning.LightningModule):
             base = base + torch.cat([dearer, base.new_zeros(len(base) - count)])
         changes = self.network.detections(rows).T.reshape(3 * count)
         changes = torch.where(torch.as_tensor(graph.fixed, device=self.device), torch.zeros_like(changes), changes)
-        return base + torch.cat([changes, self.network.links(links)[:, 0]])
+        return finite(base + torch.cat([changes, self.network.links(links)[:, 0]]), graph.name, "cost")
 
     def join_costs(self, graph: Graph) -> Tensor:
-        """``(3 N + P,)`` costs of the arcs between tracklets, of which only those of joins change."""
+        """``(3 N + P,)`` costs of the arcs between tracklets, of which only those of joins change.
+
+        Raises:
+            RunError: as `costs`.
+        """
         joins = self.network.joins(self._tensor(graph.links))[:, 0]
-        return self._tensor(graph.costs) + torch.cat([joins.new_zeros(3 * len(graph)), joins])
+        costs = self._tensor(graph.costs) + torch.cat([joins.new_zeros(3 * len(graph)), joins])
+        return finite(costs, graph.name, "cost")
 
     def training_step(self, batch: TrainingWindow, batch_index: int) -> Tensor | None:
         """The loss of a window, and of the joins of its sequence; None for a window without detections.

@@ -173,6 +173,17 @@ def test_a_loss_that_is_no_number_names_its_window(walk: Path) -> None:
         module.training_step(EveryWindow(data.learnt, 1.0)[0], 0)
 
 
+@pytest.mark.parametrize("part", ["links", "detections"])
+def test_weights_that_ran_away_name_the_window(walk: Path, part: str) -> None:
+    data = AssociationData([walk])
+    data.setup("fit")
+    module = AssociationTraining()
+    torch.nn.init.constant_(getattr(module.network, part).linear.weight, float("nan"))
+    batch, rng = EveryWindow(data.learnt, 1.0)[0], np.random.default_rng(0)
+    with pytest.raises(RunError, match=r"cost is nan on walk, .*; lower"):
+        module.losses(batch, module.loss, rng)
+
+
 def test_an_unfinished_training_is_not_exported(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="expected a checkpoint at"):
         export_trained(tmp_path / "best.ckpt", tmp_path / "a.onnx")
