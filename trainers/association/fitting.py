@@ -26,7 +26,7 @@ class Fit:
 
     Attributes:
         loss: of the flow.
-        epsilon: of ``fenchel_young``.
+        epsilon: of ``fenchel_young`` and ``both``.
         epsilon_last: in the end; None keeps it.
         pairs: of perturbations.
         hidden: width of the hidden layers.
@@ -42,7 +42,7 @@ class Fit:
         seed: of windows, perturbations and first weights.
     """
 
-    loss: LossName = "fenchel_young"
+    loss: LossName = "both"
     epsilon: float = 1.0
     epsilon_last: float | None = None
     pairs: int = 1

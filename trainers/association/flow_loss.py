@@ -9,15 +9,16 @@ arcs, x̂(c) = argmin c·x over all flows, and x* the labelled flow:
 * Structured hinge (Wang and Fowlkes 2016): L(c) = c·x* − min_x [c·x − Δ(x, x*)], Δ a weighted Hamming distance. It is
   convex and at least 0, and 0 where x* is cheaper than every other flow by its Δ. A subgradient is x* − x̂ of that
   minimum.
+* Both: the mean of the two. Noise tells what may go wrong anywhere near the costs, the margin what goes most wrong.
 
-In both the solver is asked for minima only, so it may be any; nothing is differentiated through it.
+In each the solver is asked for minima only, so it may be any; nothing is differentiated through it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
@@ -26,7 +27,7 @@ from torch import Tensor
 from tsuiseki.tracking.association.flow.network_flow import FlowGraph, solve
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-LossName = Literal["fenchel_young", "hinge"]
+LossName = Literal["fenchel_young", "hinge", "both"]
 # How `map` is called; a pool of processes has another.
 Spread = Callable[[Callable[["Problem"], FloatArray], Iterable["Problem"]], Iterable[FloatArray]]
 
@@ -92,8 +93,8 @@ class FlowLoss:
     """Settings of a loss.
 
     Attributes:
-        name: ``fenchel_young`` or ``hinge``.
-        epsilon: ε, deviation of the perturbation of every cost; of ``fenchel_young``.
+        name: ``fenchel_young``, ``hinge``, or ``both`` for their mean.
+        epsilon: ε, deviation of the perturbation of every cost; of ``fenchel_young`` and ``both``.
         pairs: K, antithetic pairs Z, −Z that estimate the expectation.
     """
 
@@ -102,24 +103,32 @@ class FlowLoss:
     pairs: int = 1
 
     def __post_init__(self) -> None:
-        if self.name not in ("fenchel_young", "hinge") or self.epsilon <= 0 or self.pairs < 1:
-            raise ValueError("expected the loss fenchel_young or hinge, epsilon above 0 and pairs from 1")
+        if self.name not in get_args(LossName) or self.epsilon <= 0 or self.pairs < 1:
+            names = ", ".join(get_args(LossName))
+            raise ValueError(f"expected the loss {names}, epsilon above 0 and pairs from 1")
 
     def problems(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> list[Problem]:
-        """What the solver is to be asked at ``(3 N + P,)`` costs."""
-        if self.name == "hinge":
-            return [Problem(costs - differing(arcs)[1], arcs.tail, arcs.head)]
-        draws = self.epsilon * rng.standard_normal((self.pairs, len(costs)))
-        return [Problem(costs + sign * draw, arcs.tail, arcs.head) for draw in draws for sign in (1, -1)]
+        """What the solver is to be asked at ``(3 N + P,)`` costs: perturbed, then less the difference from x*."""
+        asked = []
+        if self.name != "hinge":
+            draws = self.epsilon * rng.standard_normal((self.pairs, len(costs)))
+            asked += [costs + sign * draw for draw in draws for sign in (1, -1)]
+        if self.name != "fenchel_young":
+            asked.append(costs - differing(arcs)[1])
+        return [Problem(one, arcs.tail, arcs.head) for one in asked]
 
     def value(
         self, costs: FloatArray, arcs: Arcs, problems: list[Problem], flows: list[FloatArray]
     ) -> tuple[float, FloatArray]:
         """The loss at the costs and its ``(3 N + P,)`` gradient, from the solver's answers."""
-        least = float(np.mean([problem.costs @ flow for problem, flow in zip(problems, flows, strict=True)]))
-        if self.name == "hinge":
-            least -= differing(arcs)[0]
-        return float(costs @ arcs.labelled) - least, arcs.labelled - np.mean(flows, axis=0)
+        least = np.array([problem.costs @ flow for problem, flow in zip(problems, flows, strict=True)])
+        share = np.full(len(problems), 1 / len(problems))
+        if self.name == "both":
+            share[:] = 0.25 / self.pairs
+            share[-1] = 0.5
+        if self.name != "fenchel_young":
+            least[-1] -= differing(arcs)[0]
+        return float(costs @ arcs.labelled - share @ least), arcs.labelled - share @ np.array(flows)
 
     def __call__(self, costs: Tensor, arcs: Arcs, rng: np.random.Generator, spread: Spread = map) -> Tensor:
         """The loss of ``(3 N + P,)`` costs, a scalar whose gradient goes on to what made them."""

@@ -55,11 +55,11 @@ class AssociationTraining(lightning.LightningModule):
         hidden: width of the network's hidden layers; 0 for a linear one, which few sequences call for.
         trust: share of the learnt change of what using a detection costs that is taken outside of training: scores and
             sizes mean other things in other videos, so half of it carries over better than all.
-        loss: ``fenchel_young`` or ``hinge``, see `flow_loss`.
-        epsilon: ε of ``fenchel_young``, in costs.
+        loss: ``fenchel_young``, ``hinge`` or ``both``, see `flow_loss`.
+        epsilon: ε of ``fenchel_young`` and ``both``, in costs.
         epsilon_last: ε in the end, approached geometrically; None keeps it.
         pairs: K, antithetic pairs of perturbations a step.
-        switch: what Δ of ``hinge`` counts for a wrong link; a missed detection counts 1.
+        switch: what Δ of ``hinge`` and ``both`` counts for a wrong link; a missed detection counts 1.
         length: power of the length of an identity that Δ is multiplied with.
         joins: weight of the loss of the second level, the joins of tracklets; 0 leaves it out.
         pairwise: weight of the cross-entropy of single links, the loss that costs are learnt by apart.
@@ -85,7 +85,7 @@ class AssociationTraining(lightning.LightningModule):
         self,
         hidden: int = 0,
         trust: float = 0.5,
-        loss: LossName = "fenchel_young",
+        loss: LossName = "both",
         epsilon: float = 1.0,
         epsilon_last: float | None = None,
         pairs: int = 1,

@@ -22,7 +22,7 @@ from tsuiseki.trainers.association.flow_loss import (
 
 # The solver rounds each of some 40 costs to a millionth.
 ROUNDED = 1e-4
-LOSSES = (FlowLoss("fenchel_young", 0.7, 3), FlowLoss("hinge"))
+LOSSES = (FlowLoss("fenchel_young", 0.7, 3), FlowLoss("hinge"), FlowLoss("both", 0.7, 3))
 
 
 def random_arcs(rng: np.random.Generator, count: int, share: float = 0.6) -> tuple[IntArray, IntArray]:
@@ -164,7 +164,7 @@ def test_hinge_is_zero_where_the_labelled_flow_wins_by_the_margin() -> None:
     assert float(FlowLoss("hinge")(torch.zeros(len(costs)), arcs, np.random.default_rng(0))) > 1
 
 
-@pytest.mark.parametrize("name", ["fenchel_young", "hinge"])
+@pytest.mark.parametrize("name", ["fenchel_young", "hinge", "both"])
 def test_descent_ends_at_the_labelled_flow(name: LossName) -> None:
     arcs, start = window(2)
     costs, rng = torch.tensor(start, requires_grad=True), np.random.default_rng(0)
@@ -175,6 +175,19 @@ def test_descent_ends_at_the_labelled_flow(name: LossName) -> None:
         FlowLoss(name, 0.3, 2)(costs, arcs, rng).backward()
         optimiser.step()
     np.testing.assert_array_equal(cheapest(Problem(costs.detach().numpy(), arcs.tail, arcs.head)), arcs.labelled)
+
+
+@pytest.mark.parametrize("pairs", [1, 3])
+def test_both_is_the_mean_of_the_two(pairs: int) -> None:
+    arcs, costs = window(3)
+    found = []
+    for name in ("fenchel_young", "hinge", "both"):
+        given = torch.tensor(costs, requires_grad=True)
+        loss = FlowLoss(name, 0.7, pairs)(given, arcs, np.random.default_rng(1))  # type: ignore[arg-type]
+        loss.backward()  # type: ignore[no-untyped-call]
+        assert given.grad is not None
+        found.append(np.append(given.grad.numpy(), loss.item()))
+    np.testing.assert_allclose((found[0] + found[1]) / 2, found[2], atol=1e-12)
 
 
 def test_the_same_draws_give_the_same_loss() -> None:

@@ -118,7 +118,9 @@ def test_surer_detections_are_cheaper(batch: TrainingWindow) -> None:
 def test_the_gradient_is_that_of_finite_differences(batch: TrainingWindow, detector: tuple[Path, Path]) -> None:
     """With one perturbation the loss is a straight line near by, so differences know its slope but for rounding."""
     torch.manual_seed(1)
-    module = AssociationTraining(detector=detector[0], detection=0.0, joins=0.0, epsilon=0.7).double()
+    module = AssociationTraining(
+        loss="fenchel_young", detector=detector[0], detection=0.0, joins=0.0, epsilon=0.7
+    ).double()
     assert module.detector is not None
     module._tensor = lambda values: torch.as_tensor(values, dtype=torch.float64)  # type: ignore[method-assign]
     in_double = module.detector.normalised

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.experiments.association.sequences import DATA_SETS, find_clips
+from tsuiseki.trainers.experiments.association.sequences import DATA_SETS, Clip, DataSet, find_clips
 from tsuiseki.trainers.experiments.association.tables import values_of
 from tsuiseki.trainers.experiments.end_to_end.given import DEFAULT, LOGISTIC, alternatives, given
 from tsuiseki.trainers.experiments.end_to_end.gradient import draw_gradient
@@ -17,6 +17,8 @@ from tsuiseki.trainers.experiments.end_to_end.through_pictures import appearance
 from tsuiseki.trainers.experiments.end_to_end.unseen import unseen_tables
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
 
+# Sets that can teach each other.
+POOL = ("mot15", "mot17", "kitti-pedestrians")
 SETS = ("mot15", "mot17", "kitti-pedestrians", "streets", "kitti-cars")
 PARTS = ("given", "alternatives", "unseen", "appearance", "heads", "gradient")
 
@@ -78,7 +80,7 @@ def _given(
     tables, values = list[Table](), dict[str, object]()
     for one, clips in sorted(there, key=lambda pair: SETS.index(pair[0].key)):
         if "given" in parts:
-            results = given(bench, one, clips)
+            results = given(bench, one, clips, _of_other_sets(data, one))
             values[one.key] = {result.name: values_of(result) for result in results}
             tables.append(gain_table(one.title, results, (DEFAULT, LOGISTIC)))
             limits = [bench.store.recall(lost_links, clip) for clip in clips]
@@ -86,6 +88,12 @@ def _given(
         if "alternatives" in parts and one.key == "mot15":
             tables.append(gain_table(f"{one.title}, alternatives", alternatives(bench, one, clips), (DEFAULT,)))
     return tables, values
+
+
+def _of_other_sets(data: Path, one: DataSet) -> list[Clip]:
+    """Real sequences of people in other sets; none for a set that is no such."""
+    pool = [other for other in DATA_SETS if other.key in POOL]
+    return [clip for other in pool if other != one for clip in find_clips(data, other)] if one in pool else []
 
 
 def _check(data: Path, sets: Sequence[str], parts: Sequence[str]) -> None:

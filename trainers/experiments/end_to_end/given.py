@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -31,31 +32,42 @@ from tsuiseki.trainers.experiments.experiment import Bench
 FOLDS = {"mot15": 6, "mot17": 4, "kitti-pedestrians": 5, "kitti-cars": 4, "streets": 4}
 GAP = 2.0
 DEFAULT, LOGISTIC, TREES, ORACLE = "default", "pairs, logistic", "pairs, boosted trees", "right links"
-SEARCHED, SHARED = "direct search", "Fenchel-Young, shares by HOTA"
-LEARNT = {"Fenchel-Young": Fit(), "hinge": Fit(loss="hinge")}
+SEARCHED, SHARED = "direct search", "both losses, shares by HOTA"
+POOLED = "both losses, other sets too"
+BOTH = "both losses"
+LEARNT = {"Fenchel-Young": Fit(loss="fenchel_young"), "hinge": Fit(loss="hinge"), BOTH: Fit()}
+FIT_OF_POOL = Fit(steps=300)
 OTHERS = {
     "all of the change of detections": Fit(trust=1.0),
     "windows of 6 s": Fit(seconds=6.0),
-    "hinge, Δ by length of the identity": Fit(loss="hinge", length=0.5),
+    "Δ by length of the identity": Fit(length=0.5),
     "ε from 3 to 0.5": Fit(epsilon=3.0, epsilon_last=0.5),
     "joins as they are": Fit(joins=0.0),
     "two hidden layers of 12": Fit(hidden=12),
     "400 windows": Fit(steps=400),
     "cross-entropy of links beside": Fit(pairwise=0.3),
 }
-OF_OTHERS = "the other groups"
+OF_OTHERS, OF_POOL = "the other groups", "the other groups and sets"
 
 
-def given(bench: Bench, one: DataSet, clips: list[Clip]) -> list[Result]:
-    """All rows of a data set."""
+def given(bench: Bench, one: DataSet, clips: list[Clip], others: Sequence[Clip] = ()) -> list[Result]:
+    """All rows of a data set.
+
+    Args:
+        bench: where it works.
+        one: the data set.
+        clips: its sequences.
+        others: sequences of other sets, for the row that learns from them, too; by default there is no such row.
+    """
     recall = bench.store.recall
     rows = [
         default(bench, clips),
         *(_learnt(bench, one, clips, name, fit) for name, fit in LEARNT.items()),
-        _shared(bench, one, clips),
-        _searched(bench, one, clips),
         _folded(bench, one, clips, LOGISTIC, lambda a, b: recall(pairwise_tables, a, b, "logistic")),
         _folded(bench, one, clips, TREES, lambda a, b: recall(pairwise_tables, a, b, "trees")),
+        *([_pooled(bench, one, clips, others)] if others else []),
+        _shared(bench, one, clips),
+        _searched(bench, one, clips),
     ]
     oracle = np.stack([recall(right_sums, clip, GAP, True) for clip in clips])
     return [*rows, Result(ORACLE, oracle, "labels")]
@@ -84,6 +96,13 @@ def _learnt(bench: Bench, one: DataSet, clips: list[Clip], name: str, fit: Fit) 
     return _folded(bench, one, clips, name, lambda a, b: bench.store.recall(learnt_tables, a, b, fit))
 
 
+def _pooled(bench: Bench, one: DataSet, clips: list[Clip], others: Sequence[Clip]) -> Result:
+    def tables(train: tuple[Clip, ...], tests: tuple[Clip, ...]) -> list[FloatArray]:
+        return bench.store.recall(learnt_tables, (*train, *others), tests, FIT_OF_POOL)
+
+    return replace(_folded(bench, one, clips, POOLED, tables), settings=OF_POOL)
+
+
 def _folded(
     bench: Bench,
     one: DataSet,
@@ -102,7 +121,7 @@ def _folded(
 
 def _shared(bench: Bench, one: DataSet, clips: list[Clip]) -> Result:
     """Learnt through the flow, of which as much is taken as HOTA inside the training groups asks for."""
-    groups, fit = groups_of(one, clips), LEARNT["Fenchel-Young"]
+    groups, fit = groups_of(one, clips), LEARNT[BOTH]
     inner = dict[tuple[int, int], dict[int, FloatArray]]()
     pairs = list(combinations(range(len(groups)), 2)) if len(groups) > 2 else []
     for a, b in bench.watch.over(pairs, f"{one.key}: shares"):
@@ -113,7 +132,8 @@ def _shared(bench: Bench, one: DataSet, clips: list[Clip]) -> Result:
 
     def tables(train: tuple[Clip, ...], tests: tuple[Clip, ...]) -> list[FloatArray]:
         left = next(number for number, group in enumerate(groups) if clips[group[0]] == tests[0])
-        return bench.store.recall(shared_tables, train, tests, fit, _best_share(inner, groups, left))
+        (found,) = bench.store.recall(shared_tables, train, tests, fit, (_best_share(inner, groups, left),))
+        return found
 
     return _folded(bench, one, clips, SHARED, tables)
 

@@ -72,7 +72,9 @@ def draw_gradient(meetings: int = 20, steps: int = 400, seed: int = 100, epsilon
 
     graph = affordable(sequence_graphs(crossing(seed)).detections)
     meeting = window(graph, MEETING - 9, MEETING + 10)
-    changes = trained_on_crossings(range(meetings), Fit(steps=steps, learning_rate=0.01, trust=1.0))
+    changes = trained_on_crossings(
+        range(meetings), Fit(loss="fenchel_young", steps=steps, learning_rate=0.01, trust=1.0)
+    )
     figure = Figure(figsize=(12, 4.6), layout="constrained")
     for axes, title, known in zip(
         figure.subplots(1, 2, sharey=True), ("before", "after"), (None, changes), strict=True

@@ -53,7 +53,7 @@ def heads_sums(
     for way in WAYS:
         torch.manual_seed(0)
         own = 0.0 if way == "the flow's loss" else OWN
-        module = AssociationTraining(detector=start, detector_rate=RATE, detection=own, joins=0.0)
+        module = AssociationTraining(loss="fenchel_young", detector=start, detector_rate=RATE, detection=own, joins=0.0)
         module.trunk = trunk
         # The costs stay as they are, so that what is gained is the detector's.
         module.network.requires_grad_(False)

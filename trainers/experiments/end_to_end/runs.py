@@ -50,11 +50,11 @@ def learnt_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit) ->
 
 
 def shared_tables(
-    train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit, share: tuple[float, float]
-) -> list[FloatArray]:
-    """As `learnt_tables`, with shares of the changes of links and joins, and of detections."""
+    train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit, shares: tuple[tuple[float, float], ...]
+) -> list[list[FloatArray]]:
+    """As `learnt_tables`, for each share of the changes of links and joins, and of detections."""
     changes = NetworkChanges(fit_network(learnable(train), replace(fit, trust=1.0)))
-    return [tracked(clip, Shrunk(changes, *share)) for clip in tests]
+    return [[tracked(clip, Shrunk(changes, *share)) for clip in tests] for share in shares]
 
 
 def shipped_table(clip: Clip) -> FloatArray:

@@ -22,7 +22,7 @@ from tsuiseki.trainers.experiments.experiment import Bench, Table
 
 KEYS = ("mot17", "mot15", "kitti-pedestrians", "pets", "tud")
 FIT = Fit(steps=300)
-SHIPPED, ALL, LINKS, HALF = "trees of pairs that ship", "Fenchel-Young", "… links alone", "… half of all"
+SHIPPED, ALL, LINKS, HALF = "trees of pairs that ship", "both losses", "… links alone", "… half of all"
 SHARES = {LINKS: (1.0, 0.0), HALF: (0.5, 0.5)}
 
 
@@ -53,10 +53,8 @@ def unseen_tables(bench: Bench, data: Path, streets: Path) -> tuple[list[Table],
 
 
 def _learnt(bench: Bench, train: tuple[Clip, ...], every: tuple[Clip, ...]) -> dict[str, list[FloatArray]]:
-    found = {ALL: bench.store.recall(learnt_tables, train, every, FIT)}
-    for name, share in SHARES.items():
-        found[name] = bench.store.recall(shared_tables, train, every, FIT, share)
-    return found
+    shared = bench.store.recall(shared_tables, train, every, FIT, tuple(SHARES.values()))
+    return {ALL: bench.store.recall(learnt_tables, train, every, FIT), **dict(zip(SHARES, shared, strict=True))}
 
 
 def _row(bench: Bench, name: str, clips: list[Clip], table: Callable[[Clip], FloatArray]) -> Result:
