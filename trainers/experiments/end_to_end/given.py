@@ -20,10 +20,10 @@ from tsuiseki.trainers.experiments.end_to_end.choosing import (
     scalar_sums,
     share_sums,
 )
+from tsuiseki.trainers.experiments.end_to_end.pairwise import pairwise_tables
 from tsuiseki.trainers.experiments.end_to_end.runs import (
     default_table,
     learnt_tables,
-    pairwise_tables,
     shared_tables,
 )
 from tsuiseki.trainers.experiments.experiment import Bench

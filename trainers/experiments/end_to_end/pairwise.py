@@ -23,14 +23,17 @@ from tsuiseki.tracking.association.flow.cost_network import LARGEST
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import RandomWindows
+from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
 from tsuiseki.trainers.association.graphs import Graph, Graphs
+from tsuiseki.trainers.experiments.association.sequences import Clip
+from tsuiseki.trainers.experiments.end_to_end.runs import learnable, tracked
 
 Learner = Literal["logistic", "trees"]
-# Cost of a start and of an end by default: a link of even chances costs half of both.
-ENDS = 5.0
 # Trust in links and in detections, worth of a detection of even chances, cost of ends beyond the default.
 FIRST = (1.0, 0.5, -3.0, 0.0)
+# Share of the learnt change of what using a detection costs that is taken outside of training.
+TRUST = Fit().trust
 LOOKS, WINDOWS, SECONDS, MOST_LINKS = 30, 8, 3.0, 40_000
 
 
@@ -60,19 +63,25 @@ class PairChanges:
         """``(P,)`` changes of the costs of links."""
         if not len(rows):
             return np.zeros(0)
-        return _within(self.scalars[0] * (ENDS - self.link.decision_function(rows)) - rows[:, 0])
+        return _within(self.scalars[0] * _surprise(self.link.decision_function(rows)) - rows[:, 0])
 
     def detections(self, rows: FloatArray) -> FloatArray:
         """``(N, 3)`` changes of the costs of detections, of a track's start and of its end there."""
         if not len(rows):
             return np.zeros((0, 3))
         _, trust, worth, ends = self.scalars
-        use = _within(worth - trust * self.detection.decision_function(rows) - rows[:, 0])
+        # As much of it as of what is learnt through the flow: what a score is worth differs from video to video.
+        use = TRUST * _within(worth - trust * self.detection.decision_function(rows) - rows[:, 0])
         return np.stack([use, np.full(len(rows), ends), np.full(len(rows), ends)], axis=1)
 
     def joins(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` zeros: joins stay as they are."""
         return np.zeros(len(rows))
+
+
+def _surprise(logit: FloatArray) -> FloatArray:
+    """−log p of a probability's logit: what a link costs (Zhang et al. 2008, eq. 11)."""
+    return np.asarray(np.logaddexp(0.0, -logit))
 
 
 def _within(change: FloatArray) -> FloatArray:
@@ -94,8 +103,14 @@ class _Known:
         use = _within(worth - trust * self.detection - self.graph.detections[:, 0])
         changes = np.concatenate([use, np.full(2 * count, np.clip(ends, -LARGEST, LARGEST))])
         changes[self.graph.fixed] = 0
-        links = _within(trust_link * (ENDS - self.link) - self.graph.links[:, 0])
+        links = _within(trust_link * _surprise(self.link) - self.graph.links[:, 0])
         return np.asarray(self.graph.costs + np.concatenate([changes, links]))
+
+
+def pairwise_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], learner: Learner) -> list[FloatArray]:
+    """Tracks of ``tests`` by costs that were learnt on the pairs of ``train``."""
+    changes = fit_pairs(learnable(train), learner)
+    return [tracked(clip, changes) for clip in tests]
 
 
 @threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]

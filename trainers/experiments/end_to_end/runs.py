@@ -17,7 +17,6 @@ from tsuiseki.trainers.association.flow_loss import Problem, cheapest
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, sequence_graphs
 from tsuiseki.trainers.experiments.association.labelled import read_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
-from tsuiseki.trainers.experiments.end_to_end.pairwise import Learner, fit_pairs
 from tsuiseki.trainers.experiments.end_to_end.simple_changes import Shrunk
 
 
@@ -61,12 +60,6 @@ def shipped_table(clip: Clip) -> FloatArray:
     """Tracks with the costs of pairs that ship, by boxes alone."""
     pairs = Affinity(shipped("affinity_people"), 1)
     return _table(clip, FlowTracker(None, pairs, pairs.observation, clip.rate, _size(clip)))
-
-
-def pairwise_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], learner: Learner) -> list[FloatArray]:
-    """Tracks of ``tests`` by costs that were learnt on the pairs of ``train``."""
-    changes = fit_pairs(learnable(train), learner)
-    return [tracked(clip, changes) for clip in tests]
 
 
 def tracked(clip: Clip, changes: CostChanges | None) -> FloatArray:
