@@ -23,10 +23,10 @@ LENGTH = 40
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two sequences of MOT15 in which two people meet."""
+    """Two sequences of MOT15 in which two people meet, and one of MOT17."""
     home = tmp_path_factory.mktemp("data")
-    for seed, name in enumerate(("ONE", "TWO")):
-        folder, video = home / "mot" / "mot15" / name, crossing(seed, LENGTH)
+    for seed, name in enumerate(("mot15/ONE", "mot15/TWO", "mot17-val-half/THREE")):
+        folder, video = home / "mot" / name, crossing(seed, LENGTH)
         rows = [(t, box, s) for t, f in enumerate(video.detections) for box, s in zip(f.boxes, f.scores, strict=True)]
         labels = zip(video.truth.frames, video.truth.ids, video.truth.boxes, strict=True)
         for part, lines in (
@@ -35,7 +35,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ):
             (folder / part).mkdir(parents=True)
             (folder / part / f"{part}.txt").write_text("\n".join(lines) + "\n")
-        write_sequence_info(folder, name, 25.0, LENGTH, 640, 480)
+        write_sequence_info(folder, folder.name, 25.0, LENGTH, 640, 480)
     return home
 
 
@@ -46,12 +46,21 @@ def _xywh(box: np.ndarray) -> str:
 @pytest.mark.slow
 def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(given, "LOOKS", 4)
+    monkeypatch.setattr(given, "FIT_OF_POOL", Fit(steps=5))
     words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given", "--sets", "mot15"]
     words += ["--cache", str(tmp_path / "cache")]
     assert main([*words, "--out", str(tmp_path / "one")]) == 0
     values = json.loads((tmp_path / "one" / "results.json").read_text())["mot15"]
-    rows = {"default", "pairs, logistic", "pairs, boosted trees", "hinge", "Fenchel-Young", "right links"}
-    rows |= {"direct search", "Fenchel-Young, shares by HOTA"}
+    rows = {
+        "default",
+        "pairs, logistic",
+        "pairs, boosted trees",
+        "hinge",
+        "Fenchel-Young",
+        "both losses",
+        "right links",
+    }
+    rows |= {"direct search", "both losses, shares by HOTA", "both losses, other sets too"}
     assert set(values) == rows
     assert all(0 < found["hota"] <= 1 for found in values.values())
     assert values["right links"]["idf1"] >= values["default"]["idf1"]
@@ -72,7 +81,7 @@ def test_what_is_not_there(words: list[str], message: str, tmp_path: Path, capsy
 
 def test_training_turns_the_gradient_down_on_meetings_not_seen() -> None:
     graph = sequence_graphs(crossing(100)).detections
-    changes = trained_on_crossings(range(4), Fit(steps=100, learning_rate=0.01))
+    changes = trained_on_crossings(range(4), Fit(loss="fenchel_young", steps=100, learning_rate=0.01))
     before, after = (np.abs(gradient_of(graph, known, 1.0)).sum() for known in (None, changes))
     assert before > 5
     assert after < 0.5 * before
