@@ -47,7 +47,7 @@ class UnrollingSettings:
             of head and feet and from the camera's height.
     """
 
-    rings: tuple[int, ...] = (1, 2, 4)
+    rings: tuple[int, ...] = (1, 4)
     downward: bool = True
     overlap: float = 0.25
     horizon: float = 0.03
