@@ -32,13 +32,21 @@ from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.features.networks.exported import Appearance, Detect, Detector
-from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, about_bodies, half_turned, read_rotated_labels
+from tsuiseki.tracking.features.unrolled import UnrollingSettings
+from tsuiseki.tracking.formats.space.rotated import (
+    RotatedBoxes,
+    about_bodies,
+    as_detections,
+    half_turned,
+    read_rotated_labels,
+)
 from tsuiseki.tracking.geometry import rotated_iou
+from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.pipelines.ceiling import CeilingView
 from tsuiseki.tracking.pipelines.fisheye import DETECTORS, looking
 from tsuiseki.tracking.report.floor import corners
 from tsuiseki.tracking.trackers.fisheye import FisheyeSettings, FisheyeTracker
-from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
 
 # Height of the camera over the floor; only the person's share of it matters in the image.
@@ -57,6 +65,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path("../shared/data/fisheye"))
     parser.add_argument("--detector", type=Path, default=None)
     parser.add_argument("--view", choices=("unrolled", "image"), default="unrolled")
+    parser.add_argument("--rings", default="1,4", help="tiles of each ring of unrolled views, separated by commas")
     parser.add_argument("--overhead", type=Path, default=None, help="draw the model over a still into this file")
     parser.add_argument("--blank", action="store_true", help="and leave the still out")
     options = parser.parse_args()
@@ -67,11 +76,12 @@ def main() -> None:
     for path in sorted((options.data / "calibrations").glob("*.txt")):
         lens(path)
     boards(options.data / "ocam-overhead")
+    views = UnrollingSettings(rings=tuple(int(n) for n in options.rings.split(",")))
     network = Detector(options.detector or shipped(DETECTORS[options.view]), 0.05, threads=1)
 
     @lru_cache(maxsize=4)
     def detector(width: int, height: int) -> Detect:
-        return looking(network, _camera(width, height), options.view)
+        return looking(network, _camera(width, height), options.view, views)
 
     for name in ("rotated-boxes", "cepdof-sample"):
         detected(options.data / name, detector, labelled(options.data / name))
@@ -152,7 +162,7 @@ def _table(width: int, height: int, person: PersonModel) -> PersonTable:
 
 
 def _picture(folder: Path, name: str) -> ImageArray:
-    return np.asarray(cv2.imread(str(folder / "images" / f"{name}.jpg"), cv2.IMREAD_COLOR_RGB), dtype=np.uint8)
+    return read_image(folder / "images" / f"{name}.jpg")
 
 
 def labelled(folder: Path) -> dict[str, PersonTable]:
@@ -235,7 +245,7 @@ def ten_frames(folder: Path, detector: Callable[[int, int], Detect]) -> None:
         for name, each in labels.items():
             image = _picture(folder, name)
             if source == "given":
-                upright = Detections(_stood(each.boxes), np.ones(len(each.boxes)), angles=each.boxes[:, 4])
+                upright = as_detections(each)
             else:
                 found = detector(image.shape[1], image.shape[0]).detect([image])[0]
                 upright = found.select(found.scores >= LEAST_SCORE)
@@ -244,11 +254,6 @@ def ten_frames(folder: Path, detector: Callable[[int, int], Detect]) -> None:
         scores = evaluate_sequences([SequencePair(truth.name, truth.labels, tracks, truth.length)]).combined
         print(f"{folder.name}, {source} boxes: {len(tracks)} tracks of {len(set(truth.labels.ids.tolist()))} people, "
               f"{scores.id_switches} switches, MOTA {scores.mota:.3f}, IDF1 {scores.idf1:.3f}")  # fmt: skip
-
-
-def _stood(boxes: FloatArray) -> FloatArray:
-    """``(N, 4)`` x1, y1, x2, y2 of rotated boxes before they are turned."""
-    return np.concatenate([boxes[:, :2] - boxes[:, 2:4] / 2, boxes[:, :2] + boxes[:, 2:4] / 2], axis=1)
 
 
 def overhead(folder: Path, out: Path, *, blank: bool) -> None:

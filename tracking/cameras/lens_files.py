@@ -14,9 +14,9 @@ fitted (`lens_fitting`), and so are those to write.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -27,6 +27,7 @@ from tsuiseki.tracking.cameras.files import HALF_PIXEL, read_intrinsics
 from tsuiseki.tracking.cameras.lens_fitting import (
     EquidistantLens,
     UnifiedLens,
+    distances,
     fit_inverse,
     fit_omnidirectional,
 )
@@ -51,6 +52,23 @@ def read_lens(path: Path, image_size: tuple[int, int] | None = None) -> Omnidire
     Raises:
         RequestError: no such file, another format, or a calibration that is cut short or has failed.
     """
+    return read_lens_fitted(path, image_size)[0]
+
+
+def read_lens_fitted(path: Path, image_size: tuple[int, int] | None = None) -> tuple[OmnidirectionalLens, FloatArray]:
+    """The lens in ``path``, and how far it is from the file's own model.
+
+    Args:
+        path: see `read_lens`.
+        image_size: see `read_lens`.
+
+    Returns:
+        The lens, and the ``(N,)`` pixels between where it and the file's model put the same rays, over the image: zeros
+        where the file holds Scaramuzza's model.
+
+    Raises:
+        RequestError: see `read_lens`.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -61,13 +79,16 @@ def read_lens(path: Path, image_size: tuple[int, int] | None = None) -> Omnidire
         return _checked(path, lambda t: _read_py_ocam(t, image_size), text)
     if "distortion_model" in text:
         return _checked(path, _read_kalibr, text)
+    return _checked(path, lambda _: _read_opencv(path, image_size), text)
+
+
+def _read_opencv(path: Path, image_size: tuple[int, int] | None) -> EquidistantLens:
     intrinsics = read_intrinsics(path, image_size)
     if intrinsics.distortion[4] != 0:
-        raise RequestError(f"{path}: expected the four coefficients of a fisheye calibration, got five of another lens")
-    lens = EquidistantLens(
+        raise RequestError("expected the four coefficients of a fisheye calibration, got five of another lens")
+    return EquidistantLens(
         intrinsics.width, intrinsics.height, intrinsics.focal, intrinsics.principal_point, intrinsics.distortion[:4]
     )
-    return fit_omnidirectional(lens)
 
 
 def write_lens(path: Path, lens: OmnidirectionalLens, kind: LensFormat) -> FloatArray:
@@ -91,14 +112,20 @@ def write_lens(path: Path, lens: OmnidirectionalLens, kind: LensFormat) -> Float
     return residuals
 
 
-def _checked(path: Path, read: Any, text: str) -> OmnidirectionalLens:
+def _checked(
+    path: Path, read: Callable[[str], OmnidirectionalLens | UnifiedLens | EquidistantLens], text: str
+) -> tuple[OmnidirectionalLens, FloatArray]:
     try:
-        lens: OmnidirectionalLens = read(text)
+        model = read(text)
+        if isinstance(model, OmnidirectionalLens):
+            return model, np.zeros(1)
+        lens = fit_omnidirectional(model)
+        return lens, distances(lens, model)
     except RequestError as error:
-        raise RequestError(f"{path}: {error}") from error
+        known = str(error).startswith(str(path))
+        raise RequestError(str(error) if known else f"{path}: {error}") from error
     except (ValueError, KeyError, TypeError, IndexError, yaml.YAMLError) as error:
         raise RequestError(f"{path}: expected a lens calibration, got one that is broken ({error})") from error
-    return lens
 
 
 def _read_ocam(text: str) -> OmnidirectionalLens:
@@ -178,7 +205,7 @@ def _rescaled(lens: OmnidirectionalLens, factor: float) -> OmnidirectionalLens:
 def _read_py_ocam(text: str, image_size: tuple[int, int] | None) -> OmnidirectionalLens:
     content = json.loads(text)
     if image_size is None:
-        raise RequestError("expected an image size, which this format does not hold; give it")
+        raise RequestError("expected `image_size` WIDTH,HEIGHT, which py-OCamCalib's files do not hold")
     direct = np.array(content["taylor_coefficient"], dtype=np.float64)
     if len(direct) > MOST_COEFFICIENTS or not direct.size or direct[0] <= 0:
         raise RequestError("expected a taylor_coefficient above 0 at 0: the calibration has failed; calibrate again")
@@ -207,7 +234,7 @@ def _py_ocam_text(lens: OmnidirectionalLens) -> str:
     return json.dumps(content, indent=1) + "\n"
 
 
-def _read_kalibr(text: str) -> OmnidirectionalLens:
+def _read_kalibr(text: str) -> UnifiedLens | EquidistantLens:
     content = yaml.safe_load(text)
     cameras = [name for name in content if str(name).startswith("cam")]
     entry = content[cameras[0]] if cameras else content
@@ -218,11 +245,9 @@ def _read_kalibr(text: str) -> OmnidirectionalLens:
     coefficients = np.array(entry["distortion_coeffs"], dtype=np.float64)
     model, distortion = entry.get("camera_model"), entry.get("distortion_model")
     if (model, distortion) == ("omni", "radtan") and values.shape == (5,) and coefficients.shape == (4,):
-        return fit_omnidirectional(
-            UnifiedLens(width, height, values[1:3], values[3:5] + HALF_PIXEL, float(values[0]), coefficients)
-        )
+        return UnifiedLens(width, height, values[1:3], values[3:5] + HALF_PIXEL, float(values[0]), coefficients)
     if (model, distortion) == ("pinhole", "equidistant") and values.shape == (4,) and coefficients.shape == (4,):
-        return fit_omnidirectional(EquidistantLens(width, height, values[:2], values[2:] + HALF_PIXEL, coefficients))
+        return EquidistantLens(width, height, values[:2], values[2:] + HALF_PIXEL, coefficients)
     raise RequestError(
         "expected omni with radtan or pinhole with equidistant, each with its intrinsics and four coefficients, "
         f"got {model} with {distortion}"

@@ -185,9 +185,21 @@ def image_rays(lens: OmnidirectionalLens) -> tuple[FloatArray, FloatArray]:
 
 
 def inverse_error(lens: OmnidirectionalLens) -> float:
-    """How far the inverse polynomial is from the exact root at most, pixels, over the image."""
+    """How far the inverse polynomial is from the exact root at most, over every pixel of the image; pixels."""
+    x, y = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    # It is worst in the corners, which a grid would miss.
+    pixels = pixels[lens.seen(pixels)]
+    return float(
+        np.nanmax(np.hypot(*(lens.project_by_inverse(np.asarray(lens.rays(pixels), dtype=np.float64)) - pixels).T))
+    )
+
+
+def distances(lens: OmnidirectionalLens, other: Lens) -> FloatArray:
+    """``(N,)`` pixels between where two lenses put the same rays, over what both see of the image."""
     pixels, rays = image_rays(lens)
-    return float(np.hypot(*(lens.project_by_inverse(rays) - pixels).T).max())
+    away = np.hypot(*(other.project(rays) - pixels).T)
+    return np.asarray(away[np.isfinite(away)])
 
 
 def _nearest(

@@ -14,6 +14,7 @@ from tsuiseki.tracking.options import OutputFile, Shared
 if TYPE_CHECKING:
     from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
     from tsuiseki.tracking.cameras.projective import PinholeCamera
+    from tsuiseki.tracking.types import FloatArray
 
 CAMERA_FILE = OutputFile(out=Path("cameras.yaml"))
 
@@ -50,12 +51,12 @@ class LensSizes(ImageSize):
         super().check()
         _check_size("resize", self.resize)
 
-    def read(self, file: Path) -> OmnidirectionalLens:
-        """The fisheye lens in ``file``, for images of the wanted size."""
-        from tsuiseki.tracking.cameras.lens_files import read_lens
+    def read(self, file: Path) -> tuple[OmnidirectionalLens, FloatArray]:
+        """The fisheye lens in ``file``, for images of the wanted size; and see `read_lens_fitted`."""
+        from tsuiseki.tracking.cameras.lens_files import read_lens_fitted
 
-        lens = read_lens(file, self.image_size)
-        return lens if self.resize is None else lens.resized(*self.resize, self.resize_by)
+        lens, residuals = read_lens_fitted(file, self.image_size)
+        return (lens if self.resize is None else lens.resized(*self.resize, self.resize_by)), residuals
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class FloorPose(LensSizes):
         if self.projective:
             camera = read_intrinsics(file, self.image_size).camera()
         else:
-            camera = OmnidirectionalCamera(self.read(file), np.eye(3), np.zeros(3))
+            camera = OmnidirectionalCamera(self.read(file)[0], np.eye(3), np.zeros(3))
         if self.points is not None:
             return locate_from_points(camera, self.points)
         return pose_at(camera, self.height or 0.0, np.radians(self.tilt), np.radians(self.turn)), []

@@ -15,6 +15,14 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detect
 from tsuiseki.tracking.features.unrolled import UnrolledDetector, UnrollingSettings
 from tsuiseki.tracking.features.view_choice import SizedDetect
+from tsuiseki.tracking.formats.mot import read_detections
+from tsuiseki.tracking.formats.space.rotated import (
+    as_detections,
+    is_rotated,
+    read_rotated_detections,
+    read_rotated_labels,
+)
+from tsuiseki.tracking.image_folder import ImageFolder
 from tsuiseki.tracking.pipelines.ceiling import CeilingView
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import (
@@ -108,6 +116,40 @@ def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraO
             f"{source.name}; calibrate at that size, or scale the calibration with `resize` cut or widen"
         )
     return placed.resized(width, height, resize)
+
+
+def given_detections(path: Path, source: Source, score_range: tuple[float, float] | None = None) -> list[Detections]:
+    """The detections of each frame of ``source`` in a file: MOTChallenge text, or rotated boxes by image.
+
+    Args:
+        path: a det.txt, or what `tsuiseki.tracking.formats.space.rotated` reads: detections, or labels as such.
+        source: the video; a folder of images where the boxes are rotated, since those name images.
+        score_range: smallest and largest score to expect; by default any.
+
+    Raises:
+        RequestError: the file is missing or malformed, names images that ``source`` has not, or has scores outside the
+            range.
+    """
+    if not (path.is_dir() or path.suffix.lower() == ".json"):
+        return read_detections(path, source.length, score_range)
+    found = read_rotated_labels(path) if path.is_dir() or is_rotated(path) else read_rotated_detections(path)
+    images = source.images if isinstance(source, ImageFolder) else ()
+    if not images:
+        raise RequestError(f"{path}: rotated boxes name images; expected a folder of images, got {source.name}")
+    frames = {name: index for index, image in enumerate(images) for name in (image.name, image.stem)}
+    strangers = [name for name in found if name not in frames]
+    if strangers:
+        raise RequestError(
+            f"{path}: expected boxes of the {len(images)} images of {source.name}, got some of {strangers[0]}"
+        )
+    low, high = score_range or (-np.inf, np.inf)
+    result = [Detections.empty()] * len(images)
+    for name, each in found.items():
+        outside = each.scores[~((each.scores >= low) & (each.scores <= high))]
+        if len(outside):
+            raise RequestError(f"{path}: {name}: expected scores from {low:g} to {high:g}, got {outside[0]:g}")
+        result[frames[name]] = as_detections(each)
+    return result
 
 
 def looking(

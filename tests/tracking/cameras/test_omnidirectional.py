@@ -156,7 +156,7 @@ def test_py_ocamcalib_needs_an_image_size(tmp_path):
     path.write_text(
         json.dumps({"taylor_coefficient": [100.0, 0], "distortion_center": [1, 2], "stretch_matrix": [[1, 0], [0, 1]]})
     )
-    with pytest.raises(RequestError, match="image size"):
+    with pytest.raises(RequestError, match="image_size"):
         read_lens(path)
 
 

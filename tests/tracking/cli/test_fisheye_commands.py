@@ -77,6 +77,46 @@ def test_detectors_look_at_unrolled_views_and_at_images(room, tmp_path):
         assert json.loads((out / "run.json").read_text())["seconds"]["detect"] > 0
 
 
+def rotated(room, tmp_path, change=lambda rows: rows):
+    """The boxes of the first camera as a network of rotated boxes writes them: each as a diamond."""
+    rows = [
+        {"image_id": f"{int(r[0]):06d}", "bbox": [x + w / 2, y + h / 2, w, h, 45.0], "score": 0.9}
+        for r in (line.split(",") for line in (room / "camera1.txt").read_text().splitlines())
+        for x, y, w, h in [map(float, r[2:6])]
+    ]
+    path = tmp_path / "rotated.json"
+    path.write_text(json.dumps(change(rows)))
+    content = yaml.safe_load((room / "cameras.yaml").read_text())
+    (tmp_path / "one.yaml").write_text(yaml.safe_dump({"cameras": content["cameras"][:1]}))
+    return ["--detections", str(path), "--cameras", str(tmp_path / "one.yaml"), "--appearance", "none"]
+
+
+def test_rotated_boxes_of_a_network_are_tracked(room, tmp_path):
+    out = tmp_path / "out"
+    assert track(room, out, *rotated(room, tmp_path), sources=("camera1",)) == 0
+    rows = np.genfromtxt(out / "world.csv", delimiter=",", names=True)
+    assert len(rows) == len((room / "camera1.txt").read_text().splitlines())
+    # The model turns a box by half a turn where the feet are at its other end.
+    assert set(rows["degrees"].tolist()) <= {45.0, -135.0}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda rows: [rows[0] | {"image_id": "other"}],
+            "expected boxes of the 4 images of camera1, got some of other",
+        ),
+        (lambda rows: [rows[0] | {"score": 7}], "expected scores from 0 to 1, got 7"),
+        (lambda rows: [rows[0] | {"bbox": [1, 2, 3]}], "expected cx, cy"),
+        (lambda rows: {"a": rows}, "expected a JSON list of detections"),
+    ],
+)
+def test_rotated_boxes_that_do_not_fit_are_named(room, tmp_path, capsys, change, message):
+    assert track(room, tmp_path / "out", *rotated(room, tmp_path, change), sources=("camera1",)) == 2
+    one_line(capsys, message)
+
+
 def test_impossible_views_are_refused(room, tmp_path, capsys):
     more = ["--unrolling.rings", "0", "--cameras", str(room / "cameras.yaml")]
     assert track(room, tmp_path / "out", *more) == 2
@@ -140,7 +180,12 @@ def test_lenses_are_converted_with_a_residual(tmp_path, capsys):
         str(tmp_path / "l.yaml"),
     ]
     assert main(words) == 0
-    assert "px rms" in capsys.readouterr().out
+    assert "opencv: 0." in capsys.readouterr().out
+    # What reading another model loses is told, too.
+    assert (
+        main(["calibrate", "convert", str(tmp_path / "l.yaml"), "--to", "ocam", "--out", str(tmp_path / "b.txt")]) == 0
+    )
+    assert "l.yaml as Scaramuzza's model: 0." in capsys.readouterr().out
 
 
 def test_a_pose_from_height_and_from_points(tmp_path, capsys):

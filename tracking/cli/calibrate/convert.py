@@ -21,8 +21,8 @@ def convert(
     Args:
         file: calib_results.txt of OCamCalib, JSON of py-OCamCalib, camchain YAML of Kalibr (omni with radtan, or
             pinhole with equidistant), or OpenCV's fisheye K and D; which one is seen from what is there.
-        to: the format to write. ocam and py-ocam hold the same model and lose nothing; of the others the nearest lens
-            is fitted.
+        to: the format to write. ocam and py-ocam hold Scaramuzza's model, which every file is read as; of the others
+            the nearest lens is fitted.
         image_size: WIDTH,HEIGHT of the calibration, where the file does not say, as py-OCamCalib's.
         resize: WIDTH,HEIGHT of other images of the camera, to which the calibration is scaled.
     """
@@ -31,9 +31,15 @@ def convert(
     from tsuiseki.tracking.cameras.lens_files import write_lens
     from tsuiseki.tracking.cameras.lens_fitting import inverse_error
 
-    lens = sizes.read(file)
-    residuals = output.write(output.out, lambda path: write_lens(path, lens, to))
-    print(f"{to}: {np.sqrt(np.mean(residuals**2)):.4f} px rms, {residuals.max():.4f} px at most over the image")
+    lens, read = sizes.read(file)
+    written = output.write(output.out, lambda path: write_lens(path, lens, to))
+    steps = (
+        [(to, written)]
+        if not read.any()
+        else [(f"{file.name} as Scaramuzza's model", read), (f"that as {to}", written)]
+    )
+    for name, residuals in steps:
+        print(f"{name}: {np.sqrt(np.mean(residuals**2)):.4f} px rms, {residuals.max():.4f} px at most over the image")
     if len(lens.inverse):
-        print(f"inverse polynomial of {file.name}: {inverse_error(lens):.4f} px at most from the exact root")
+        print(f"its inverse polynomial: {inverse_error(lens):.4f} px at most from the exact root")
     print(f"{lens.width}x{lens.height}: {output.out}")

@@ -56,7 +56,9 @@ def fisheye(
         source: videos, folders of images or MOTChallenge sequence folders, one for each camera, in their order.
         cameras: cameras.yaml with lens, pose and floor of each camera; tsuiseki calibrate pose writes it.
         method: hungarian decides each frame, by appearance and then by place; flow links the whole video at the end.
-        detections: MOTChallenge detections (det.txt) of each source, separated by commas, instead of a detector.
+        detections: detections of each source, separated by commas, instead of a detector: MOTChallenge text (det.txt),
+            or rotated boxes of a folder of images: a JSON list of image_id, bbox (cx, cy, w, h, degrees clockwise) and
+            score, or labels of CEPDOF, MW-R or HABBOF.
         view: what the detector looks at: the image unrolled into views in which people stand upright, or the image as
             it is. In the first, any detector of ordinary pictures will do.
         detector: detector of this toolkit or of another, as ONNX; by default the shipped detector_ceiling.onnx for
@@ -76,8 +78,14 @@ def fisheye(
     """
     from tsuiseki.tracking.cameras.person_model import PersonModel
     from tsuiseki.tracking.features.networks.exported import Detect, open_appearance, open_detector
-    from tsuiseki.tracking.formats.mot import read_detections
-    from tsuiseki.tracking.pipelines.fisheye import DETECTORS, link_on_floor, looking, open_ceiling, people_on_floor
+    from tsuiseki.tracking.pipelines.fisheye import (
+        DETECTORS,
+        given_detections,
+        link_on_floor,
+        looking,
+        open_ceiling,
+        people_on_floor,
+    )
     from tsuiseki.tracking.report.floor import floor_page
 
     if detections is not None and (len(detections) != len(source) or finding.detector is not None):
@@ -92,8 +100,8 @@ def fisheye(
         detector = open_detector(path, finding.score_threshold, threads=finding.threads, options=detector_options)
         found += [looking(detector, each.placed.camera, view, unrolling) for each in views]
     else:
-        lengths = [view.source.length for view in views]
-        found += [read_detections(*one, finding.score_range) for one in zip(detections, lengths, strict=True)]
+        for path, each in zip(detections, views, strict=True):
+            found.append(given_detections(path, each.source, finding.score_range))
     describe = None if network is None else open_appearance(network, finding.threads)
     done = []
     with output.run() as run:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 
 HABBOF_WORDS = 6
 # Between the rectangle (1) and the ellipse (2) in a rotated box: what fits the outline of the two-cylinder person best.
@@ -96,6 +96,13 @@ def write_rotated_detections(path: Path, found: Mapping[str, RotatedBoxes]) -> N
         for box, score in zip(each.boxes, each.scores, strict=True)
     ]  # fmt: skip
     path.write_text(json.dumps(rows) + "\n", encoding="utf-8")
+
+
+def as_detections(found: RotatedBoxes) -> Detections:
+    """The boxes of an image as detections with angles."""
+    half = found.boxes[:, 2:4] / 2
+    corners = np.concatenate([found.boxes[:, :2] - half, found.boxes[:, :2] + half], axis=1)
+    return Detections(corners, found.scores, angles=found.boxes[:, 4])
 
 
 def half_turned(angles: FloatArray) -> FloatArray:
