@@ -31,8 +31,9 @@ FEWEST = 20
 NOISE, LEAST = 6.0, 8.0
 # Sides of the surroundings that a background is compared with, as a share of the image's shorter side.
 SURROUNDINGS = 0.25
-# A resting animal is a region of the background from this share of the usual area up to so many times.
-RESTING = (0.15, 3.0)
+# A resting animal, or what it never uncovered, is a region of the background from this share of the usual area up to so
+# many times.
+RESTING = (0.05, 3.0)
 # Share of the contrast of animals from which a pixel is of a core.
 CORE = 0.5
 

@@ -142,6 +142,16 @@ def test_looks_exchange_two_that_the_flow_confused():
     assert exchanged_after_contacts(labels, alike)[1] == 0
 
 
+def test_what_a_resting_animal_never_uncovers_is_no_background() -> None:
+    # It walks off in the end by most of its length: its tail stays where its head had rested, an eighth of its area.
+    way = 60 + np.maximum(np.arange(48) - 28, 0) * 2.4
+    rows = [[(x, 80, 0, 46, 18), (165 + (x - 60) / 2, 30, 0, 46, 18)] for x in way]
+    background = learn_background([scene(row, seed=t) for t, row in enumerate(rows)][::2])
+    assert background.contrast == "bright"
+    # The arena is 40 with a noise of 3, the animal 147 and more.
+    assert background.image[65:95, 30:130].max() < 60
+
+
 def test_in_contact_the_middle_of_the_body_is_that_of_the_frames_around() -> None:
     # The bright core lies 6 pixels ahead of the middle; the run begins in contact, where only cores are known.
     poses = []
