@@ -132,8 +132,9 @@ def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tm
     assert len(values["additions"]) == 16
     said = capsys.readouterr().out
     assert "no published scores of CSK, VTS" in said
-    assert re.search(r"\n *Square( +\d+\.\d){2}( +\d+\.\d ± \d\.\d \([+-]\d+\.\d\)){3} *\n", said)
-    assert set(values["gains"]["Square"]) == {"combined, thesis", "combined, robust, fixed size", "combined, robust"}
+    assert re.search(r"\n *Square( +\d+\.\d){2}( +\d+\.\d ± \d\.\d \([+-]\d+\.\d\)){4} *\n", said)
+    presets = {f"combined, {name}" for name in ("printed", "thesis", "robust, fixed size", "robust")}
+    assert set(values["gains"]["Square"]) == presets
     before = sorted(p.stat().st_mtime_ns for p in cache.rglob("*.json"))
     assert main([*words, "--out", str(tmp_path / "again")]) == 0
     assert sorted(p.stat().st_mtime_ns for p in cache.rglob("*.json")) == before

@@ -22,7 +22,7 @@ PARTS = ("unseen", "readings", "status", "sweeps", "comparison", "additions", "i
 PUBLISHED = ("CSK", "VTS", "Struck", "MIL", "TLD", "SCM")
 # Areas of Fig. 3.9 that the text gives, percent.
 PAPER = {"KCF, fixed size": "38.38", "combined, thesis": "40.64", "combined, printed": "40.64"}
-BY_ATTRIBUTE = ("KCF, fixed size", "combined, thesis", "KCF, scale search", "combined, robust")
+BY_ATTRIBUTE = ("KCF, fixed size", "combined, printed", "KCF, scale search", "combined, robust")
 SEARCHES = {"printed": PRINTED, "thesis": THESIS, "robust": ROBUST}
 
 
