@@ -9,6 +9,9 @@ import numpy as np
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 Pairs = tuple[IntArray, IntArray]
+# As many as the processor holds close by.
+BOXES_AT_ONCE = 4096
+MOST_CELLS = 512
 
 
 def near_pairs(
@@ -29,48 +32,101 @@ def near_pairs(
     """
     if len(tails) == 0 or len(heads) == 0:
         return tails[:0], heads[:0]
-    return Strips.of(frames, centre, tails, heads, float(reach[tails, 0].max())).near(tails, reach[tails], gap)
+    strips, (x, y) = Strips.of(frames, centre[:, 0], heads), centre.T.copy()
+    pairs = []
+    for start in range(0, len(tails), BOXES_AT_ONCE):
+        part = tails[start : start + BOXES_AT_ONCE]
+        pairs.append(near_places(strips, x, y, part, frames[part] + gap, reach[part, 0], reach[part, 1]))
+    return joined(pairs)
 
 
 @dataclass(frozen=True)
 class Strips:
-    """Boxes in the order of frame and x, so that those near a place follow each other.
+    """Boxes in the order of frame and x, in cells whose first box is known: so nothing is searched for.
 
     Attributes:
-        centre: ``(N, 2)`` of all boxes, pixels.
-        ordered: ``(H,)`` indices of the boxes that may be the later one.
-        key: ``(H,)`` increasing: frame and x in one number.
-        width: of a frame in it. A frame is wider than any strip, so no strip runs into the next frame.
-        frame: ``(N,)`` of all boxes, counted from the first one in the key.
-        x: ``(N,)`` of all boxes, counted from the leftmost one in the key.
+        ordered: ``(H,)`` indices of the boxes in this order.
+        first: ``(F * cells + 1,)`` of F frames the first place in it of each cell.
+        frame: the first of the frames.
+        left: the least x.
+        cell: width of a cell.
+        cells: of a frame.
     """
 
-    centre: FloatArray
     ordered: IntArray
-    key: FloatArray
-    width: float
-    frame: IntArray
-    x: FloatArray
+    first: IntArray
+    frame: int
+    left: float
+    cell: float
+    cells: int
 
     @classmethod
-    def of(cls, frames: IntArray, centre: FloatArray, tails: IntArray, heads: IntArray, furthest: float) -> Strips:
-        """For boxes of which at least one may be the earlier, one the later, and no more than ``furthest`` in x."""
-        x = centre[:, 0]
-        left = min(float(x[tails].min()), float(x[heads].min()))
-        width = max(float(x[tails].max()), float(x[heads].max())) - left + 2 * furthest + 1.0
-        ordered = heads[np.lexsort((x[heads], frames[heads]))]
-        frame, place = frames - int(frames[heads].min()), x - left
-        return cls(centre, ordered, frame[ordered] * width + place[ordered], width, frame, place)
+    def of(cls, frames: IntArray, x: FloatArray, which: IntArray) -> Strips:
+        """For the boxes at ``(H,)`` indices of ``(N,)`` frames and ``(N,)`` x."""
+        if len(which) == 0:
+            return cls(which, np.zeros(1, dtype=np.int64), 0, 0.0, 1.0, 1)
+        ordered = which[np.lexsort((x[which], frames[which]))]
+        row, place = frames[ordered] - int(frames[ordered[0]]), x[ordered]
+        left, count = float(place.min()), int(row[-1]) + 1
+        # About two cells a box; beyond so many an image has no columns worth telling apart.
+        cells = int(np.clip(2 * len(ordered) // count, 1, MOST_CELLS))
+        cell = max(float(place.max()) - left, 1e-6) / cells
+        key = row * cells + np.minimum((place - left) / cell, cells - 1).astype(np.int64)
+        first = np.searchsorted(key, np.arange(count * cells + 1))
+        return cls(ordered, first, int(frames[ordered[0]]), left, cell, cells)
 
-    def near(self, tails: IntArray, reach: FloatArray, gap: int | IntArray) -> Pairs:
-        """As `near_pairs`, for ``(T, 2)`` reaches of the ``(T,)`` earlier boxes, and one gap or ``(T,)`` of them."""
-        target = (self.frame[tails] + gap) * self.width + self.x[tails]
-        first = np.searchsorted(self.key, target - reach[:, 0])
-        count = np.searchsorted(self.key, target + reach[:, 0], side="right") - first
-        tail = np.repeat(tails, count)
-        head = self.ordered[np.arange(len(tail)) - np.repeat(np.cumsum(count) - count - first, count)]
-        near = np.abs(self.centre[head, 1] - self.centre[tail, 1]) <= np.repeat(reach[:, 1], count)
-        return tail[near], head[near]
+    def between(self, when: IntArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, IntArray]:
+        """Ranges of ``ordered`` that hold all boxes of given frames with x from ``low`` to ``high``, and some more.
+
+        Args:
+            when: ``(P,)`` frames, which need not be among those of the boxes.
+            low: ``(P,)``.
+            high: ``(P,)``, no less.
+
+        Returns:
+            ``(P,)`` first places, and ``(P,)`` how many there are.
+        """
+        row, last = (when - self.frame) * self.cells, len(self.first) - 1
+        low = np.minimum(np.maximum((low - self.left) / self.cell, 0), self.cells - 1)
+        high = np.minimum(np.maximum((high - self.left) / self.cell + 1, 0), self.cells)
+        # Frames before the first one and after the last one have no boxes.
+        first = self.first[np.minimum(np.maximum(row + low.astype(np.int64), 0), last)]
+        end = self.first[np.minimum(np.maximum(row + high.astype(np.int64), 0), last)]
+        return first, np.maximum(end - first, 0)
+
+
+def ranges(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
+    """The places of P ranges one after the other: ``(K,)`` which range each belongs to, and ``(K,)`` the place."""
+    end = np.cumsum(count)
+    place = np.arange(int(end[-1]) if len(end) else 0) + np.repeat(first - end + count, count)
+    return np.repeat(np.arange(len(first)), count), place
+
+
+def near_places(
+    strips: Strips, x: FloatArray, y: FloatArray, tails: IntArray, when: IntArray, reach_x: FloatArray,
+    reach_y: FloatArray,
+) -> Pairs:
+    """Boxes of ``strips`` in given frames whose centres differ from others' by no more than a reach in x and in y.
+
+    Args:
+        strips: by the centres' x.
+        x: ``(N,)`` of the centres of all boxes.
+        y: ``(N,)`` likewise.
+        tails: ``(T,)`` indices of the others.
+        when: ``(T,)`` frames.
+        reach_x: ``(T,)``.
+        reach_y: ``(T,)``.
+
+    Returns:
+        ``(P,)`` indices of the others and of the boxes near them.
+    """
+    at = x[tails]
+    tail, place = ranges(*strips.between(when, at - reach_x, at + reach_x))
+    head = strips.ordered[place]
+    near = np.abs(y[head] - y[tails][tail]) <= reach_y[tail]
+    near &= np.abs(x[head] - at[tail]) <= reach_x[tail]
+    kept = np.flatnonzero(near)
+    return tails[tail[kept]], head[kept]
 
 
 def centres(boxes: FloatArray) -> FloatArray:

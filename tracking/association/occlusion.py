@@ -6,14 +6,15 @@ once for each, up to the whole box.
 
 from __future__ import annotations
 
-import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
+from tsuiseki.tracking.association.nearby import Strips, centres, near_pairs, ranges, sizes
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-PAIRS_AT_ONCE = 500_000
+# As many as the processor holds close by.
+PAIRS_AT_ONCE = 8192
 
 
 def hidden_parts(frames: IntArray, boxes: FloatArray) -> FloatArray:
@@ -45,51 +46,71 @@ def hidden_between(
         boxes: ``(N, 4)`` pixels, where the image shows them.
         size: width and height of the image; None where it is not known.
     """
-    hidden = np.zeros(len(tails))
-    gap = frames[heads] - frames[tails]
-    asked = np.flatnonzero(gap > 1)
-    if len(asked) == 0:
+    return Hiding.of(frames, boxes, size).between(tails, heads)
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """What hides people: the boxes of all frames, and the borders of the image.
+
+    Attributes:
+        frames: ``(N,)`` increasing.
+        columns: ``(4, N)`` x1, y1, x2, y2, pixels, where the image shows the boxes.
+        strips: the boxes by frame and left edge.
+        widest: width of the widest box.
+        size: width and height of the image; None where it is not known.
+    """
+
+    frames: IntArray
+    columns: FloatArray
+    strips: Strips
+    widest: float
+    size: tuple[int, int] | None
+
+    @classmethod
+    def of(cls, frames: IntArray, boxes: FloatArray, size: tuple[int, int] | None) -> Hiding:
+        """By ``(N, 4)`` boxes of ``(N,)`` increasing frames."""
+        columns = boxes.T.copy()
+        strips = Strips.of(frames, columns[0], np.arange(len(boxes)))
+        return cls(frames, columns, strips, float((columns[2] - columns[0]).max(initial=0.0)), size)
+
+    def between(self, tails: IntArray, heads: IntArray) -> FloatArray:
+        """``(P,)`` share of a person hidden in the middle of the gap between two boxes, see `hidden_between`."""
+        hidden = np.zeros(len(tails))
+        asked = np.flatnonzero(self.frames[heads] - self.frames[tails] > 1)
+        for start in range(0, len(asked), PAIRS_AT_ONCE):
+            part = asked[start : start + PAIRS_AT_ONCE]
+            tail, head = tails[part], heads[part]
+            since, until = self.frames[tail], self.frames[head]
+            middle = (since + until) // 2
+            share = (middle - since) / (until - since)
+            x1, y1, x2, y2 = (column[tail] * (1 - share) + column[head] * share for column in self.columns)
+            area = (x2 - x1) * (y2 - y1)
+            lost = self._area(middle, x1, y1, x2, y2)
+            if self.size is not None:
+                width = np.minimum(x2, self.size[0]) - np.maximum(x1, 0)
+                height = np.minimum(y2, self.size[1]) - np.maximum(y1, 0)
+                lost += area - np.maximum(width, 0) * np.maximum(height, 0)
+            hidden[part] = np.minimum(lost / area, 1)
         return hidden
-    tails, heads, gap = tails[asked], heads[asked], gap[asked]
-    middle = (frames[tails] + frames[heads]) // 2
-    share = ((middle - frames[tails]) / gap)[:, None]
-    box = boxes[tails] * (1 - share) + boxes[heads] * share
-    area = _area(sizes(box))
-    lost = _hidden_area(box, middle, frames, boxes)
-    if size is not None:
-        inside = np.minimum(box[:, 2:], size) - np.maximum(box[:, :2], 0)
-        lost += area - _area(inside.clip(min=0))
-    hidden[asked] = np.minimum(lost / area, 1)
-    return hidden
 
+    def _area(self, when: IntArray, x1: FloatArray, y1: FloatArray, x2: FloatArray, y2: FloatArray) -> FloatArray:
+        """``(P,)`` area of ``(P,)`` boxes in given frames behind those of these whose lower edge is lower.
 
-def _hidden_area(box: FloatArray, when: IntArray, frames: IntArray, boxes: FloatArray) -> FloatArray:
-    """``(P,)`` area of boxes at given frames behind nearer ones of ``boxes``, the detections of all frames."""
-    # Only boxes of the same frame whose left edge is right of where the widest one still reaches it, and left of its
-    # own right edge, can overlap: in the order of frames and left edges these follow each other.
-    left = min(float(boxes[:, 0].min()), float(box[:, 0].min()))
-    widest = float((boxes[:, 2] - boxes[:, 0]).max())
-    width = max(float(boxes[:, 2].max()), float(box[:, 2].max())) - left + widest + 1.0
-    key = (frames - frames[0]) * width + (boxes[:, 0] - left)
-    order = np.argsort(key, kind="stable")
-    key, ordered = key[order], boxes[order]
-    base = (when - frames[0]) * width - left
-    first = np.searchsorted(key, base + box[:, 0] - widest)
-    last = np.maximum(np.searchsorted(key, base + box[:, 2], side="right"), first)
-    lost = np.zeros(len(box))
-    for part in _parts(last - first):
-        count = (last - first)[part]
-        p = np.repeat(np.arange(part.start, part.stop), count)
-        q = np.arange(len(p)) - np.repeat(np.cumsum(count) - count - first[part], count)
-        lost += _overlaps(box, p, ordered, q)
-    return lost
-
-
-def _parts(counts: IntArray) -> list[slice]:
-    """Ranges of rows with about ``PAIRS_AT_ONCE`` pairs each."""
-    block = np.cumsum(counts) // PAIRS_AT_ONCE
-    bounds = np.append(np.unique(block, return_index=True)[1], len(counts))
-    return [slice(int(a), int(b)) for a, b in itertools.pairwise(bounds)]
+        A box overlaps only those whose left edge is left of its right edge, and not further left of its left edge than
+        the widest box is wide.
+        """
+        box, place = ranges(*self.strips.between(when, x1 - self.widest, x2))
+        other = self.strips.ordered[place]
+        other_x1, other_y1, other_x2, other_y2 = self.columns
+        nearer = other_y2[other] > y2[box]
+        nearer &= other_x2[other] > x1[box]
+        nearer &= other_x1[other] < x2[box]
+        kept = np.flatnonzero(nearer)
+        box, other = box[kept], other[kept]
+        width = np.minimum(x2[box], other_x2[other]) - np.maximum(x1[box], other_x1[other])
+        height = y2[box] - np.maximum(y1[box], other_y1[other])
+        return np.bincount(box, np.maximum(width, 0) * np.maximum(height, 0), len(when)).astype(np.float64)
 
 
 def _overlaps(boxes: FloatArray, i: IntArray, others: FloatArray, j: IntArray) -> FloatArray:

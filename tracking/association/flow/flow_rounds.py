@@ -20,15 +20,25 @@ from tsuiseki.tracking.association.costs import TransitionCost, cosine_distances
 from tsuiseki.tracking.association.flow.along_tracks import Along, Changed
 from tsuiseki.tracking.association.flow.link_cost import MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.flow.links import Links, joined_links
+from tsuiseki.tracking.association.flow.mismatch import Mismatch
 from tsuiseki.tracking.association.flow.seen import Seen
-from tsuiseki.tracking.association.nearby import Pairs, Strips, centres, gaps, joined, sizes
-from tsuiseki.tracking.association.occlusion import hidden_between
+from tsuiseki.tracking.association.nearby import (
+    BOXES_AT_ONCE,
+    Pairs,
+    Strips,
+    centres,
+    gaps,
+    joined,
+    near_places,
+    sizes,
+)
+from tsuiseki.tracking.association.occlusion import Hiding
 from tsuiseki.tracking.association.tracklets.chain_motion import Beliefs
 from tsuiseki.tracking.association.tracklets.window_means import window_means
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Boxes times gaps that are looked up together.
-TAILS_AT_ONCE = 300_000
+# Pairs that are priced together: as many as the processor holds close by.
+PAIRS_AT_ONCE = 16_384
 
 
 @dataclass(frozen=True)
@@ -93,36 +103,34 @@ def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, long
     """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
     if len(tails) == 0 or len(heads) == 0:
         return joined([])
-    centre = centres(seen.boxes)
-    # In the order of their places, so that one search goes on where the last one ended.
-    tails = tails[np.lexsort((centre[tails, 0], seen.frames[tails]))]
-    side = sizes(seen.boxes[tails]).max(axis=1)
-    reach = _reach(seen, tails, side, np.array([longest]), cost)
-    strips = Strips.of(seen.frames, centre, tails, heads, float(reach[:, 0].max()))
+    x, y = centres(seen.boxes).T.copy()
+    # In the order of their places, so that what is looked up lies together.
+    tails = tails[np.lexsort((x[tails], seen.frames[tails]))]
+    strips, side = Strips.of(seen.frames, x, heads), sizes(seen.boxes).max(axis=1)
+    log_height = seen.measured.places[:, 3].copy()
     pairs: list[Pairs] = []
-    log_height = seen.measured.places[:, 3]
-    every, block = np.arange(shortest, longest + 1), max(1, TAILS_AT_ONCE // len(tails))
-    for frames in np.split(every, np.arange(block, len(every), block)):
-        reach = _reach(seen, tails, side, frames, cost)
-        i, j = strips.near(np.tile(tails, len(frames)), reach, np.repeat(frames, len(tails)))
-        alike = np.abs(log_height[j] - log_height[i]) < cost.size
+    count = len(tails)
+    for start in range(0, count * (longest - shortest + 1), BOXES_AT_ONCE):
+        which = np.arange(start, min(start + BOXES_AT_ONCE, count * (longest - shortest + 1)))
+        tail, gap = tails[which % count], shortest + which // count
+        reach = _reach(seen, tail, side[tail], gap, cost)
+        i, j = near_places(strips, x, y, tail, seen.frames[tail] + gap, reach[:, 0], reach[:, 1])
+        alike = np.flatnonzero(np.abs(log_height[j] - log_height[i]) < cost.size)
         pairs.append((i[alike], j[alike]))
     return joined(pairs)
 
 
 def _reach(seen: Seen, tails: IntArray, side: FloatArray, gap: IntArray, cost: LinkCost) -> FloatArray:
-    """``(G * T, 2)`` largest differences of centres, pixels, for G gaps in frames of T boxes of ``(T,)`` longer sides.
+    """``(T, 2)`` largest differences of centres, pixels, over ``(T,)`` gaps in frames from boxes of ``(T,)`` sides.
 
     They grow by how far the camera's motion over the gap may be off.
     """
-    times = len(gap)
-    reach = cost.limits(np.tile(side, times), np.repeat(gap, len(tails)) / seen.frame_rate)
+    reach = cost.limits(side, gap / seen.frame_rate)
     wander = seen.measured.wander
     if wander[-1] > wander[0]:
-        until = np.repeat(gap, len(tails)) + np.tile(seen.frames[tails], times)
-        later = wander[np.searchsorted(seen.frames, until, side="right") - 1]
-        doubt = np.sqrt(np.maximum(later - np.tile(wander[tails], times), 0))
-        reach += (np.tile(side, times) * cost.doubt * doubt)[:, None]
+        later = wander[np.searchsorted(seen.frames, gap + seen.frames[tails], side="right") - 1]
+        doubt = np.sqrt(np.maximum(later - wander[tails], 0))
+        reach += (side * cost.doubt * doubt)[:, None]
     return reach
 
 
@@ -138,51 +146,98 @@ def priced(
     means: tuple[FloatArray, FloatArray] | None = None,
     hidden: FloatArray | None = None,
     change: LinkChange | None = None,
-    mismatch: FloatArray | None = None,
+    mismatch: Mismatch | None = None,
     labels: IntArray | None = None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Which links cost no more than ``dearest``, what they cost, and how much of the person is hidden in between.
 
     Learnt costs of pairs, where there are any, speak in place of the appearance. ``means`` are the mean features of the
     past and of the future of each detection along its track; without them single detections are compared. ``change``
-    says by how much learnt costs differ from the default, ``mismatch``, ``(P,)``, how ill the motions go together; it
-    is computed where not given. Actions are averaged along the tracks of ``labels``.
+    says by how much learnt costs differ from the default, ``mismatch`` how ill the motions go together: by default as
+    along tracks. Actions are averaged along the tracks of ``labels``.
 
     Returns:
         ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden: from ``hidden``, ``(P,)`` with NaN
         where not known, or computed.
     """
-    one_frame = 1 / seen.frame_rate
-    seconds = np.asarray((seen.frames[j] - seen.frames[i]) * one_frame, dtype=np.float64)
     if mismatch is None:
-        mismatch = cost.mismatch_along(seen.measured, (past, future), i, j, one_frame)
-    distance = (
-        cosine_distances(seen.features, i, j) if means is None else np.clip(1 - inner_products(*means, i, j), 0, 2)
-    )
-    gap = seen.frames[j] - seen.frames[i]
-    # Learnt costs are right about the gaps that they were learnt on.
-    learnt = np.zeros(len(i), np.bool_) if transition is None else gap <= getattr(transition, "window", np.inf)
-    total = mismatch + np.where(learnt, 0, cost.appearance_cost(distance, averaged=means is not None))
-    if transition is not None:
-        pairs = pair_features(seen.boxes, seen.features, i[learnt], j[learnt], gap[learnt])
-        total[learnt] += cost.learnt(transition(replace(pairs, appearance=distance[learnt])))
+        mismatch = cost.mismatch_along(seen.measured, past, future, 1 / seen.frame_rate)
+    doing = None
     if cost.action is not None and seen.actions is not None:
-        averaged = labels is not None and cost.action.averaged
         doing = (seen.actions, seen.actions)
         if labels is not None:
             doing = cost.action.means(seen.frames, labels, seen.actions, seen.frame_rate)
-        total = total + cost.action(*doing, i, j, seconds, averaged=averaged)
-    # What hides a person is looked at only where it matters.
-    least = total + cost.waiting(seconds, one_frame, np.ones(len(i)))
-    kept = np.flatnonzero(least < dearest)
-    covered = np.full(len(kept), np.nan) if hidden is None else hidden[kept]
-    asked = np.isnan(covered)
-    covered[asked] = hidden_between(i[kept[asked]], j[kept[asked]], seen.frames, seen.image, seen.size)
-    price = total[kept] + cost.waiting(seconds[kept], one_frame, covered)
+    hiding = Hiding.of(seen.frames, seen.image, seen.size)
+    prices = _Prices(seen, cost, dearest, mismatch, hiding, transition, means, doing, labels is not None)
+    if hidden is None:
+        hidden = np.full(len(i), np.nan)
     if change is not None:
-        parts = LinkParts(i[kept], j[kept], past, future, seconds[kept], distance[kept], mismatch[kept], covered, price)
-        price = np.maximum(price + change(seen, parts), -MOST_WORTH)
+        # Learnt changes compare links with each other.
+        kept, distance, motion, price, covered = prices(i, j, hidden)
+        seconds = (seen.frames[j[kept]] - seen.frames[i[kept]]) / seen.frame_rate
+        parts = LinkParts(i[kept], j[kept], past, future, seconds, distance, motion, covered, price)
+        return kept, np.maximum(price + change(seen, parts), -MOST_WORTH), covered
+    found = []
+    for start in range(0, max(len(i), 1), PAIRS_AT_ONCE):
+        part = slice(start, start + PAIRS_AT_ONCE)
+        kept, _, _, price, covered = prices(i[part], j[part], hidden[part])
+        found.append((kept + start, price, covered))
+    kept, price, covered = (np.concatenate(column) for column in zip(*found, strict=True))
     return kept, price, covered
+
+
+@dataclass(frozen=True)
+class _Prices:
+    """What is needed to price links, see `priced`; ``doing`` are actions of the earlier and of the later ones."""
+
+    seen: Seen
+    cost: LinkCost
+    dearest: float
+    mismatch: Mismatch
+    hiding: Hiding
+    transition: TransitionCost | None
+    means: tuple[FloatArray, FloatArray] | None
+    doing: tuple[FloatArray, FloatArray] | None
+    along: bool
+
+    def __call__(
+        self, i: IntArray, j: IntArray, hidden: FloatArray
+    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Of P links those that are kept: indices, distance of appearance, mismatch of motion, price, share hidden."""
+        seen, cost, one_frame = self.seen, self.cost, 1 / self.seen.frame_rate
+        gap = seen.frames[j] - seen.frames[i]
+        seconds = gap * one_frame
+        motion = self.mismatch(i, j, seconds, seen.measured.wander[j] - seen.measured.wander[i])
+        total, distance = motion, np.broadcast_to(np.nan, len(i))
+        if seen.features is not None:
+            averaged = self.means is not None
+            distance = (
+                cosine_distances(seen.features, i, j)
+                if self.means is None
+                else np.clip(1 - inner_products(*self.means, i, j), 0, 2)
+            )
+            # Learnt costs are right about the gaps that they were learnt on.
+            unlearnt = True if self.transition is None else gap > self._learnt_up_to()
+            total = total + np.where(unlearnt, cost.appearance_cost(distance, averaged=averaged), 0)
+        if self.transition is not None:
+            learnt = np.flatnonzero(gap <= self._learnt_up_to())
+            pairs = pair_features(seen.boxes, seen.features, i[learnt], j[learnt], gap[learnt])
+            total = total.copy()
+            total[learnt] += cost.learnt(self.transition(replace(pairs, appearance=distance[learnt])))
+        if cost.action is not None and self.doing is not None:
+            averaged = self.along and cost.action.averaged
+            total = total + cost.action(*self.doing, i, j, seconds, averaged=averaged)
+        # What hides a person is looked at only where it matters.
+        kept = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < self.dearest)
+        covered = hidden[kept]
+        asked = np.flatnonzero(np.isnan(covered))
+        covered[asked] = self.hiding.between(i[kept[asked]], j[kept[asked]])
+        price = total[kept] + cost.waiting(seconds[kept], one_frame, covered)
+        return kept, distance[kept], motion[kept], price, covered
+
+    def _learnt_up_to(self) -> float:
+        """Longest gap that the learnt costs speak of, frames."""
+        return float(getattr(self.transition, "window", np.inf))
 
 
 def near_ends(seen: Seen, labels: IntArray, seconds: float) -> tuple[IntArray, IntArray]:

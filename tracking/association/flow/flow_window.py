@@ -126,8 +126,6 @@ class FlowWindow:
         link, change = self.costs.link, self._link_change()
         alone = Along.alone(seen, link.motion)
         self._known = self._known.and_then(alone.select(seen.numbers >= new.numbers[0]))
-        seconds = (seen.frames[j] - seen.frames[i]) / seen.frame_rate
-        wander = seen.measured.wander[j] - seen.measured.wander[i]
         kept, cost, hidden = priced(
             seen,
             i,
@@ -138,7 +136,7 @@ class FlowWindow:
             rounds.dearest,
             self._transition,
             change=change,
-            mismatch=link.mismatch_alone(seen.measured, i, j, seconds, wander, 1 / seen.frame_rate),
+            mismatch=link.mismatch_alone(seen.measured, 1 / seen.frame_rate),
         )
         tail, head = seen.numbers[i[kept]], seen.numbers[j[kept]]
         found = Links(tail, head, cost, np.full(len(kept), np.nan), hidden)

@@ -17,12 +17,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.action_cost import ActionCost
+from tsuiseki.tracking.association.flow.mismatch import Along, Alone, OrSuddenChange, StudentT
 from tsuiseki.tracking.association.tracklets.chain_motion import GROUPS, Beliefs, Measurements, MotionNoise
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # However well two chains fit, a link is worth no more: a track's end may always be bought.
 MOST_WORTH = 15.0
-PAIRS_AT_ONCE = 8192
 
 
 @dataclass(frozen=True)
@@ -131,16 +131,10 @@ class LinkCost:
             seconds: ``(P,)`` between the two.
             wander: ``(P,)`` variance that the camera's motion adds in between, squared heights.
         """
-        cost = np.empty(len(i))
-        for start in range(0, len(i), PAIRS_AT_ONCE):
-            part = slice(start, start + PAIRS_AT_ONCE)
-            cost[part] = self._mismatch(past, future, i[part], j[part], seconds[part], wander[part])
-        return np.asarray(np.maximum(cost, -MOST_WORTH))
+        return Along(self._law(), past, future)(i, j, seconds, wander)
 
-    def mismatch_along(
-        self, seen: Measurements, known: tuple[Beliefs, Beliefs], i: IntArray, j: IntArray, one_frame: float
-    ) -> FloatArray:
-        """``(P,)`` `mismatch` of the past of ``i`` and the future of ``j``, or of a sudden change of motion in between.
+    def mismatch_along(self, seen: Measurements, past: Beliefs, future: Beliefs, one_frame: float) -> OrSuddenChange:
+        """`mismatch` of the past of one and the future of the other, or of a sudden change of motion in between.
 
         Constant velocity with small changes fits those who walk, not those whom the camera suddenly swings past. The
         more a chain is sure of its velocity, the dearer such a change gets, until whole people are left out. So the
@@ -149,39 +143,24 @@ class LinkCost:
 
         Args:
             seen: what was measured.
-            known: what the past of its chain says at each detection, and what the future.
-            i: ``(P,)`` indices of the earlier detections.
-            j: ``(P,)`` of the later ones.
+            past: what the past of its chain says at each detection.
+            future: likewise of the future.
             one_frame: seconds.
         """
-        seconds, wander = seen.times[j] - seen.times[i], seen.wander[j] - seen.wander[i]
-        cost = self.mismatch(*known, i, j, seconds, wander)
-        dear = np.flatnonzero(cost > self.turn)
-        alone = self.mismatch_alone(seen, i[dear], j[dear], seconds[dear], wander[dear], one_frame)
-        cost[dear] = np.minimum(cost[dear], alone + self.turn)
-        return cost
+        return OrSuddenChange(Along(self._law(), past, future), self.mismatch_alone(seen, one_frame), self.turn)
 
-    def mismatch_alone(
-        self,
-        seen: Measurements,
-        i: IntArray,
-        j: IntArray,
-        seconds: FloatArray,
-        wander: FloatArray,
-        one_frame: float,
-    ) -> FloatArray:
-        """``(P,)`` `mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²).
+    def mismatch_alone(self, seen: Measurements, one_frame: float) -> Alone:
+        """`mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²).
 
         Of two detections alone nobody knows the velocity, and ½ log |Σ| says how much room that leaves. A chain has one
         velocity, so it should pay for this once, but here every link of it does: the faster the targets and the fewer
         the frames, the more. What it costs over ``one_frame`` is therefore taken off in part, ``settled`` of it:
         with 0 chains of fast targets never form, with 1 whatever lies in reach is linked.
         """
-        cost = np.empty(len(i))
-        for start in range(0, len(i), PAIRS_AT_ONCE):
-            part = slice(start, start + PAIRS_AT_ONCE)
-            cost[part] = self._mismatch_alone(seen, i[part], j[part], seconds[part], wander[part])
-        return np.asarray(np.maximum(cost - self.settled * self._room(one_frame), -MOST_WORTH))
+        return Alone(self._law(), seen, self.settled * self._room(one_frame))
+
+    def _law(self) -> StudentT:
+        return StudentT(self.motion, self.tails, self.lost, MOST_WORTH)
 
     def _room(self, seconds: float) -> float:
         """½ log(|Σ| / 4r²v²) of two detections alone, summed over the coordinates: what the unknown velocity costs."""
@@ -192,61 +171,3 @@ class LinkCost:
         aa = 2 * r2 + np.square(seconds) * (v2 + seconds * q2 / 3)
         bb, cc = seconds * (v2 + seconds * q2 / 2), 2 * v2 + q2 * seconds
         return float(0.5 * np.log((aa * cc - np.square(bb)) / (4 * r2 * v2)).sum())
-
-    def _mismatch_alone(
-        self, seen: Measurements, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
-    ) -> FloatArray:
-        place, later_place = seen.places[i].T.copy(), seen.places[j].T.copy()
-        noise = np.square(seen.noise[i]) + np.square(seen.noise[j])
-        side = np.exp((np.maximum(*place[2:]) + np.maximum(*later_place[2:])) / 2)
-        fit, volume = np.ones(len(i)), np.ones(len(i))
-        settings = zip(self.motion.measurement, self.motion.acceleration, self.motion.velocity, strict=True)
-        for group, (r, q, v) in enumerate(settings):
-            aa = r**2 * noise + np.square(seconds) * (v**2 + seconds * (q**2 / 3))
-            bb, cc = seconds * (v**2 + seconds * (q**2 / 2)), 2 * v**2 + q**2 * seconds
-            if group == 0:
-                aa = aa + wander
-            determinant = aa * cc - bb**2
-            spread = determinant if group else (aa - np.maximum(wander - self.lost**2, 0)) * cc - bb**2
-            for k in np.flatnonzero(group == GROUPS):
-                apart = (place[k] - later_place[k]) / (1.0 if group else side)
-                fit *= 1 + cc * apart**2 / determinant / self.tails
-                volume *= spread / (4 * r**2 * v**2)
-        return np.asarray((self.tails + 2) / 2 * np.log(fit) + 0.5 * np.log(volume))
-
-    def _mismatch(
-        self, past: Beliefs, future: Beliefs, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
-    ) -> FloatArray:
-        """`mismatch` without its bound, of as many pairs as the processor holds close by."""
-        r2, q2, v2 = (
-            np.square(values) for values in (self.motion.measurement, self.motion.acceleration, self.motion.velocity)
-        )
-        # A column at a time lies together in memory.
-        place, later_place = past.place[i].T.copy(), future.place[j].T.copy()
-        velocity, later_velocity = past.velocity[i].T.copy(), future.velocity[j].T.copy()
-        covariance = past.covariance[i].reshape(-1, 9).T.copy().reshape(3, 3, -1)
-        later_covariance = future.covariance[j].reshape(-1, 9).T.copy().reshape(3, 3, -1)
-        # The longer side, so that a car is as large as it is long; of people it is the height.
-        side = np.exp((np.maximum(*place[2:]) + np.maximum(*later_place[2:])) / 2)
-        # One logarithm of products instead of one for each coordinate.
-        fit, volume = np.ones(len(i)), np.ones(len(i))
-        for group in range(3):
-            a, b, c = covariance[group]
-            later_a, later_b, later_c = later_covariance[group]
-            q = q2[group]
-            aa = a + seconds * (2 * b + seconds * (c + seconds * (q / 3))) + later_a
-            if group == 0:
-                aa = aa + wander
-            bb, cc = b + seconds * (c + seconds * (q / 2)) + later_b, c + q * seconds + later_c
-            determinant = aa * cc - bb**2
-            spread = determinant
-            if group == 0:
-                spread = (aa - np.maximum(wander - self.lost**2, 0)) * cc - bb**2
-            for k in np.flatnonzero(group == GROUPS):
-                unit = side if group == 0 else 1.0
-                apart = (place[k] + velocity[k] * seconds - later_place[k]) / unit
-                turn = (velocity[k] - later_velocity[k]) / unit
-                squared = (cc * apart**2 - 2 * bb * apart * turn + aa * turn**2) / determinant
-                fit *= 1 + squared / self.tails
-                volume *= spread / (4 * r2[group] * v2[group])
-        return np.asarray((self.tails + 2) / 2 * np.log(fit) + 0.5 * np.log(volume))

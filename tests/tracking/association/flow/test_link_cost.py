@@ -28,7 +28,7 @@ def test_a_known_velocity_takes_off_the_room_of_one_frame(speed: float) -> None:
     seen = one_chain(np.zeros(2))
     costs = [LinkCost(settled=share).at_speed(speed) for share in (0.0, 1.0)]
     i, j = pairs(2)
-    open_, known = (float(c.mismatch_alone(seen, i, j, np.full(1, 0.1), np.zeros(1), 0.1)[0]) for c in costs)
+    open_, known = (float(c.mismatch_alone(seen, 0.1)(i, j, np.full(1, 0.1), np.zeros(1))[0]) for c in costs)
     assert open_ > 0
     # Where the two do not differ, nothing but the room is paid.
     assert known == pytest.approx(0, abs=1e-12)
@@ -40,9 +40,10 @@ def test_no_link_along_tracks_is_dearer_than_a_sudden_change() -> None:
     seen = one_chain(np.concatenate([np.zeros(20), 20.0 * np.arange(1, 20)]))
     known = beliefs_along(np.zeros(39, np.int64), seen, cost.motion)
     i, j = pairs(39)
-    along = cost.mismatch(*known, i, j, np.full(38, 1 / RATE), np.zeros(38))
-    alone = cost.mismatch_alone(seen, i, j, np.full(38, 1 / RATE), np.zeros(38), 1 / RATE)
-    bounded = cost.mismatch_along(seen, known, i, j, 1 / RATE)
+    gap = (np.full(38, 1 / RATE), np.zeros(38))
+    along = cost.mismatch(*known, i, j, *gap)
+    alone = cost.mismatch_alone(seen, 1 / RATE)(i, j, *gap)
+    bounded = cost.mismatch_along(seen, *known, 1 / RATE)(i, j, *gap)
     np.testing.assert_allclose(bounded, np.minimum(along, alone + cost.turn))
     assert (bounded < along).any()
     assert (bounded == along).any()
@@ -51,9 +52,9 @@ def test_no_link_along_tracks_is_dearer_than_a_sudden_change() -> None:
 def test_strangers_pay_no_turn() -> None:
     cost, seen = LinkCost(settled=0), one_chain(np.array([0.0, 3.0]))
     alone, (i, j) = beliefs_alone(seen, cost.motion), pairs(2)
+    gap = (np.full(1, 1 / RATE), np.zeros(1))
     np.testing.assert_allclose(
-        cost.mismatch_along(seen, (alone, alone), i, j, 1 / RATE),
-        cost.mismatch(alone, alone, i, j, np.full(1, 1 / RATE), np.zeros(1)),
+        cost.mismatch_along(seen, alone, alone, 1 / RATE)(i, j, *gap), cost.mismatch(alone, alone, i, j, *gap)
     )
 
 
