@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from statistics import median
 
 import numpy as np
 
@@ -207,7 +208,7 @@ class FlowInput:
 
     def _usual_shift(self) -> float:
         """By how much the camera moved from frame to frame over the last second, heights of a box."""
-        return float(np.median(self._shifts)) if self._shifts else 0.0
+        return median(self._shifts) if self._shifts else 0.0
 
     def _calibrate(self, rows: DetectionRows, boxes: FloatArray) -> None:
         """Take in which detections were found again, of those whose later frame has come."""
