@@ -103,7 +103,12 @@ def ranges(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def near_places(
-    strips: Strips, x: FloatArray, y: FloatArray, tails: IntArray, when: IntArray, reach_x: FloatArray,
+    strips: Strips,
+    x: FloatArray,
+    y: FloatArray,
+    tails: IntArray,
+    when: IntArray,
+    reach_x: FloatArray,
     reach_y: FloatArray,
 ) -> Pairs:
     """Boxes of ``strips`` in given frames whose centres differ from others' by no more than a reach in x and in y.

@@ -41,13 +41,13 @@ class Recurrence:
         if not (self.interval > 0 and 0 < self.overlap < 1 and self.reach > 0 and self.speed >= 0 and self.size > 0):
             raise ValueError("expected overlap in (0, 1), speed from 0, and interval, reach and size above 0")
 
-    def frames(self, frame_rate: float) -> int:
-        """The interval in frames."""
-        return max(1, round(self.interval * frame_rate))
+    def frames(self, frame_rate: float, stride: int = 1) -> int:
+        """The interval in frames, of which every ``stride``-th one has detections."""
+        return stride * max(1, round(self.interval * frame_rate / stride))
 
 
 def found_again(
-    frames: IntArray, boxes: FloatArray, frame_rate: float, settings: Recurrence
+    frames: IntArray, boxes: FloatArray, frame_rate: float, settings: Recurrence, stride: int = 1
 ) -> tuple[BoolArray, FloatArray]:
     """Which detections lie between an earlier and a later one, and how fast those that do move.
 
@@ -56,6 +56,7 @@ def found_again(
         boxes: ``(N, 4)`` pixels, as if the camera stood still.
         frame_rate: frames a second.
         settings: what counts as found again.
+        stride: every so-manieth frame has detections, see `Stride`.
 
     Returns:
         ``(N,)`` whether it is, and ``(N,)`` speed of its best triple in longer sides a second, NaN where there is none.
@@ -64,7 +65,7 @@ def found_again(
     if len(frames) == 0:
         return found, speed
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
-    gap = settings.frames(frame_rate)
+    gap = settings.frames(frame_rate, stride)
     side = size.max(axis=1)
     reach = np.repeat((settings.reach + settings.speed * gap / frame_rate) * side[:, None], 2, axis=1)
     i, j = near_pairs(frames, centre, reach, gap, every, every)
@@ -89,6 +90,32 @@ def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, 
     first = np.repeat(np.arange(len(j)), following)
     second = np.arange(len(first)) - np.repeat(np.cumsum(following) - following - start[j], following)
     return i[first], j[first], j[order[second]]
+
+
+@dataclass
+class Stride:
+    """Every so-manieth frame has detections: the greatest common divisor of the times between those that have any.
+
+    A detector that is run on every third frame finds nobody again a frame later, however right it is.
+
+    Attributes:
+        longest: seconds; where times between detections have no smaller common divisor, there is no rhythm.
+    """
+
+    longest: float = 1.0
+    _first: int | None = None
+    _divisor: int = 0
+
+    def add(self, frames: IntArray) -> None:
+        """Take ``(N,)`` frames of detections."""
+        if len(frames) == 0 or self._divisor == 1:
+            return
+        self._first = int(frames.min()) if self._first is None else self._first
+        self._divisor = int(np.gcd.reduce(np.append(np.unique(frames) - self._first, self._divisor)))
+
+    def __call__(self, frame_rate: float) -> int:
+        """Frames from one with detections to the next."""
+        return self._divisor if 1 < self._divisor <= self.longest * frame_rate else 1
 
 
 @dataclass

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
-from tsuiseki.tracking.association.recurrence import Recurrence, TypicalSpeed, found_again
+from tsuiseki.tracking.association.recurrence import Recurrence, Stride, TypicalSpeed, found_again
 from tsuiseki.tracking.association.tracklets.smoothness import FittedSmoothing, fit_smoothing
 from tsuiseki.tracking.types import FloatArray, Track
 
@@ -78,3 +78,20 @@ def test_short_tracks_are_smoothed_as_by_default_whatever_the_rate() -> None:
     track = Track(1, np.arange(5), moving(1.0, 5, 30.0), np.ones(5))
     assert fit_smoothing([track], 30.0, FittedSmoothing()) == FittedSmoothing().otherwise
     assert fit_smoothing([], 60.0, FittedSmoothing()).position == pytest.approx(480.0)
+
+
+@pytest.mark.parametrize(
+    ("frames", "expected"),
+    [([], 1), ([7], 1), ([0, 1], 1), ([0, 3, 6], 3), ([2, 6, 12], 2), ([0, 90, 180], 1), ([4, 4, 8, 8], 4)],
+)
+def test_the_stride_is_the_common_divisor_of_times_between_detections(frames: list[int], expected: int) -> None:
+    every, parts = Stride(), Stride()
+    every.add(np.array(frames, dtype=np.int64))
+    for frame in frames:
+        parts.add(np.array([frame]))
+    assert every(30.0) == parts(30.0) == expected
+
+
+@pytest.mark.parametrize(("rate", "stride", "expected"), [(30, 1, 3), (30, 2, 4), (30, 3, 3), (10, 3, 3), (10, 1, 1)])
+def test_the_interval_falls_on_frames_with_detections(rate: float, stride: int, expected: int) -> None:
+    assert Recurrence().frames(rate, stride) == expected

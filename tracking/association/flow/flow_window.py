@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,8 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Seconds that the beliefs at undecided detections look back to decided ones.
 CONTEXT = 1.0
+# Of so many detections that the video bears out a smaller share in tracks shows that first prices are too high.
+LEAST_SURE, LEAST_USED = 10, 0.75
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,9 @@ class FlowWindow:
         rounds = self.costs.rounds.rounds if rounds is None else rounds
         for number in range(rounds + 1):
             self._flow.replace(self.graph(observation, start, end))
+            if number == 0 and self._leaves_people_out(observation):
+                self._take_velocity_for_known()
+                self._flow.replace(self.graph(observation, start, end))
             solution = self._flow.solution()
             free = self.free()
             undecided = self._flow.undecided
@@ -185,6 +190,22 @@ class FlowWindow:
                 self._transition,
                 self._link_change(),
             )
+
+    def _leaves_people_out(self, observation: FloatArray) -> bool:
+        """Whether most of the detections that the video bears out are in no track.
+
+        Where targets move fast and frames are few, what the velocity of two detections alone is worth exceeds what
+        they are. Then the first prices make no track, no track tells the velocity, and no round mends it.
+        """
+        sure = observation < -(self.costs.entry + self.costs.exit) / 2
+        return bool(sure.sum() >= LEAST_SURE and self._flow.solution().used[sure].mean() < LEAST_USED)
+
+    def _take_velocity_for_known(self) -> None:
+        """Price the links that have no price along tracks as with `LinkCost.settled` = 1."""
+        links, cost = self._links, self.costs.link
+        less = (1 - cost.settled) * cost.room(1 / self._seen.frame_rate)
+        known = np.maximum(links.cost - less, -MOST_WORTH)
+        self._links = replace(links, cost=np.where(np.isnan(links.price), known, links.cost))
 
     def decide(self, last_frame: int, before: int, *, whatever: bool = False) -> Decision:
         """Decide what lies before a frame and no frame after ``last_frame`` can change, or ``whatever`` those say."""

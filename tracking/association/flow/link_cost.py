@@ -157,12 +157,12 @@ class LinkCost:
         the frames, the more. What it costs over ``one_frame`` is therefore taken off in part, ``settled`` of it:
         with 0 chains of fast targets never form, with 1 whatever lies in reach is linked.
         """
-        return Alone(self._law(), seen, self.settled * self._room(one_frame))
+        return Alone(self._law(), seen, self.settled * self.room(one_frame))
 
     def _law(self) -> StudentT:
         return StudentT(self.motion, self.tails, self.lost, MOST_WORTH)
 
-    def _room(self, seconds: float) -> float:
+    def room(self, seconds: float) -> float:
         """½ log(|Σ| / 4r²v²) of two detections alone, summed over the coordinates: what the unknown velocity costs."""
         r2, q2, v2 = (
             np.square(values)[GROUPS]

@@ -15,7 +15,7 @@ from tsuiseki.tracking.association.flow.flow_window import FlowCosts, FlowWindow
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.association.occlusion import hidden_parts
-from tsuiseki.tracking.association.recurrence import TypicalSpeed, found_again
+from tsuiseki.tracking.association.recurrence import Stride, TypicalSpeed, found_again
 from tsuiseki.tracking.association.rows import DetectionRows, rows_of
 from tsuiseki.tracking.association.score_calibration import DetectionCost, ScoreCalibration
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, MotionNoise
@@ -71,6 +71,7 @@ class FlowInput:
         camera: the trajectory so far.
         calibration: of the scores so far.
         speed: of the targets so far.
+        stride: of the frames with detections so far.
         duplicates: boxes left out so far.
     """
 
@@ -90,12 +91,14 @@ class FlowInput:
         self.camera = CameraTrajectory("boxes" if self.path is None else "images")
         self.calibration = ScoreCalibration(self.settings.detection)
         self.speed = TypicalSpeed(memory=self.settings.detection.memory)
+        self.stride = Stride()
         self._shifts: list[float] = []
 
     def copy(self) -> FlowInput:
         """A copy that goes on by itself."""
         other = copy(self)
         other.camera, other.calibration, other.speed = self.camera.copy(), copy(self.calibration), copy(self.speed)
+        other.stride = copy(self.stride)
         return other
 
     def rows(self, found: Sequence[Detections]) -> tuple[Seen, FloatArray]:
@@ -213,9 +216,11 @@ class FlowInput:
     def _calibrate(self, rows: DetectionRows, boxes: FloatArray) -> None:
         """Take in which detections were found again, of those whose later frame has come."""
         again = self.settings.detection.again
-        gap, last = again.frames(self.frame_rate), len(self.camera) - 1
+        self.stride.add(rows.frames)
+        stride = self.stride(self.frame_rate)
+        gap, last = again.frames(self.frame_rate, stride), len(self.camera) - 1
         recent = self._recent.joined(rows.frames, boxes, rows.scores)
-        found, speed = found_again(recent.frames, recent.boxes, self.frame_rate, again)
+        found, speed = found_again(recent.frames, recent.boxes, self.frame_rate, again, stride)
         told = (recent.frames >= max(self._recent.told, gap)) & (recent.frames <= last - gap)
         self.calibration.add(recent.scores[told], found[told])
         self.speed.add(speed[told])

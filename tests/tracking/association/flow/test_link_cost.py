@@ -67,3 +67,41 @@ def test_fast_targets_at_few_frames_are_tracked(speed: float) -> None:
         boxes = np.column_stack([x, 100.0 * np.arange(4), x + 60, 100.0 * np.arange(4) + 40])
         tracker.update(np.column_stack([boxes + rng.normal(0, 1, boxes.shape), rng.uniform(0.4, 0.9, 4)]))
     assert [len(track) for track in tracker.tracks()] == [60] * 4
+
+
+# Of 2.5 frames a second a delay of 1 s holds no three of anybody.
+@pytest.mark.parametrize(
+    ("rate", "every", "delay"),
+    [
+        (10.0, 2, None),
+        (10.0, 3, None),
+        (10.0, 4, None),
+        (30.0, 2, None),
+        (30.0, 4, None),
+        (10.0, 3, 1.0),
+        (30.0, 4, 1.0),
+    ],
+)
+def test_a_detector_that_runs_on_every_nth_frame_is_believed(rate: float, every: int, delay: float | None) -> None:
+    """Two people who cross, boxed without error."""
+    tracker = FlowTracker(frame_rate=rate, delay=delay)
+    for t in range(60):
+        boxes = [[100 + 4 * t, 100, 140 + 4 * t, 200, 0.9], [400 - 4 * t, 110, 440 - 4 * t, 210, 0.9]]
+        tracker.update(boxes if t % every == 0 else np.empty((0, 5)))
+    tracks = tracker.tracks()
+    assert len(tracks) == 2
+    for track in tracks:
+        assert track.observed.sum() >= 60 // every - 1
+        # Nobody turns where they meet.
+        assert abs(np.sign(np.diff(track.boxes[:, 0])).sum()) == len(track) - 1
+
+
+@pytest.mark.parametrize(("every", "speed", "frames"), [(3, 20, 20), (3, 20, 30), (3, 30, 60), (2, 30, 30)])
+def test_fast_people_at_few_frames_a_second_are_tracked(every: int, speed: int, frames: int) -> None:
+    """Every second or third frame of ten a second, as a video of its own: two people who cross fast."""
+    tracker = FlowTracker(frame_rate=RATE / every)
+    times = range(0, frames, every)
+    for t in times:
+        x = speed * (t - frames / 2)
+        tracker.update([[300 + x, 100, 340 + x, 200, 0.9], [300 - x, 110, 340 - x, 210, 0.9]])
+    assert [len(track) for track in tracker.tracks()] == [len(times)] * 2
