@@ -12,6 +12,8 @@ Pairs = tuple[IntArray, IntArray]
 # As many as the processor holds close by.
 BOXES_AT_ONCE = 4096
 MOST_CELLS = 512
+# Keys of long videos are known to so many pixels.
+ROUNDING = 1e-3
 
 
 def near_pairs(
@@ -32,7 +34,8 @@ def near_pairs(
     """
     if len(tails) == 0 or len(heads) == 0:
         return tails[:0], heads[:0]
-    strips, (x, y) = Strips.of(frames, centre[:, 0], heads), centre.T.copy()
+    x, y = centre.T.copy()
+    strips = Strips.of(frames, x, heads, tails, float(reach[tails, 0].max()))
     pairs = []
     for start in range(0, len(tails), BOXES_AT_ONCE):
         part = tails[start : start + BOXES_AT_ONCE]
@@ -51,6 +54,8 @@ class Strips:
         left: the least x.
         cell: width of a cell.
         cells: of a frame.
+        key: ``(H,)`` increasing: frame and x of ``ordered`` in one number.
+        width: of a frame in it. A frame is wider than any reach, so none leads into the next frame.
     """
 
     ordered: IntArray
@@ -59,21 +64,35 @@ class Strips:
     left: float
     cell: float
     cells: int
+    key: FloatArray
+    width: float
 
     @classmethod
-    def of(cls, frames: IntArray, x: FloatArray, which: IntArray) -> Strips:
-        """For the boxes at ``(H,)`` indices of ``(N,)`` frames and ``(N,)`` x."""
+    def of(
+        cls, frames: IntArray, x: FloatArray, which: IntArray, others: IntArray | None = None, furthest: float = 0.0
+    ) -> Strips:
+        """For the boxes at ``(H,)`` indices of ``(N,)`` frames and ``(N,)`` x.
+
+        Args:
+            frames: ``(N,)``.
+            x: ``(N,)``.
+            which: ``(H,)`` indices.
+            others: of the boxes near whose places those are looked up; by default the same.
+            furthest: the largest reach.
+        """
         if len(which) == 0:
-            return cls(which, np.zeros(1, dtype=np.int64), 0, 0.0, 1.0, 1)
+            return cls(which, np.zeros(1, dtype=np.int64), 0, 0.0, 1.0, 1, np.empty(0), 1.0)
         ordered = which[np.lexsort((x[which], frames[which]))]
-        row, place = frames[ordered] - int(frames[ordered[0]]), x[ordered]
-        left, count = float(place.min()), int(row[-1]) + 1
+        row, others = frames[ordered] - int(frames[ordered[0]]), ordered if others is None else others
+        left, count = min(float(x[others].min()), float(x[which].min())), int(row[-1]) + 1
+        width = max(float(x[others].max()), float(x[which].max())) - left + 2 * furthest + 1.0
+        place = x[ordered] - left
         # About two cells a box; beyond so many an image has no columns worth telling apart.
         cells = int(np.clip(2 * len(ordered) // count, 1, MOST_CELLS))
-        cell = max(float(place.max()) - left, 1e-6) / cells
-        key = row * cells + np.minimum((place - left) / cell, cells - 1).astype(np.int64)
-        first = np.searchsorted(key, np.arange(count * cells + 1))
-        return cls(ordered, first, int(frames[ordered[0]]), left, cell, cells)
+        cell = max(float(place.max()), 1e-6) / cells
+        within = row * cells + np.minimum(place / cell, cells - 1).astype(np.int64)
+        first = np.searchsorted(within, np.arange(count * cells + 1))
+        return cls(ordered, first, int(frames[ordered[0]]), left, cell, cells, row * width + place, width)
 
     def between(self, when: IntArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, IntArray]:
         """Ranges of ``ordered`` that hold all boxes of given frames with x from ``low`` to ``high``, and some more.
@@ -126,10 +145,12 @@ def near_places(
         ``(P,)`` indices of the others and of the boxes near them.
     """
     at = x[tails]
-    tail, place = ranges(*strips.between(when, at - reach_x, at + reach_x))
-    head = strips.ordered[place]
+    target = (when - strips.frame) * strips.width + (at - strips.left)
+    tail, place = ranges(*strips.between(when, at - reach_x - ROUNDING, at + reach_x + ROUNDING))
+    head, key = strips.ordered[place], strips.key[place]
     near = np.abs(y[head] - y[tails][tail]) <= reach_y[tail]
-    near &= np.abs(x[head] - at[tail]) <= reach_x[tail]
+    near &= key >= (target - reach_x)[tail]
+    near &= key <= (target + reach_x)[tail]
     kept = np.flatnonzero(near)
     return tails[tail[kept]], head[kept]
 

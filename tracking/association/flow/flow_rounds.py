@@ -106,7 +106,9 @@ def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, long
     x, y = centres(seen.boxes).T.copy()
     # In the order of their places, so that what is looked up lies together.
     tails = tails[np.lexsort((x[tails], seen.frames[tails]))]
-    strips, side = Strips.of(seen.frames, x, heads), sizes(seen.boxes).max(axis=1)
+    side = sizes(seen.boxes).max(axis=1)
+    furthest = _reach(seen, tails, side[tails], np.array([longest]), cost)[:, 0].max()
+    strips = Strips.of(seen.frames, x, heads, tails, float(furthest))
     log_height = seen.measured.places[:, 3].copy()
     pairs: list[Pairs] = []
     count = len(tails)
@@ -121,9 +123,9 @@ def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, long
 
 
 def _reach(seen: Seen, tails: IntArray, side: FloatArray, gap: IntArray, cost: LinkCost) -> FloatArray:
-    """``(T, 2)`` largest differences of centres, pixels, over ``(T,)`` gaps in frames from boxes of ``(T,)`` sides.
+    """``(T, 2)`` largest differences of centres, pixels, for T boxes of ``(T,)`` longer sides.
 
-    They grow by how far the camera's motion over the gap may be off.
+    The gaps, one for all or ``(T,)``, are in frames. Reaches grow by how far the camera's motion over them may be off.
     """
     reach = cost.limits(side, gap / seen.frame_rate)
     wander = seen.measured.wander
@@ -206,9 +208,9 @@ class _Prices:
         """Of P links those that are kept: indices, distance of appearance, mismatch of motion, price, share hidden."""
         seen, cost, one_frame = self.seen, self.cost, 1 / self.seen.frame_rate
         gap = seen.frames[j] - seen.frames[i]
-        seconds = gap * one_frame
+        seconds = np.asarray(gap * one_frame, dtype=np.float64)
         motion = self.mismatch(i, j, seconds, seen.measured.wander[j] - seen.measured.wander[i])
-        total, distance = motion, np.broadcast_to(np.nan, len(i))
+        total, distance = motion.copy(), np.full(len(i), np.nan)
         if seen.features is not None:
             averaged = self.means is not None
             distance = (
@@ -218,15 +220,14 @@ class _Prices:
             )
             # Learnt costs are right about the gaps that they were learnt on.
             unlearnt = True if self.transition is None else gap > self._learnt_up_to()
-            total = total + np.where(unlearnt, cost.appearance_cost(distance, averaged=averaged), 0)
+            total += np.where(unlearnt, cost.appearance_cost(distance, averaged=averaged), 0)
         if self.transition is not None:
             learnt = np.flatnonzero(gap <= self._learnt_up_to())
             pairs = pair_features(seen.boxes, seen.features, i[learnt], j[learnt], gap[learnt])
-            total = total.copy()
             total[learnt] += cost.learnt(self.transition(replace(pairs, appearance=distance[learnt])))
         if cost.action is not None and self.doing is not None:
             averaged = self.along and cost.action.averaged
-            total = total + cost.action(*self.doing, i, j, seconds, averaged=averaged)
+            total += cost.action(*self.doing, i, j, seconds, averaged=averaged)
         # What hides a person is looked at only where it matters.
         kept = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < self.dearest)
         covered = hidden[kept]

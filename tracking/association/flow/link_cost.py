@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.action_cost import ActionCost
-from tsuiseki.tracking.association.flow.mismatch import Along, Alone, OrSuddenChange, StudentT
+from tsuiseki.tracking.association.flow.mismatch import Alone, Along, OrSuddenChange, StudentT
 from tsuiseki.tracking.association.tracklets.chain_motion import GROUPS, Beliefs, Measurements, MotionNoise
 from tsuiseki.tracking.types import FloatArray, IntArray
 

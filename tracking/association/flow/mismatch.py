@@ -1,6 +1,6 @@
 """How ill two chains of detections go together: the logarithm of Student's t density, over all coordinates.
 
-With e = (difference of place, difference of velocity) in one coordinate and Σ = [[a, b], [b, c]] its covariance, D = |Σ|,
+With e = (difference of place, difference of velocity) in one coordinate, Σ = [[a, b], [b, c]] its covariance, D = |Σ|,
 
     ½ log(D / 4 r² v²) + (ν + 2)/2 · log(1 + (c e₁² − 2 b e₁ e₂ + a e₂²) / (D ν)).
 
