@@ -15,6 +15,14 @@ from tsuiseki.tracking.association.flow.flow_rounds import LinkChange, RoundSett
 from tsuiseki.tracking.association.flow.link_cost import MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.flow.links import Links, joined_links
 from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, track_labels
+from tsuiseki.tracking.association.flow.places import (
+    MEMORY,
+    Counts,
+    EntryPlaces,
+    no_counts,
+    place_costs,
+    starts_and_ends,
+)
 from tsuiseki.tracking.association.flow.seen import (
     Seen,
     joined_detections,
@@ -29,8 +37,8 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Seconds that the beliefs at undecided detections look back to decided ones.
 CONTEXT = 1.0
-# Of so many detections that the video bears out a smaller share in tracks shows that first prices are too high.
-LEAST_SURE, LEAST_USED = 10, 0.75
+# Of so many detections that the video bears out no larger share in tracks shows that first prices are too high.
+LEAST_SURE, LEAST_USED = 10, 0.5
 
 
 @dataclass(frozen=True)
@@ -42,12 +50,14 @@ class FlowCosts:
         rounds: which links there are, and how often they are priced.
         entry: cost of a track's start, c_entr.
         exit: cost of a track's end, c_exit.
+        places: how both follow the places where tracks begin and end; None takes all places alike.
     """
 
     link: LinkCost = field(default_factory=LinkCost)
     rounds: RoundSettings = field(default_factory=RoundSettings)
     entry: float = 5.0
     exit: float = 5.0
+    places: EntryPlaces | None = None
 
     def __post_init__(self) -> None:
         if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf):
@@ -82,6 +92,7 @@ class FlowWindow:
         self.costs = costs
         self.overlap = gaps(costs.rounds.window, frame_rate) + 1
         most = costs.entry + MOST_WORTH + (0.0 if changes is None else LARGEST)
+        most += 0.0 if costs.places is None else costs.places.most
         self._flow = SlidingFlow(self.overlap, most, most_undecided)
         self._transition = transition
         self.changes = changes
@@ -90,6 +101,8 @@ class FlowWindow:
         self._known = Along.alone(self._seen, costs.link.motion)
         # Of decided detections: what follows them. Of undecided ones: what followed them in the last round.
         self._follower = np.empty(0, dtype=np.int64)
+        # Where decided tracks begin and end.
+        self._counts = no_counts()
 
     @property
     def exact(self) -> bool:
@@ -159,6 +172,15 @@ class FlowWindow:
             end: ``(U,)`` likewise of its end.
             rounds: how often links are priced again at most; by default as often as the settings say.
         """
+        nothing = np.zeros(int(self.free().sum()))
+        start, end = (nothing if change is None else change for change in (start, end))
+        self._alternate(observation, start, end, rounds)
+        if self.costs.places is not None:
+            entry, exit = self.place_costs(self._seen.image[self.free()])
+            self._alternate(observation, start + entry, end + exit, rounds)
+
+    def _alternate(self, observation: FloatArray, start: FloatArray, end: FloatArray, rounds: int | None) -> None:
+        """`solve` with given changes of entry and exit costs."""
         before: set[bytes] = set()
         rounds = self.costs.rounds.rounds if rounds is None else rounds
         for number in range(rounds + 1):
@@ -191,6 +213,20 @@ class FlowWindow:
                 self._link_change(),
             )
 
+    def place_costs(self, boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``(N,)`` changes of entry and of exit costs at ``(N, 4)`` boxes in the image, by the tracks found so far."""
+        if self.costs.places is None:
+            return np.zeros(len(boxes)), np.zeros(len(boxes))
+        counts = self._counts.and_then(self._told().select(self.free() & (self.labels() >= 0)))
+        return place_costs(counts, boxes, self._seen.size, self.costs.places)
+
+    def _told(self) -> Counts:
+        """What the last solution says of where tracks begin and end, of the detections that are kept."""
+        seen, places = self._seen, self.costs.places or EntryPlaces()
+        margin = places.unknown * seen.frame_rate
+        known = (margin, float(seen.frames.max(initial=0)) - margin)
+        return Counts(seen.image, *starts_and_ends(self.labels(), seen.frames, known, places.shortest))
+
     def _leaves_people_out(self, observation: FloatArray) -> bool:
         """Whether most of the detections that the video bears out are in no track.
 
@@ -198,7 +234,7 @@ class FlowWindow:
         they are. Then the first prices make no track, no track tells the velocity, and no round mends it.
         """
         sure = observation < -(self.costs.entry + self.costs.exit) / 2
-        return bool(sure.sum() >= LEAST_SURE and self._flow.solution().used[sure].mean() < LEAST_USED)
+        return bool(sure.sum() >= LEAST_SURE and self._flow.solution().used[sure].mean() <= LEAST_USED)
 
     def _take_velocity_for_known(self) -> None:
         """Price the links that have no price along tracks as with `LinkCost.settled` = 1."""
@@ -210,7 +246,11 @@ class FlowWindow:
     def decide(self, last_frame: int, before: int, *, whatever: bool = False) -> Decision:
         """Decide what lies before a frame and no frame after ``last_frame`` can change, or ``whatever`` those say."""
         flow = self._flow
+        counts = None if self.costs.places is None else self._told()
         decision = flow.decide_before(before) if whatever else flow.decide(last_frame, before)
+        if counts is not None:
+            counts = counts.select(np.isin(self._seen.numbers, decision.numbers[decision.used]))
+            self._counts = self._counts.and_then(counts).select(slice(-MEMORY, None))
         place = np.searchsorted(self._seen.numbers, decision.numbers)
         self._follower[place] = np.where(decision.used, decision.follower, -1)
         self._forget()

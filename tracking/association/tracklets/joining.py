@@ -57,6 +57,7 @@ def join(
     settings: JoinSettings,
     changes: CostChanges | None = None,
     started: BoolArray | None = None,
+    places: tuple[FloatArray, FloatArray] | None = None,
 ) -> IntArray:
     """``(N,)`` track of each detection, -1 for none; tracks are numbered by their first tracklet.
 
@@ -69,6 +70,8 @@ def join(
         changes: by how much learnt costs differ from these.
         started: ``(M,)`` tracklets that are known to start a track, so that none is joined to their starts; by default
             none is.
+        places: ``(N,)`` changes of the costs of a start at each detection, and of an end, by which a join may cost
+            more; by default none.
     """
     link = replace(link, miss=settings.miss)
     for _ in range(settings.passes):
@@ -81,6 +84,8 @@ def join(
             cost = cost + changes.joins(evidence_of_joins(seen, labels, ends, parts, link))
         if started is not None:
             cost = np.where(started[j], np.inf, cost)
+        if places is not None:
+            cost = cost - places[0][parts.j] - places[1][parts.i]
         before, after = cheapest_matching(i, j, cost - settings.limit)
         if len(before) == 0:
             break

@@ -44,6 +44,7 @@ class FlowTracker:
 
     Raises:
         ValueError: the frame rate is not above 0, or the delay below 0.
+        RequestError: a delay and costs by places.
 
     >>> tracker = FlowTracker(frame_rate=10.0, delay=0.5)
     >>> for t in range(9):
@@ -69,6 +70,10 @@ class FlowTracker:
         if delay is not None and not 0 <= delay < np.inf:
             raise ValueError(f"expected a delay of 0 seconds or more, got {delay}")
         self.settings = settings = settings or FlowSettings()
+        if delay is not None and settings.costs.places is not None:
+            raise RequestError(
+                "expected no `delay` with `costs.places`, which looks at all tracks twice; leave one out"
+            )
         self.delay = delay
         given = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, camera, observation)
         most_undecided = None if settings.most_undecided is None else round(settings.most_undecided * frame_rate)

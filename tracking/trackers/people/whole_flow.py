@@ -70,7 +70,10 @@ class WholeFlow:
         labels = tracklets.labels(len(every))
         if self.settings.join is not None and len(every):
             appearance = tracklets.appearance()
-            labels = join(every, labels, appearance, window.costs.link, self.settings.join, window.changes)
+            link, places = window.costs.link, None
+            if window.costs.places is not None:
+                places = window.place_costs(every.image)
+            labels = join(every, labels, appearance, link, self.settings.join, window.changes, None, places)
         return self._finished(every, labels)
 
     def _decide(self) -> None:

@@ -1,0 +1,166 @@
+"""Entry and exit costs that know the image's border and the places where tracks of this video begin and end.
+
+A track may begin anywhere, but most begin at the border, at a door or behind a pillar. With K a Gaussian kernel of so
+many heights, of detections d and of those s among them with which tracks found so far begin, the share that begins at a
+place z is
+
+    ρ(z) = (Σ_s K(z − z_s) + κ ρ̄ e^{β [z near the border]}) / (Σ_d K(z − z_d) + κ),        ρ̄ = |s| / |d|,
+
+and the entry cost there becomes c_entr − w log(ρ(z) / ρ̄), within bounds: the negative logarithm of the probability of a
+start, as far as it differs from the average over the video. Ends likewise. Who is there when the video begins, or still
+there at its end, tells nothing, and pays as before.
+
+Places are those in the image, since its border moves with the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from tsuiseki.tracking.association.nearby import centres, sizes
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+# Cells along the longer side of what the boxes cover, and detections that are remembered, the latest.
+CELLS, MEMORY = 64, 30_000
+
+
+@dataclass(frozen=True)
+class EntryPlaces:
+    """How entry and exit costs follow the places where tracks begin and end.
+
+    Attributes:
+        weight: w.
+        most: largest change of a cost.
+        width: of the kernel, mean heights of boxes.
+        prior: κ, detections.
+        border: β, how much likelier starts and ends near the border are taken to be at first, as a logarithm.
+        near: heights from the border that count as near it.
+        unknown: seconds at the beginning and at the end of what is seen in which starts and ends tell nothing.
+        shortest: detections of the tracks that tell.
+    """
+
+    weight: float = 1.0
+    most: float = 2.0
+    width: float = 0.5
+    prior: float = 50.0
+    border: float = 1.0
+    near: float = 0.25
+    unknown: float = 0.5
+    shortest: int = 5
+
+    def __post_init__(self) -> None:
+        if min(self.weight, self.most, self.border, self.near, self.unknown) < 0 or min(self.width, self.prior) <= 0:
+            raise ValueError("expected width and prior above 0, and the others from 0")
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What tracks found so far say of N detections of them.
+
+    Attributes:
+        boxes: ``(N, 4)`` pixels, where the image shows them.
+        starts: ``(N,)`` whether a track begins there.
+        ends: ``(N,)`` whether one ends there.
+    """
+
+    boxes: FloatArray
+    starts: BoolArray
+    ends: BoolArray
+
+    def and_then(self, other: Counts) -> Counts:
+        """These and others."""
+        return Counts(
+            np.concatenate([self.boxes, other.boxes]),
+            np.append(self.starts, other.starts),
+            np.append(self.ends, other.ends),
+        )
+
+    def select(self, which: BoolArray | slice) -> Counts:
+        """Those at a mask or in a range."""
+        return Counts(self.boxes[which], self.starts[which], self.ends[which])
+
+
+def no_counts() -> Counts:
+    """Of nothing."""
+    return Counts(np.empty((0, 4)), np.empty(0, dtype=np.bool_), np.empty(0, dtype=np.bool_))
+
+
+def starts_and_ends(
+    labels: IntArray, frames: IntArray, known: tuple[float, float], shortest: int
+) -> tuple[BoolArray, BoolArray]:
+    """``(N,)`` detections with which tracks begin, and ``(N,)`` those with which they end.
+
+    Args:
+        labels: ``(N,)`` track of each detection, -1 for none.
+        frames: ``(N,)`` increasing.
+        known: the frames from which on starts, and up to which ends tell something.
+        shortest: detections of the tracks that tell.
+    """
+    used = np.flatnonzero(labels >= 0)
+    order = used[np.argsort(labels[used], kind="stable")]
+    told = order[np.bincount(labels[order], minlength=1)[labels[order]] >= shortest]
+    change = np.diff(labels[told]) != 0
+    starts, ends = np.zeros(len(labels), dtype=np.bool_), np.zeros(len(labels), dtype=np.bool_)
+    starts[told[np.append(True, change)[: len(told)]]] = True
+    ends[told[np.append(change, True)[-len(told) :]] if len(told) else told] = True
+    return starts & (frames >= known[0]), ends & (frames <= known[1])
+
+
+def place_costs(
+    counts: Counts, boxes: FloatArray, size: tuple[int, int] | None, settings: EntryPlaces
+) -> tuple[FloatArray, FloatArray]:
+    """``(N,)`` changes of the entry costs, and of the exit costs, of detections with ``(N, 4)`` boxes in the image.
+
+    Args:
+        counts: what the tracks found so far say.
+        boxes: pixels.
+        size: width and height of the image; None takes the part that boxes cover, and no border.
+        settings: see there.
+    """
+    nothing = np.zeros(len(boxes))
+    if len(counts.boxes) == 0 or len(boxes) == 0:
+        return nothing, nothing
+    height = float(sizes(counts.boxes)[:, 1].mean())
+    low, high = (np.zeros(2), np.array(size)) if size is not None else _extent(counts.boxes)
+    cell = max(float((high - low).max()) / CELLS, 1e-6)
+    shape = np.maximum(np.ceil((high - low) / cell), 1).astype(np.int64)
+    sigma = settings.width * height / cell
+
+    def density(which: FloatArray) -> FloatArray:
+        """How many of some boxes lie within the kernel, which is 1 in its middle, around each cell."""
+        index = _cells(which, low, cell, shape)
+        table = np.bincount(index, minlength=int(shape.prod())).reshape(shape[1], shape[0]).astype(np.float64)
+        return np.asarray(gaussian_filter(table, sigma, mode="constant") * max(2 * np.pi * sigma**2, 1.0))
+
+    every, at = density(counts.boxes), _cells(boxes, low, cell, shape)
+    edge = np.exp(settings.border * _near_border(boxes, size, settings.near))
+    changes = []
+    for told in (counts.starts, counts.ends):
+        mean = max(float(told.mean()), 1 / len(told))
+        found, around = density(counts.boxes[told]).ravel()[at], every.ravel()[at]
+        ratio = (found / mean + settings.prior * edge) / (around + settings.prior)
+        changes.append(np.clip(-settings.weight * np.log(ratio), -settings.most, settings.most))
+    return changes[0], changes[1]
+
+
+def _extent(boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    centre = centres(boxes)
+    return centre.min(axis=0), centre.max(axis=0)
+
+
+def _cells(boxes: FloatArray, low: FloatArray, cell: float, shape: IntArray) -> IntArray:
+    """``(N,)`` number of the cell of each box; those outside count to the nearest one."""
+    column, row = np.clip(((centres(boxes) - low) / cell).astype(np.int64), 0, shape - 1).T
+    return np.asarray(row * shape[0] + column)
+
+
+def _near_border(boxes: FloatArray, size: tuple[int, int] | None, near: float) -> BoolArray:
+    """``(N,)`` whether a box comes near the left, right or lower border; people do not come from above."""
+    if size is None:
+        return np.zeros(len(boxes), dtype=np.bool_)
+    reach = near * sizes(boxes)[:, 1]
+    x1, _, x2, y2 = boxes.T
+    return np.asarray((x1 < reach) | (x2 > size[0] - reach) | (y2 > size[1] - reach))
