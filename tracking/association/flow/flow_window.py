@@ -177,6 +177,8 @@ class FlowWindow:
         self._alternate(observation, start, end, rounds)
         if self.costs.places is not None:
             entry, exit = self.place_costs(self._seen.image[self.free()])
+            if not (entry.any() or exit.any()):
+                return
             self._alternate(observation, start + entry, end + exit, rounds)
 
     def _alternate(self, observation: FloatArray, start: FloatArray, end: FloatArray, rounds: int | None) -> None:

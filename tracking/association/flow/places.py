@@ -125,7 +125,7 @@ def place_costs(
         return nothing, nothing
     height = float(sizes(counts.boxes)[:, 1].mean())
     low, high = (np.zeros(2), np.array(size)) if size is not None else _extent(counts.boxes)
-    cell = max(float((high - low).max()) / CELLS, 1e-6)
+    cell = max(float((high - low).max()), height) / CELLS
     shape = np.maximum(np.ceil((high - low) / cell), 1).astype(np.int64)
     sigma = settings.width * height / cell
 
