@@ -129,6 +129,20 @@ def test_trackers_wait_for_the_first_measurement_and_outlast_silence(method):
     assert track.frames[-1] < 30
 
 
+def test_a_stretch_is_scored_by_itself(tmp_path, capsys):
+    truth, found, scores = tmp_path / "gt.csv", tmp_path / "found.csv", tmp_path / "s.json"
+    truth.write_text("frame,id,x,y\n" + "".join(f"{t},1,5,5\n" for t in range(91, 101)))
+    found.write_text("frame,id,x,y\n" + "".join(f"{t},1,5,{9 if t > 95 else 7}\n" for t in range(91, 101)))
+    expected = {None: 10 * 3 / 100, "91-100": 3.0, "96-": 4.0, "96-99": 4.0}
+    for frames, error in expected.items():
+        words = ["evaluate", "points", str(truth), str(found), "--json", str(scores), "--overwrite"]
+        assert main([*words, "--frames", frames] if frames else words) == 0
+        (values,) = json.loads(scores.read_text()).values()
+        assert values["ospa1"] == pytest.approx(error)
+    assert main(["evaluate", "points", str(truth), str(found), "--frames", "1-90"]) == 2
+    assert "at least one labelled point in the frames to score" in capsys.readouterr().err
+
+
 def test_a_gap_of_ten_million_frames_takes_no_time(tmp_path):
     (tmp_path / "gt.csv").write_text("frame,id,x,y\n1,1,5,5\n10000000,1,9,9\n")
     (tmp_path / "found.csv").write_text("frame,id,x,y\n1,1,5,5\n10000000,1,9,12\n")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from tsuiseki.tracking.cli.evaluate.options import Comparison
+from tsuiseki.tracking.cli.evaluate.options import Comparison, Stretch
 
 
-def points(given: Comparison, cutoff: float = 100.0, window: int = 10) -> None:
+def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: int = 10) -> None:
     """Score tracked points: OSPA, OSPA(2), GOSPA and its parts, number of targets, changed identities.
+
+    Means are over all frames from the first on; where labels or results begin later, give --frames.
 
     Args:
         truth: points as CSV with the columns frame,id,x,y, or MOTChallenge text, whose boxes count by their centres.
@@ -24,5 +26,5 @@ def points(given: Comparison, cutoff: float = 100.0, window: int = 10) -> None:
         raise RequestError(f"`cutoff`: expected a distance above 0, got {cutoff:g}")
     if window < 1:
         raise RequestError(f"`window`: expected 1 frame or more, got {window}")
-    scores = evaluate_point_files(given.truth, given.named(), cutoff, window)
+    scores = evaluate_point_files(given.truth, given.named(), cutoff, window, stretch.range)
     given.report(point_table(scores), {name: asdict(one) for name, one in scores.items()})
