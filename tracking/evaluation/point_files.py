@@ -32,15 +32,15 @@ def evaluate_point_files(
         RequestError: a file is missing or broken, or no point is labelled.
     """
     labels = read_labelled_points(truth)
-    read = {name: read_tracked_points(path) for name, path in results.items()}
+    if not wanted.mask(labels.frames).any():
+        raise RequestError(f"{truth}: expected at least one labelled point in the frames to score, got none")
     scores = {}
-    for name, found in read.items():
-        end = int(max(labels.frames.max(initial=0), found.frames.max(initial=0)))
+    for name, path in results.items():
+        found = read_tracked_points(path)
+        end = int(max(labels.frames.max(), found.frames.max(initial=0)))
         first, last = wanted.first, end if wanted.last is None else wanted.last
-        counted = _counted_from(labels, first, last)
-        if len(counted.frames) == 0:
-            raise RequestError(f"{truth}: expected at least one labelled point in the frames to score, got none")
-        scores[name] = evaluate_points(counted, _counted_from(found, first, last), last - first + 1, cutoff, window)
+        parts = [_counted_from(points, first, last) for points in (labels, found)]
+        scores[name] = evaluate_points(parts[0], parts[1], last - first + 1, cutoff, window)
     return scores
 
 
