@@ -16,6 +16,7 @@ from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import Past
 from tsuiseki.tracking.trackers.single.methods import SingleMethod, SinglePreset, make_tracker
+from tsuiseki.tracking.trackers.single.recognising import Recognising
 from tsuiseki.tracking.trackers.single.recognition import Recognised
 from tsuiseki.tracking.weights import shipped
 
@@ -35,7 +36,7 @@ class SingleChoice(Shared):
         past: how kcf-particle draws filters of the past, all alike or by their score; by default as the preset says.
         redetect: combined and kcf-particle search a wider area for a lost target, which takes longer.
         recognise: also say lost where the target, a person, no longer looks as in the first frame, by the shipped
-            appearance network.
+            appearance network; combined also lets it choose where to go on.
         objectness: model for kcf-particle from `tsuiseki train objectness`; by default the shipped one.
     """
 
@@ -56,8 +57,11 @@ class SingleChoice(Shared):
         tracker, constants = self._plain(seed)
         if not self.recognise:
             return tracker, constants
-        network = Appearance(shipped("appearance_people"))
-        recognised = Recognised(tracker, network.describe)
+        describe = Appearance(shipped("appearance_people")).describe
+        if isinstance(tracker, Combined):
+            recognising = Recognising(describe, tracker.settings, seed)
+            return recognising, {**constants, "recognition": asdict(recognising.recognition)}
+        recognised = Recognised(tracker, describe)
         return recognised, {**constants, "recognition": asdict(recognised.settings)}
 
     def _plain(self, seed: int) -> tuple[SingleTracker, dict[str, Any]]:

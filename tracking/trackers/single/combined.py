@@ -189,9 +189,7 @@ class Combined:
         state, _ = particle_filter.step(before.state, maps, self._rng)
         heaviest = state.particles[int(np.argmax(state.log_weights))]
         number = int(heaviest[2])
-        least, most = settings.filter.smallest, settings.filter.largest
-        size = float(np.clip(target.size * np.exp(heaviest[3]), least, most))
-        there = replace(target, centre=heaviest[:2], filters=bank[number], size=size)
+        there = replace(target, centre=heaviest[:2], filters=bank[number], size=self._size(heaviest))
         place, response = self._look(image, there)
         moved = bool((np.abs(place - target.centre) > 0.5 * self._model.target * target.size).any())
         elsewhere = moved or number > 0 or abs(heaviest[3]) > _SIZE_STEP / 2
@@ -202,6 +200,11 @@ class Combined:
             extent = np.array([image.shape[1], image.shape[0]], dtype=np.float64)
             self.target = replace(there, centre=np.clip(place, 0, extent), peak=response)
             self.doubted, self._challenge = 0, None
+
+    def _size(self, particle: FloatArray) -> float:
+        """Relative size of the target at a particle."""
+        settings = self.settings.filter
+        return float(np.clip(self.target.size * np.exp(particle[3]), settings.smallest, settings.largest))
 
     def _look(self, image: ImageArray, there: RegularisedTarget) -> tuple[FloatArray, float]:
         """Place and response of the maximum about ``there``, in a window of its own as the filter alone has one."""

@@ -33,6 +33,10 @@ class RecognitionSettings:
         looks: low likenesses in a row from which on the target counts as lost.
         memory: looks of the running median.
         trusted: looks at the beginning that count as the target.
+        candidates: places that are looked at in a look that says that the box does not show the target; see
+            `recognising`.
+        better: how much more alike than the box such a place must be.
+        alike: share of the running median from which on it may be the target.
     """
 
     every: int = 3
@@ -41,6 +45,58 @@ class RecognitionSettings:
     looks: int = 2
     memory: int = 15
     trusted: int = 3
+    candidates: int = 4
+    better: float = 0.1
+    alike: float = 0.85
+
+
+class Witness:
+    """What the network says of boxes, against the first one.
+
+    Args:
+        describe: appearance features of boxes.
+        settings: see there.
+        image: the first frame ``(H, W, 3)``.
+        box: ``(4,)`` of the target in it.
+    """
+
+    def __init__(self, describe: Describe, settings: RecognitionSettings, image: ImageArray, box: FloatArray) -> None:
+        self.settings = settings
+        self._describe = describe
+        self._first = self._features(image, np.asarray(box)[None])[0]
+        self._likenesses: list[float] = []
+        self._low = 0
+
+    def likenesses(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N,)`` cosines of what ``boxes`` ``(N, 4)`` show and of the first box, in [-1, 1]."""
+        return np.asarray(self._features(image, boxes) @ self._first)
+
+    def hear(self, likeness: float) -> None:
+        """Take the likeness of the box in a frame in which the network looks."""
+        settings, seen = self.settings, self._likenesses
+        if len(seen) >= settings.trusted and likeness < settings.share * median(seen):
+            self._low += 1
+            return
+        self._low = 0
+        self._likenesses = [*seen, likeness][-settings.memory :]
+
+    def forget_doubt(self) -> None:
+        """The box is elsewhere now: it counts as the target until it looks otherwise."""
+        self._low = 0
+
+    @property
+    def usual(self) -> float:
+        """The running median of likenesses."""
+        return median(self._likenesses)
+
+    @property
+    def strange(self) -> bool:
+        """Whether the box no longer shows the target."""
+        return self._low >= self.settings.looks and self.usual >= self.settings.heard
+
+    def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        found = np.asarray(self._describe(image, boxes), dtype=np.float64)
+        return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
 
 
 class Recognised:
@@ -59,29 +115,13 @@ class Recognised:
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
         self._tracker.start(image, box)
-        self._first = self._look(image, np.asarray(box))
-        self._likenesses: list[float] = []
-        self._frame = self._low = 0
+        self._witness = Witness(self._describe, self.settings, image, box)
+        self._frame = 0
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         found = self._tracker.follow(image)
         self._frame += 1
         if self._frame % self.settings.every == 0:
-            self._compare(float(self._first @ self._look(image, found.box)))
-        return replace(found, status="lost") if self._strange() else found
-
-    def _look(self, image: ImageArray, box: FloatArray) -> FloatArray:
-        features = np.asarray(self._describe(image, box[None])[0], dtype=np.float64)
-        return np.asarray(features / max(float(np.linalg.norm(features)), 1e-9))
-
-    def _compare(self, likeness: float) -> None:
-        settings, seen = self.settings, self._likenesses
-        if len(seen) >= settings.trusted and likeness < settings.share * median(seen):
-            self._low += 1
-            return
-        self._low = 0
-        self._likenesses = [*seen, likeness][-settings.memory :]
-
-    def _strange(self) -> bool:
-        return self._low >= self.settings.looks and median(self._likenesses) >= self.settings.heard
+            self._witness.hear(float(self._witness.likenesses(image, found.box[None])[0]))
+        return replace(found, status="lost") if self._witness.strange else found

@@ -1,6 +1,7 @@
 """Whether the status ``lost`` says the truth: within ten frames of losing the target, and not while it is followed.
 
-The constants of `recognition` were chosen on the first generated chases, which are therefore counted apart.
+Beside it stands how well the same passes follow. The constants of `recognition` were chosen on the first generated
+chases, which are therefore counted apart.
 """
 
 from __future__ import annotations
@@ -9,18 +10,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.trackers.single.combined import CombinedSettings
+from tsuiseki.tracking.trackers.single.kcf import KcfSettings
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST
-from tsuiseki.tracking.trackers.single.recognition import Recognised
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
 from tsuiseki.trainers.experiments.single.runs import Clip, Ours, generated_clips, seeds_of, start
+from tsuiseki.trainers.experiments.single.unseen import interval
 from tsuiseki.trainers.experiments.store import Store
 
 WITHIN = 10
@@ -34,7 +36,7 @@ class Watched:
 
     Attributes:
         entrant: the tracker.
-        network: of appearance, which also has a say in its status; None leaves it out.
+        network: of appearance, by which it recognises a person; None leaves it out.
     """
 
     entrant: Ours
@@ -42,6 +44,7 @@ class Watched:
 
 
 TRACKERS: Mapping[str, Watched] = {
+    "KCF": Watched(KcfSettings()),
     "combined": Watched(CombinedSettings()),
     "combined, --recognise": Watched(CombinedSettings(), shipped("appearance_people")),
     "kcf-particle, robust": Watched(ROBUST),
@@ -90,9 +93,7 @@ def count_losses(overlaps: FloatArray, lost: BoolArray) -> LostCounts:
 
 def watch(clip: Clip, watched: Watched, seed: int) -> list[list[float]]:
     """Overlap and whether the status was lost, a row a frame after the first."""
-    tracker, truth = start(watched.entrant, seed), clip.sequence.boxes
-    if watched.network is not None:
-        tracker = Recognised(tracker, Appearance(watched.network, threads=1).describe)
+    tracker, truth = start(watched.entrant, seed, watched.network), clip.sequence.boxes
     tracker.start(clip.images[0], truth[0])
     states = [tracker.follow(image) for image in clip.images[1:]]
     overlaps = iou_pairs(truth[1:], np.array([state.box for state in states]))
@@ -115,23 +116,39 @@ def passes(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Iterato
 
 
 def lost_status(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
-    """A row a tracker and kind of clip: the given ones, and generated chases."""
-    rows, values = [], {}
+    """A row a kind of clip and tracker: the given clips, and generated chases."""
+    rows: list[tuple[str, ...]] = []
+    values: dict[str, Any] = {}
     chases = _chases(CHASES)
     groups = {
         "given clips": clips,
         f"generated chases 1 to {SEEN}": chases[:SEEN],
         f"generated chases {SEEN + 1} to {CHASES}": chases[SEEN:],
     }
-    for name, watched in TRACKERS.items():
-        for kind, group in groups.items():
-            counts = LostCounts()
-            for clip in group:
-                for seed in seeds_of(watched.entrant, seeds):
-                    found = np.array(store.recall(watch, clip, watched, seed))
-                    counts += count_losses(found[:, 0], found[:, 1] > 0)
+    for kind, group in groups.items():
+        base = None
+        for name, watched in TRACKERS.items():
+            passes = [
+                [np.array(store.recall(watch, clip, watched, seed)) for seed in seeds_of(watched.entrant, seeds)]
+                for clip in group
+            ]
+            counts = sum((count_losses(one[:, 0], one[:, 1] > 0) for each in passes for one in each), LostCounts())
+            areas = np.array([np.mean([area_of(one[:, 0]) for one in each]) for each in passes])
+            base = areas if base is None else base
+            mean, low, high = interval(areas - base)
             share = 100 * counts.alarms / counts.followed if counts.followed else 0.0
-            rows.append((name, kind, f"{counts.noticed} of {counts.losses}", f"{share:.1f}"))
-            values[f"{name}, {kind}"] = vars(counts)
-    columns = ("tracker", "clips", "losses noticed within 10 frames", "called lost while followed [% of frames]")
+            over = "" if base is areas else f"{mean:+.1f} [{low:.1f}, {high:.1f}]"
+            noticed = f"{counts.noticed} of {counts.losses}"
+            rows.append((kind, name, f"{areas.mean():.1f}", over, noticed, f"{share:.1f}"))
+            values[f"{name}, {kind}"] = {**vars(counts), "areas": areas.tolist()}
+    columns = (
+        "clips", "tracker", "AUC [%]", f"over {next(iter(TRACKERS))}, 95 % interval over clips",
+        "losses noticed within 10 frames", "called lost while followed [% of frames]",
+    )  # fmt: skip
     return Outcome({"status": values}, [Table("Status lost", columns, rows)])
+
+
+def area_of(overlaps: FloatArray) -> float:
+    """Area under the success curve in percent, 21 thresholds, of frames after the first, which counts as found."""
+    known = np.append(overlaps[np.isfinite(overlaps)], 1.0)
+    return 100 * float(np.mean(known[:, None] > np.linspace(0, 1, 21)))

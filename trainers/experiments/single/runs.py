@@ -6,12 +6,14 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
 from tsuiseki.datamodules.scenes.street.chase import render_chase
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
+from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings
@@ -21,6 +23,8 @@ from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import KcfParticleSettings
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.methods import SingleMethod, make_tracker
+from tsuiseki.tracking.trackers.single.recognising import Recognising
+from tsuiseki.tracking.trackers.single.recognition import Recognised
 from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.single.contrib import Contrib, follow_with_contrib
@@ -76,8 +80,13 @@ class Pass:
     drew: bool
 
 
-def start(entrant: Ours, seed: int) -> SingleTracker:
-    """A new tracker."""
+def start(entrant: Ours, seed: int, network: Path | None = None) -> SingleTracker:
+    """A new tracker; with an appearance ``network`` it recognises a person by it."""
+    if network is not None:
+        describe = Appearance(network, threads=1).describe
+        if isinstance(entrant, CombinedSettings):
+            return Recognising(describe, entrant, seed)
+        return Recognised(start(entrant, seed), describe)
     if isinstance(entrant, CombinedSettings):
         return Combined(entrant, seed)
     if isinstance(entrant, KcfParticleSettings):

@@ -1,14 +1,16 @@
 """What counts as a loss that was noticed, and as a false alarm."""
 
 import numpy as np
+import pytest
 
 from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
+from tsuiseki.tracking.evaluation.single import evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.single import lost_status
 from tsuiseki.trainers.experiments.single.lost_status import LostCounts, Watched, count_losses, watch
-from tsuiseki.trainers.experiments.single.runs import Clip
+from tsuiseki.trainers.experiments.single.runs import Clip, start
 from tsuiseki.trainers.experiments.store import Store
 
 
@@ -35,8 +37,17 @@ def test_the_table_has_given_clips_and_generated_ones(tmp_path, monkeypatch):
     outcome = lost_status.lost_status(Store(tmp_path), clips, [0])
     first, second, third = outcome.tables[0].rows
     assert first[2:] == second[2:]
-    assert third[1] == "generated chases 2 to 2"
+    assert third[0] == "generated chases 2 to 2"
+    boxes = np.array([one.box for one in follow_all(clips[0])])
+    scores = evaluate_boxes(clips[0].sequence.boxes, np.concatenate([clips[0].sequence.boxes[:1], boxes]))
+    assert float(first[2]) == pytest.approx(100 * scores.auc, abs=0.06)
     assert outcome.values["status"]["kcf, given clips"]["followed"] > 0
+
+
+def follow_all(clip):
+    tracker = start(RegularisedSettings(sizes=1), 0)
+    tracker.start(clip.images[0], clip.sequence.boxes[0])
+    return [tracker.follow(image) for image in clip.images[1:]]
 
 
 def test_the_network_has_a_say_in_the_status_alone():
