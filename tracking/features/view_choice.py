@@ -35,7 +35,7 @@ class ViewChoice:
 
     Attributes:
         view: the tiles.
-        milliseconds: that the detector took a frame; None where nothing was tried.
+        milliseconds: that the detector took a frame; None where the whole frame was taken without trying.
         people: expected in a frame at each number of tiles across that was tried.
     """
 
@@ -69,9 +69,7 @@ def choose_view(images: Sequence[ImageArray], detector: SizedDetect, batch_size:
     people: dict[int, float] = {}
     for columns in range(1, most + 1):
         view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
-        start = time.perf_counter()
-        found = TiledDetector(detector, view, batch_size=batch_size).detect(looked)
-        taken = 1000 * (time.perf_counter() - start) / len(looked)
+        found, taken = _timed(TiledDetector(detector, view, batch_size=batch_size), looked)
         people[columns] = sum(_expected(d) for d in found) / len(looked)
         if columns == 1 or people[columns] > WORTH * people[chosen.columns]:
             chosen, cost = view, taken
@@ -110,9 +108,17 @@ class ViewedDetector:
             if self.wanted is None:
                 self.choices[size] = choose_view(images, self.detector, self.batch_size)
             else:
-                high, wide = self.detector.input_size or size
-                self.choices[size] = ViewChoice(view_of(size, self.wanted[0], wide / high, self.wanted[1]), None, {})
+                self.choices[size] = self._as_wanted(self.wanted, images[0])
         return self.choices[size]
+
+    def _as_wanted(self, wanted: tuple[int, int | None], image: ImageArray) -> ViewChoice:
+        """The view that was asked for, and what it takes."""
+        size = image.shape[:2]
+        high, wide = self.detector.input_size or size
+        view = view_of(size, wanted[0], wide / high, wanted[1])
+        if len(view) == 1:
+            return ViewChoice(view, None, {})
+        return ViewChoice(view, _timed(TiledDetector(self.detector, view, batch_size=self.batch_size), [image])[1], {})
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB, all of one size."""
@@ -135,6 +141,13 @@ def scores_are_probabilities(detect: object) -> bool:
 
 def _inner(detect: object) -> object:
     return detect.detector if isinstance(detect, ViewedDetector) else detect
+
+
+def _timed(detector: TiledDetector, images: Sequence[ImageArray]) -> tuple[list[Detections], float]:
+    """What is found, and the milliseconds that an image took."""
+    start = time.perf_counter()
+    found = detector.detect(images)
+    return found, 1000 * (time.perf_counter() - start) / len(images)
 
 
 def _most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -127,5 +129,7 @@ def test_a_view_is_chosen_once_for_each_size():
     before = len(marks.calls)
     viewed.detect([small])
     assert len(marks.calls) - before == 2  # five tiles in batches of four
-    assert ViewedDetector(MarkDetector(), (3, 2)).prepare([small]).view.tiles.shape == (7, 4)
+    wanted = ViewedDetector(MarkDetector(), (3, 2))
+    assert wanted.prepare([small]).view.tiles.shape == (7, 4)
+    assert re.fullmatch(r"7 tiles a frame, about \d+ ms a frame", wanted.summary)
     assert viewed.detect([]) == []
