@@ -11,8 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.types import BoolArray, ImageArray
-from tsuiseki.trainers.adapt.silhouettes import difference
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.trainers.adapt.silhouettes import difference, edge_offsets, told_from_shadow
 from tsuiseki.trainers.adapt.watch import Watched, plain_view
 
 _SAME, _SHADOW, _BRIGHT = 0, 1, 2
@@ -29,6 +29,14 @@ class Difference:
 
     different: BoolArray
     bright: BoolArray
+
+    def offsets(self, boxes: FloatArray) -> FloatArray:
+        """``(N, 4)`` by how much boxes ``(N, 4)`` lie off silhouettes, see `edge_offsets`.
+
+        NaN also where clothes look like a shadow.
+        """
+        told = told_from_shadow(self.different, self.bright, boxes)
+        return np.where(told[:, None], edge_offsets(self.bright, boxes), np.nan)
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,7 @@ from tsuiseki.trainers.adapt.foreground import Difference, Foreground
 from tsuiseki.trainers.adapt.settings import LabelSettings
 from tsuiseki.trainers.adapt.silhouettes import (
     covered_share,
-    edge_offsets,
     moving_blobs,
-    told_from_shadow,
     usual_offset,
 )
 from tsuiseki.trainers.adapt.straddling import EXPLAINED, explained_boxes
@@ -182,17 +180,11 @@ def _offset(
             for frame, box in zip(track.frames[track.observed].tolist(), track.boxes[track.observed], strict=True):
                 boxes.setdefault(frame, []).append(box)
     found = [
-        _edge_offsets(foreground.picture(number), np.stack(boxes[frame]))
+        foreground.picture(number).offsets(np.stack(boxes[frame]))
         for frame, number in number_of.items()
         if frame in boxes
     ]
     return settings.onto_silhouettes * usual_offset(np.concatenate([np.empty((0, 4)), *found]))
-
-
-def _edge_offsets(picture: Difference, boxes: FloatArray) -> FloatArray:
-    """Of the silhouettes that are told from shadow; NaN for the others."""
-    told = told_from_shadow(picture.different, picture.bright, boxes)
-    return np.where(told[:, None], edge_offsets(picture.bright, boxes), np.nan)
 
 
 def _moved(track: Track, offset: FloatArray, size: tuple[int, int]) -> Track:

@@ -1,0 +1,82 @@
+"""Boxes of `tsuiseki adapt` against labels: as detected, and moved onto silhouettes by some share of the way.
+
+    python benchmarks/adapt_boxes.py SEQUENCE [SEQUENCE ...] [--frames FIRST-LAST] [--pictures 60] [--detector FILE]
+
+A fixed camera's sequence folders with img1/ and gt/gt.txt. Detections from a score of 0.5 on are matched to labels from
+an IoU of 0.3 on; printed are their mean IoU and the share from an IoU of 0.75 on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.features.networks.exported import open_detector
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.frame_range import parse_frames
+from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.adapt.foreground import foreground_of
+from tsuiseki.trainers.adapt.silhouettes import usual_offset
+from tsuiseki.trainers.adapt.watch import watch
+
+SHARES = (0.0, 0.25, 0.5, 1.0)
+SURE, MATCHED, TIGHT = 0.5, 0.3, 0.75
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("sequences", nargs="+", type=Path)
+    parser.add_argument("--frames")
+    parser.add_argument("--pictures", type=int, default=60)
+    parser.add_argument("--detector", type=Path, default=shipped("detector_street"))
+    arguments = parser.parse_args()
+    print("sequence, boxes, offset; mean IoU and share from 0.75 on, moved by " + " · ".join(f"{s:g}" for s in SHARES))
+    for sequence in arguments.sequences:
+        boxes, labels, offset = matched(sequence, arguments.frames, arguments.pictures, arguments.detector)
+        scores = [overlaps(boxes + share * offset * np.tile(sides(boxes), 2), labels) for share in SHARES]
+        means = " · ".join(f"{each.mean():.3f}" for each in scores)
+        tight = " · ".join(f"{np.mean(each >= TIGHT):.3f}" for each in scores)
+        print(f"{sequence.name}, {len(boxes)}, {offset.round(3).tolist()}; {means}; {tight}", flush=True)
+
+
+def matched(
+    sequence: Path, frames: str | None, pictures: int, detector: Path
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """``(N, 4)`` detected boxes and their labels, and ``(4,)`` by how much boxes usually lie off silhouettes."""
+    detect = open_detector(detector, SURE, threads=1)
+    truth = read_ground_truth(sequence / "gt" / "gt.txt")
+    truth = truth.select(truth.evaluated)
+    found, labels, offsets = [], [], []
+    with tempfile.TemporaryDirectory() as folder:
+        watched = watch(str(sequence), parse_frames(frames), Path(folder), pictures)
+        foreground = foreground_of(watched)
+        for number, frame in enumerate(watched.frames):
+            boxes = detect.detect([watched.picture(number)])[0].boxes
+            there = truth.boxes[truth.frames == frame]
+            rows, columns = assign_overlaps(iou_matrix(boxes, there), MATCHED)
+            found.append(boxes[rows])
+            labels.append(there[columns])
+            offsets.append(foreground.picture(number).offsets(boxes))
+    return np.concatenate(found), np.concatenate(labels), usual_offset(np.concatenate(offsets))
+
+
+def sides(boxes: FloatArray) -> FloatArray:
+    """``(N, 2)`` widths and heights."""
+    return boxes[:, 2:] - boxes[:, :2]
+
+
+def overlaps(boxes: FloatArray, labels: FloatArray) -> FloatArray:
+    """``(N,)`` IoU of each box with its label."""
+    shared = intersections(boxes, labels)
+    return np.asarray(shared / (areas(boxes) + areas(labels) - shared))
+
+
+if __name__ == "__main__":
+    main()
