@@ -17,7 +17,7 @@ from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheck
 from tsuiseki.datamodules.augmentation import Augmentation
 from tsuiseki.datamodules.detection import Composition, DetectionData
 from tsuiseki.datamodules.footage import Source
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import view_of
 from tsuiseki.tracking.geometry import clip_boxes
@@ -63,6 +63,9 @@ def fine_tune(
 
     Returns:
         The checkpoint.
+
+    Raises:
+        Interrupted: the user ended the training.
     """
     done, last = folder / CHECKPOINT, folder / "last.ckpt"
     if done.is_file():
@@ -85,7 +88,7 @@ def fine_tune(
         final_share=0.05,
     )
     data = _data(videos, layout, columns, round_, settings)
-    with _quiet():
+    with _quiet(), _interrupts():
         trainer = _trainer(folder, learning.steps, settings)
         trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
     trainer.save_checkpoint(done, weights_only=False)
@@ -166,6 +169,21 @@ def _quiet() -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
+
+
+@contextmanager
+def _interrupts() -> Iterator[None]:
+    """Lightning ends the process after an interrupt, as if it had failed; here the interrupt itself comes out.
+
+    Raises:
+        Interrupted: the user ended the training.
+    """
+    try:
+        yield
+    except SystemExit as error:
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise Interrupted(signal_of(error.__context__)) from error
+        raise
 
 
 def export_calibrated(

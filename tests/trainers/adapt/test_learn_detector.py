@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import torch
 from torch import Tensor
 
 from tests.trainers.adapt import street
+from tsuiseki.tracking.errors import Interrupted
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
@@ -46,12 +48,15 @@ def test_a_stopped_training_goes_on(watched: Watched, tmp_path: Path, monkeypatc
     def counted(self: DetectorTraining, batch: Any, index: int) -> Tensor:
         steps.append(index)
         if len(steps) == 3:
-            raise StoppedError
+            raise Interrupted(signal.SIGTERM)
         return step(self, batch, index)
 
     monkeypatch.setattr(DetectorTraining, "training_step", counted)
-    with pytest.raises(StoppedError):
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(Interrupted) as stopped:
         fine_tune(start, layout, [watched], 1, 1, tmp_path, TINY)
+    signal.signal(signal.SIGINT, before)  # Lightning ignores it from then on
+    assert stopped.value.number == signal.SIGTERM
     assert not (tmp_path / CHECKPOINT).exists()
     checkpoint = fine_tune(start, layout, [watched], 1, 1, tmp_path, TINY)
     # Two steps were done and saved; the third was not.
@@ -64,7 +69,3 @@ def test_a_stopped_training_goes_on(watched: Watched, tmp_path: Path, monkeypatc
     assert fine_tune(start, layout, [watched], 1, 1, tmp_path, replace(TINY, seed=1)) == checkpoint
     assert len(steps) == 6
     assert np.isfinite(sum(d.scores.sum() for d in found))
-
-
-class StoppedError(Exception):
-    """What stops the training of the test."""
