@@ -118,20 +118,39 @@ def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraO
     return placed.resized(width, height, resize)
 
 
-def given_detections(path: Path, source: Source, score_range: tuple[float, float] | None = None) -> list[Detections]:
-    """The detections of each frame of ``source`` in a file: MOTChallenge text, or rotated boxes by image.
+def given_detections(
+    path: Path, view: CeilingSource, score_range: tuple[float, float] | None = None
+) -> list[Detections]:
+    """The detections of each frame of a source in a file: MOTChallenge text, or rotated boxes by image.
 
     Args:
         path: a det.txt, or what `tsuiseki.tracking.formats.space.rotated` reads: detections, or labels as such.
-        source: the video; a folder of images where the boxes are rotated, since those name images.
+        view: the source, a folder of images where the boxes are rotated, since those name images; and its camera.
         score_range: smallest and largest score to expect; by default any.
 
     Raises:
-        RequestError: the file is missing or malformed, names images that ``source`` has not, or has scores outside the
-            range.
+        RequestError: the file is missing or malformed, names images that the source has not, or has boxes outside the
+            image or scores outside the range.
     """
-    if not (path.is_dir() or path.suffix.lower() == ".json"):
-        return read_detections(path, source.length, score_range)
+    rotated = path.is_dir() or path.suffix.lower() == ".json"
+    if rotated:
+        found = _given_rotated(path, view.source, score_range)
+    else:
+        found = read_detections(path, view.source.length, score_range)
+    size = np.array([view.placed.camera.width, view.placed.camera.height])
+    for index, each in enumerate(found):
+        # A box outside would be looked up as the nearest one at the rim.
+        middle = (each.boxes[:, :2] + each.boxes[:, 2:]) / 2
+        outside = middle[((middle < 0) | (middle > size)).any(axis=1)]
+        if len(outside):
+            raise RequestError(
+                f"{path}: frame {index + 1}: expected boxes in images of {size[0]}x{size[1]}, got one about "
+                f"{outside[0, 0]:g}, {outside[0, 1]:g}; was it found in images of another size?"
+            )
+    return found
+
+
+def _given_rotated(path: Path, source: Source, score_range: tuple[float, float] | None) -> list[Detections]:
     found = read_rotated_labels(path) if path.is_dir() or is_rotated(path) else read_rotated_detections(path)
     images = source.images if isinstance(source, ImageFolder) else ()
     if not images:

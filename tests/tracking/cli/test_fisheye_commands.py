@@ -109,6 +109,7 @@ def test_rotated_boxes_of_a_network_are_tracked(room, tmp_path):
         ),
         (lambda rows: [rows[0] | {"score": 7}], "expected scores from 0 to 1, got 7"),
         (lambda rows: [rows[0] | {"bbox": [1, 2, 3]}], "expected cx, cy"),
+        (lambda rows: [rows[0] | {"bbox": [900, 9, 9, 9, 0]}], "frame 1: expected boxes in images of 320x240, got one"),
         (lambda rows: {"a": rows}, "expected a JSON list of detections"),
     ],
 )

@@ -101,7 +101,7 @@ def fisheye(
         found += [looking(detector, each.placed.camera, view, unrolling) for each in views]
     else:
         for path, each in zip(detections, views, strict=True):
-            found.append(given_detections(path, each.source, finding.score_range))
+            found.append(given_detections(path, each, finding.score_range))
     describe = None if network is None else open_appearance(network, finding.threads)
     done = []
     with output.run() as run:
