@@ -57,6 +57,8 @@ HEIGHTS = (1.0, 1.35, 1.7)
 RADII = (0.25, 0.35)
 # Of a detection that is tracked: the default of `track fisheye`.
 LEAST_SCORE = 0.3
+# Overlap from which a detection is taken to mean a labelled person.
+TOUCHING = 0.1
 # Where the labels of the ten frames give a person another's id, as looking at them shows: the image, x of the box's
 # centre, and whose box it is.
 EXCHANGED = {
@@ -234,6 +236,22 @@ def detected(folder: Path, detector: Callable[[int, int], Detect], tables: dict[
     plain, exact = evaluate_rotated(about, upright), evaluate_rotated(labels, rotated)
     print(f"{folder.name}: detector AP50 {plain.average_precision:.3f} upright (best F1 {plain.best_f1:.2f} at "
           f"{plain.best_threshold:.2f}), {exact.average_precision:.3f} rotated")  # fmt: skip
+    print(f"{folder.name}: rotated AP50 would be {_limits(labels, rotated)}")
+
+
+def _limits(labels: Mapping[str, RotatedBoxes], found: Mapping[str, RotatedBoxes]) -> str:
+    """AP50 of rotated boxes if something of each detection that touches a label were that label's."""
+    said = []
+    for what, columns in (("places", [0, 1]), ("sizes", [2, 3]), ("angles", [4]), ("order", [])):
+        ideal = {}
+        for name, each in found.items():
+            overlaps = rotated_iou(each.boxes, labels[name].boxes)
+            best, boxes = overlaps.max(axis=1), each.boxes.copy()
+            touches = np.ix_(best > TOUCHING, columns)
+            boxes[touches] = labels[name].boxes[overlaps.argmax(axis=1)][touches]
+            ideal[name] = RotatedBoxes(boxes, each.ids, each.scores if columns else best)
+        said.append(f"{evaluate_rotated(labels, ideal).average_precision:.3f} with right {what}")
+    return ", ".join(said)
 
 
 def _unturned(boxes: FloatArray) -> FloatArray:
