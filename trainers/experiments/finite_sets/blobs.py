@@ -75,7 +75,7 @@ def reproduce(bench: Bench, seeds: int = 5, particles: int = 300) -> Outcome:
     values = [
         {"scene": scene, "method": name, "runs": [asdict(one) for one in runs]} for (scene, name), runs in found.items()
     ]
-    columns = ("clutter", "method", "OSPA p=1", "missed a frame", "false a frame", "|count error|", "switches a clip")
+    columns = ("clutter", "method", "OSPA p=1", "missed a frame", "false a frame", "count error", "switches a clip")
     rows = [(scene, name, *_means(runs)) for (scene, name), runs in found.items()]
     note = f"{seeds} clips of each kind from seed {FIRST_SEED}, cut-off {CUT_OFF:g}; ± is the standard error."
     return Outcome(values, [Table("", columns, rows)], notes=[note])

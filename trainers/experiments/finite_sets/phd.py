@@ -80,7 +80,7 @@ def real_rows(folder: Path, seed: int = 0) -> dict[str, PeopleScores]:
 
 
 def _scenario_table(rows: Sequence[ScenarioRow]) -> Table:
-    columns = ("scenario", "clutter", "method", "OSPA p=1", "p=2", "OSPA(2)", "|count|", "switches", "ms/step")
+    columns = ("scenario", "clutter", "method", "OSPA p=1", "p=2", "OSPA(2)", "count error", "switches", "ms/step")
     return Table(
         "",
         (*columns, "peer p=1"),
