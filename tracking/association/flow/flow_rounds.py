@@ -172,7 +172,8 @@ def priced(
     hiding = Hiding.of(seen.frames, seen.image, seen.size)
     prices = _Prices(seen, cost, dearest, mismatch, hiding, transition, means, doing, labels is not None)
     if hidden is None:
-        hidden = np.full(len(i), np.nan)
+        # A view of one number.
+        hidden = np.broadcast_to(np.nan, len(i))
     if change is not None:
         # Learnt changes compare links with each other.
         kept, distance, motion, price, covered = prices(i, j, hidden)

@@ -35,6 +35,8 @@ class Links:
 
 def joined_links(one: Links, other: Links) -> Links:
     """The links of two tables, one after the other."""
+    if len(one.tail) == 0 or len(other.tail) == 0:
+        return one if len(other.tail) == 0 else other
     return Links(
         np.append(one.tail, other.tail),
         np.append(one.head, other.head),
