@@ -172,26 +172,20 @@ class FlowWindow:
             end: ``(U,)`` likewise of its end.
             rounds: how often links are priced again at most; by default as often as the settings say.
         """
-        nothing = np.zeros(int(self.free().sum()))
+        free, seen, places = self.free(), self._seen, self.costs.places
+        nothing = np.zeros(int(free.sum()))
         start, end = (nothing if change is None else change for change in (start, end))
-        self._alternate(observation, start, end, rounds)
-        if self.costs.places is not None:
-            entry, exit = self.place_costs(self._seen.image[self.free()])
-            if not (entry.any() or exit.any()):
-                return
-            self._alternate(observation, start + entry, end + exit, rounds)
-
-    def _alternate(self, observation: FloatArray, start: FloatArray, end: FloatArray, rounds: int | None) -> None:
-        """`solve` with given changes of entry and exit costs."""
+        here = nothing, nothing
+        if places is not None:
+            here = place_costs(self._counts, seen.image[free], seen.size, places)
         before: set[bytes] = set()
         rounds = self.costs.rounds.rounds if rounds is None else rounds
         for number in range(rounds + 1):
-            self._flow.replace(self.graph(observation, start, end))
+            self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
             if number == 0 and self._leaves_people_out(observation):
                 self._take_velocity_for_known()
-                self._flow.replace(self.graph(observation, start, end))
+                self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
             solution = self._flow.solution()
-            free = self.free()
             undecided = self._flow.undecided
             # Index -1, a track's end, picks the appended -1.
             self._follower[free] = np.append(undecided, -1)[solution.follower]
@@ -199,7 +193,9 @@ class FlowWindow:
             if number == rounds or key in before:
                 return
             before.add(key)
-            labels, seen, costs = self.labels(), self._seen, self.costs
+            if places is not None:
+                here = self.place_costs(seen.image[free])
+            labels, costs = self.labels(), self.costs
             reach = max(RUN_UP, gaps(costs.rounds.averaged, seen.frame_rate))
             known, changed = followed(self._known, seen, labels, self._follower, costs.link.motion, reach)
             self._links, self._known = repriced(
