@@ -44,9 +44,9 @@ class EntryPlaces:
 
     weight: float = 1.0
     most: float = 2.0
-    width: float = 0.5
-    prior: float = 50.0
-    border: float = 1.0
+    width: float = 1.0
+    prior: float = 1000.0
+    border: float = 0.0
     near: float = 0.25
     unknown: float = 0.5
     shortest: int = 5
