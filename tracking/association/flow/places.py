@@ -8,7 +8,7 @@ place z is
 
 and the entry cost there becomes c_entr − w log(ρ(z) / ρ̄), within bounds: the negative logarithm of the probability of a
 start, as far as it differs from the average over the video. Ends likewise. Who is there when the video begins, or still
-there at its end, tells nothing, and pays as before.
+there at its end, tells nothing.
 
 Places are those in the image, since its border moves with the camera.
 """
