@@ -8,7 +8,7 @@ from pathlib import Path
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.association.sequences import DATA_SETS, Clip, DataSet, find_clips
 from tsuiseki.trainers.experiments.association.tables import values_of
-from tsuiseki.trainers.experiments.end_to_end.given import DEFAULT, LOGISTIC, alternatives, given
+from tsuiseki.trainers.experiments.end_to_end.given import BOTH, DEFAULT, LOGISTIC, alternatives, given
 from tsuiseki.trainers.experiments.end_to_end.gradient import draw_gradient
 from tsuiseki.trainers.experiments.end_to_end.runs import lost_links
 from tsuiseki.trainers.experiments.end_to_end.streets import STREETS, StreetCount, write_streets
@@ -86,7 +86,7 @@ def _given(
             limits = [bench.store.recall(lost_links, clip) for clip in clips]
             tables.append(limit_table(one.title, [c.name for c in clips], limits))
         if "alternatives" in parts and one.key == "mot15":
-            tables.append(gain_table(f"{one.title}, alternatives", alternatives(bench, one, clips), (DEFAULT,)))
+            tables.append(gain_table(f"{one.title}, alternatives", alternatives(bench, one, clips), (DEFAULT, BOTH)))
     return tables, values
 
 
