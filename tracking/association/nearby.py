@@ -12,7 +12,7 @@ Pairs = tuple[IntArray, IntArray]
 # As many as the processor holds close by.
 BOXES_AT_ONCE = 4096
 MOST_CELLS = 512
-# Keys of long videos are known to so many pixels.
+# Pixels by which ranges are widened, since the keys of long videos are rounded.
 ROUNDING = 1e-3
 
 

@@ -56,7 +56,7 @@ def found_again(
         boxes: ``(N, 4)`` pixels, as if the camera stood still.
         frame_rate: frames a second.
         settings: what counts as found again.
-        stride: every so-manieth frame has detections, see `Stride`.
+        stride: detections are in every ``stride``-th frame, see `Stride`.
 
     Returns:
         ``(N,)`` whether it is, and ``(N,)`` speed of its best triple in longer sides a second, NaN where there is none.
@@ -94,7 +94,7 @@ def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, 
 
 @dataclass
 class Stride:
-    """Every so-manieth frame has detections: the greatest common divisor of the times between those that have any.
+    """Every how many frames there are detections: the greatest common divisor of the gaps between frames that have any.
 
     A detector that is run on every third frame finds nobody again a frame later, however right it is.
 

@@ -37,7 +37,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Seconds that the beliefs at undecided detections look back to decided ones.
 CONTEXT = 1.0
-# Of so many detections that the video bears out no larger share in tracks shows that first prices are too high.
+# First prices are too high if, of at least so many sure detections, no more than this share is in tracks.
 LEAST_SURE, LEAST_USED = 10, 0.5
 
 

@@ -63,7 +63,7 @@ class StudentT:
 
 
 class Alone:
-    """Of detections of which each is all that is known of its chain: P = diag(r², v²), and no velocity.
+    """`Mismatch` of detections of which each is all that is known of its chain: P = diag(r², v²), and no velocity.
 
     Args:
         law: the distribution.
@@ -106,7 +106,7 @@ class Alone:
 
 
 class Along:
-    """Of what the past of the earlier one's chain says with what the future of the later one's does.
+    """`Mismatch` of what the past of the earlier one's chain says and what the future of the later one's does.
 
     Args:
         law: the distribution.
@@ -154,7 +154,7 @@ class Along:
 
 
 class OrSuddenChange:
-    """Along chains, or of strangers for ``turn`` more, whichever is cheaper; see `LinkCost.mismatch_along`.
+    """`Mismatch` along chains, or of strangers for ``turn`` more, whichever is less; see `LinkCost.mismatch_along`.
 
     Args:
         along: along chains.
@@ -168,7 +168,6 @@ class OrSuddenChange:
     def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
         """See `Mismatch`."""
         cost = self._along(i, j, seconds, wander)
-        # No pair of strangers costs less than -most_worth, and few that go together well along chains get here.
         dear = np.flatnonzero(cost > self._turn)
         alone = self._alone(i[dear], j[dear], seconds[dear], wander[dear])
         cost[dear] = np.minimum(cost[dear], alone + self._turn)
