@@ -16,6 +16,7 @@ import numpy as np
 from scipy import stats
 
 from tsuiseki.datamodules.scenes.rooms.ceiling import CAMERAS, Room
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.pipelines.fisheye import DETECTORS, CeilingLook
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.tracks import FloorTrack
@@ -100,9 +101,11 @@ def reproduce(
         full: 5 seeds of 180 seconds at both rates, as many frames as the thesis has and more.
 
     Raises:
-        RequestError: a number below 1, or a file that cannot be read.
+        RequestError: a number below 1 (`fast_seeds`: below 0), or a file that cannot be read.
     """
     at_least_one(seeds=seeds, seconds=seconds, fast_seconds=fast_seconds)
+    if fast_seeds < 0:
+        raise RequestError(f"`fast_seeds`: expected 0 or more, got {fast_seeds}")
     if full:
         seeds, seconds, fast_seeds, fast_seconds = 5, 180, 5, 180
     found_by = None if simulated_detections else detector or shipped(DETECTORS[view])

@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.trackers.fisheye import FloorDetections
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.fisheye.observations import Observed
-from tsuiseki.trainers.experiments.fisheye.omnidirectional import interval
+from tsuiseki.trainers.experiments.fisheye.omnidirectional import interval, reproduce
 from tsuiseki.trainers.experiments.fisheye.pictures import first_switch
 from tsuiseki.trainers.experiments.fisheye.rows import ROWS, each_second, pair_of, run_row, score, select, world_errors
+from tsuiseki.trainers.experiments.store import Store
 
 
 def observed(seconds=12, seed=0):
@@ -69,6 +72,12 @@ def test_the_best_choice_on_validation_is_taken():
     choice, mota = select(row, [observed()], 0.1)
     assert mota > 0.9
     assert set(choice) == {"reach", "speed"}
+
+
+@pytest.mark.parametrize(("argument", "value"), [("seeds", 0), ("seconds", 0), ("fast_seconds", 0), ("fast_seeds", -1)])
+def test_impossible_sizes_are_named(tmp_path, argument, value):
+    with pytest.raises(RequestError, match=f"`{argument}`: expected"):
+        reproduce(Bench(Store(tmp_path)), **{argument: value})
 
 
 def test_detections_below_the_lowest_score_are_left_out():
