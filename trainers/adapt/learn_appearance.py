@@ -53,18 +53,25 @@ class ProjectionSettings:
 class Projection:
     """A linear layer over features.
 
+    Link costs know what cosine distance two people usually have. Learning drives them apart, and the views of one with
+    them; a last feature that is the same for everybody brings all distances back by one factor.
+
     Attributes:
         weight: ``(D, D)``.
         bias: ``(D,)``.
+        scale: of the cosine distances, in (0, 1].
     """
 
     weight: FloatArray
     bias: FloatArray
+    scale: float = 1.0
 
     def __call__(self, features: FloatArray) -> FloatArray:
-        """``(N, D)`` unit-length features out of ``(N, D)``; NaN stays."""
+        """``(N, D + 1)`` unit-length features out of ``(N, D)``; NaN stays."""
         rows = features @ self.weight.T + self.bias
-        return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+        unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+        same = np.where(np.isnan(unit[:, :1]), np.nan, np.sqrt(1 - self.scale))
+        return np.concatenate([np.sqrt(self.scale) * unit, same], axis=1)
 
 
 def learn_projection(samples: LabelledDetections, settings: ProjectionSettings, seed: int) -> Projection | None:
@@ -99,7 +106,14 @@ def learn_projection(samples: LabelledDetections, settings: ProjectionSettings, 
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
-    return Projection(weight.detach().double().numpy(), bias.detach().double().numpy())
+    learnt = Projection(weight.detach().double().numpy(), bias.detach().double().numpy())
+    before, after = (_mean_distance(rows, other) for rows in (people.features, learnt(people.features)))
+    return dataclasses.replace(learnt, scale=min(1.0, before / max(after, 1e-9)))
+
+
+def _mean_distance(features: FloatArray, pairs: BoolArray) -> float:
+    """Mean cosine distance of the ``pairs`` ``(N, N)`` of unit-length rows ``(N, D)``."""
+    return float(1 - (features @ features.T)[pairs].mean())
 
 
 def _loss(
@@ -168,12 +182,22 @@ def export_projected(network: Path, projection: Projection, out: Path) -> None:
     model = onnx.load(network)
     entry = next(p for p in model.metadata_props if p.key == METADATA_KEY)
     card = ModelCard.from_json(entry.value)
-    entry.value = dataclasses.replace(card, training_data=card.training_data + _TRAINED_ON).to_json()
+    length = len(projection.bias) + 1
+    card = dataclasses.replace(card, training_data=card.training_data + _TRAINED_ON, feature_length=length)
+    entry.value = card.to_json()
     graph, output = model.graph, model.graph.output[0].name
-    parts = {"weight": projection.weight.T, "bias": projection.bias}
+    parts = {
+        "weight": projection.weight.T,
+        "bias": projection.bias,
+        "scale": np.sqrt(projection.scale),
+        "same": np.sqrt(1 - projection.scale),
+    }
     graph.initializer.extend(
-        numpy_helper.from_array(value.astype(np.float32), f"projection.{name}") for name, value in parts.items()
+        numpy_helper.from_array(np.asarray(value, dtype=np.float32), f"projection.{name}")
+        for name, value in parts.items()
     )
+    graph.initializer.append(numpy_helper.from_array(np.array([0, 0, 0, 1]), "projection.pads"))
+    graph.output[0].type.tensor_type.shape.dim[1].dim_value = length
     for node in graph.node:
         for names in (node.input, node.output):
             for n, name in enumerate(names):
@@ -184,7 +208,9 @@ def export_projected(network: Path, projection: Projection, out: Path) -> None:
             helper.make_node(
                 "Gemm", ["projection.input", "projection.weight", "projection.bias"], ["projection.moved"]
             ),
-            helper.make_node("LpNormalization", ["projection.moved"], [output], axis=1, p=2),
+            helper.make_node("LpNormalization", ["projection.moved"], ["projection.unit"], axis=1, p=2),
+            helper.make_node("Mul", ["projection.unit", "projection.scale"], ["projection.scaled"]),
+            helper.make_node("Pad", ["projection.scaled", "projection.pads", "projection.same"], [output]),
         ]
     )
     onnx.checker.check_model(model)

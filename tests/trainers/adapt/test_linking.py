@@ -110,15 +110,34 @@ def test_where_nobody_meets_nothing_is_learnt(seen: Seen) -> None:
     assert separation(one) is None
 
 
-def test_a_layer_that_changes_nothing_leaves_features() -> None:
+def test_a_layer_that_changes_nothing_leaves_distances_or_scales_all_alike() -> None:
     features = np.random.default_rng(0).normal(size=(5, 4))
     features /= np.linalg.norm(features, axis=1, keepdims=True)
-    np.testing.assert_allclose(Projection(np.eye(4), np.zeros(4))(features), features)
+    features[4] = np.nan
+    for scale in (1.0, 0.6):
+        moved = Projection(np.eye(4), np.zeros(4), scale)(features)
+        np.testing.assert_allclose(1 - moved @ moved.T, scale * (1 - features @ features.T), atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(moved[:4], axis=1), 1)
+        assert np.isnan(moved[4]).all()
+
+
+def test_different_people_stay_as_far_apart_as_link_costs_know(seen: Seen) -> None:
+    people = people_of(module._examples([seen], AdaptSettings())[0][0])
+    assert people.features is not None
+    # Whatever is seen, most of it is the same: learning takes that out and drives all apart.
+    alike = people.features + 3 * np.eye(LENGTH)[0]
+    alike /= np.linalg.norm(alike, axis=1, keepdims=True)
+    projection = learn_projection(replace(people, features=alike), Settings(stay=0.1), seed=0)
+    assert projection is not None
+    assert projection.scale < 0.8
+    other = coexisting(people.frames, people.ids)
+    before, after = (1 - (rows @ rows.T)[other].mean() for rows in (alike, projection(alike)))
+    np.testing.assert_allclose(after, before)
 
 
 def test_the_exported_network_is_the_old_one_and_the_layer(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    projection = Projection(np.eye(128) + 0.05 * rng.normal(size=(128, 128)), 0.05 * rng.normal(size=128))
+    projection = Projection(np.eye(128) + 0.05 * rng.normal(size=(128, 128)), 0.05 * rng.normal(size=128), 0.8)
     export_projected(shipped("appearance_people"), projection, tmp_path / "learnt.onnx")
     image = rng.integers(0, 256, (90, 120, 3), dtype=np.uint8)
     boxes = np.array([[5.0, 5, 35, 80], [50, 10, 90, 85]])
