@@ -97,6 +97,7 @@ def watch(clip: Clip, watched: Watched, seed: int) -> list[list[float]]:
     tracker.start(clip.images[0], truth[0])
     states = [tracker.follow(image) for image in clip.images[1:]]
     overlaps = iou_pairs(truth[1:], np.array([state.box for state in states]))
+    overlaps[~np.isfinite(truth[1:]).all(axis=1)] = np.nan
     return [[float(o), float(s.status == "lost")] for o, s in zip(overlaps, states, strict=True)]
 
 

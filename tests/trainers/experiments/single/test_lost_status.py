@@ -50,6 +50,15 @@ def follow_all(clip):
     return [tracker.follow(image) for image in clip.images[1:]]
 
 
+def test_frames_without_label_are_neither_lost_nor_found():
+    settings = ChaseSettings(frames=6, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
+    made = render_chase(np.random.default_rng(1), settings)
+    boxes = made.boxes.copy()
+    boxes[3] = np.nan
+    rows = watch(Clip(SingleSequence("tiny", (), boxes), list(made.images)), Watched(RegularisedSettings(sizes=1)), 0)
+    assert np.isnan([row[0] for row in rows]).tolist() == [False, False, True, False, False]
+
+
 def test_the_network_has_a_say_in_the_status_alone():
     settings = ChaseSettings(frames=8, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
     made = render_chase(np.random.default_rng(1), settings)
