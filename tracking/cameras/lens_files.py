@@ -14,6 +14,7 @@ fitted (`lens_fitting`), and so are those to write.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
@@ -236,7 +237,7 @@ def _py_ocam_text(lens: OmnidirectionalLens) -> str:
 
 def _read_kalibr(text: str) -> UnifiedLens | EquidistantLens:
     content = yaml.safe_load(text)
-    cameras = [name for name in content if str(name).startswith("cam")]
+    cameras = [name for name in content if re.fullmatch(r"cam\d+", str(name))]
     entry = content[cameras[0]] if cameras else content
     if len(cameras) > 1:
         raise RequestError(f"expected one camera, got {len(cameras)}; keep one cam entry in the file")

@@ -18,6 +18,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
+from zipfile import BadZipFile
 
 import cv2
 import numpy as np
@@ -281,7 +282,7 @@ def cached_table(
         try:
             with np.load(path, allow_pickle=False) as kept:
                 return PersonTable(kept["upright"], kept["rotated"], kept["places"])
-        except (OSError, ValueError, KeyError, EOFError):
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             pass  # made anew below
     table = build_table(camera, floor, person, grid)
     try:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from tsuiseki.tracking.cameras.lens_files import read_lens, write_lens
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, UnifiedLens, fit_omnidirectional, image_rays
@@ -112,6 +113,15 @@ def test_an_equidistant_lens_survives_the_way_there_and_back(tmp_path, kind):
     pixels, rays = image_rays(lens)
     assert residuals.max() < 0.05
     assert np.abs(read_lens(path, (640, 480)).project(rays) - pixels).max() < 0.1
+
+
+def test_kalibrs_entry_is_read_without_the_name_of_its_camera(tmp_path):
+    flat = EquidistantLens(640, 480, np.array([180.0, 181.0]), np.array([318.0, 243.0]), np.zeros(4))
+    write_lens(tmp_path / "named.yaml", fit_omnidirectional(flat), "kalibr-equidistant")
+    entry = yaml.safe_load((tmp_path / "named.yaml").read_text())["cam0"]
+    (tmp_path / "plain.yaml").write_text(yaml.safe_dump(entry))
+    named, plain = (read_lens(tmp_path / f"{name}.yaml") for name in ("named", "plain"))
+    assert np.array_equal(named.centre, plain.centre)
 
 
 def test_a_unified_lens_survives_the_way_there_and_back(tmp_path):

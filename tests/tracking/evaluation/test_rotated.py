@@ -87,6 +87,7 @@ def test_ids_that_come_twice_in_an_image_stay_apart(tmp_path):
 
 def test_habbof_is_a_folder_of_text(tmp_path):
     (tmp_path / "1.txt").write_text("person 10 20 4 8 -45\n\nperson 30 20 4 8 90\n")
+    (tmp_path / "0.txt").write_text("")
     (tmp_path / "2.txt").write_text("")
     assert is_rotated(tmp_path)
     labels = read_rotated_labels(tmp_path)

@@ -42,8 +42,8 @@ class RotatedBoxes:
 def is_rotated(path: Path) -> bool:
     """Whether ``path`` has labels of rotated boxes: JSON with annotations, or a folder of HABBOF's text files."""
     if path.is_dir():
-        texts = sorted(path.glob("*.txt"))
-        return bool(texts) and texts[0].read_text(encoding="utf-8", errors="replace").startswith("person ")
+        texts = (text.read_text(encoding="utf-8", errors="replace") for text in sorted(path.glob("*.txt")))
+        return next((text for text in texts if text.strip()), "").startswith("person ")
     if path.suffix.lower() != ".json" or not path.is_file():
         return False
     try:
