@@ -57,7 +57,7 @@ def point_births(model: SensingModel, particles: int) -> Births[FloatArray]:
     spread = [np.broadcast_to(np.asarray(place.deviation), (2 * dimensions,)) for place in places]
     rest = [turn] * int(turn is not None) + [0.0] * int(modes > 1)
     deviations = np.array([[*each, *rest] for each in spread])
-    return MixtureBirths(np.array([place.rate for place in places]), means, deviations, particles, sensor)
+    return MixtureBirths(np.array([place.rate for place in places]), means, deviations, particles, sensor, modes)
 
 
 def _motion(motion: MotionSettings, dimensions: int) -> Motion:

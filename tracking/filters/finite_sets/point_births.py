@@ -49,6 +49,7 @@ class MixtureBirths:
             appear by more than a handful.
         sensor: where it is given, a place near which nothing was measured gets `QUIET` of them only, of more weight
             each: the proposal (51) may look at the measurements.
+        modes: motions that take turns, each as likely at first; from 2 on the last component is the number of one.
     """
 
     masses: FloatArray
@@ -56,6 +57,7 @@ class MixtureBirths:
     deviations: FloatArray
     count: int = 1000
     sensor: GaussianSensor | None = None
+    modes: int = 1
 
     def draw(self, measurements: FloatArray, rng: np.random.Generator) -> BornParticles:
         """Up to ``count`` particles at each place."""
@@ -81,6 +83,8 @@ class MixtureBirths:
         drawn = rng.standard_normal((int(sizes.sum()), self.means.shape[1]))
         drawn *= np.repeat(spread, sizes, axis=0)
         drawn += np.repeat(self.means, sizes, axis=0)
+        if self.modes > 1:
+            drawn[:, -1] = rng.integers(0, self.modes, len(drawn))
         return drawn
 
 

@@ -33,7 +33,9 @@ def exchanged_after_contacts(
     """
     labels = [row.copy() for row in labels]
     exchanges = 0
-    for first, last, one, other in contacts(labels, poses):
+    pending = contacts(labels, poses)
+    while pending:
+        first, last, one, other = pending.pop(0)
         before, after = (range(max(0, first - WINDOW), first), range(last + 1, min(len(labels), last + 1 + WINDOW)))
         appearances = [
             _appearance(labels, poses, frames, track) for frames in (before, after) for track in (one, other)
@@ -44,6 +46,7 @@ def exchanged_after_contacts(
             for row in labels[last + 1 :]:
                 was_one, was_other = row == one, row == other
                 row[was_one], row[was_other] = other, one
+            pending = [_renamed(contact, last, {one: other, other: one}) for contact in pending]
             exchanges += 1
     return labels, exchanges
 
@@ -66,6 +69,15 @@ def contacts(labels: list[IntArray], poses: list[list[AnimalPose]]) -> list[tupl
                     first = frame
                 running[pair] = (first, frame)
     return sorted(ended + [(*span, *pair) for pair, span in running.items()])
+
+
+def _renamed(contact: tuple[int, int, int, int], after: int, names: dict[int, int]) -> tuple[int, int, int, int]:
+    """A contact with the names that its tracks have since an exchange ``after`` that frame."""
+    first, last, a, b = contact
+    if first <= after:
+        return contact
+    a, b = sorted((names.get(a, a), names.get(b, b)))
+    return first, last, a, b
 
 
 def _appearance(labels: list[IntArray], poses: list[list[AnimalPose]], frames: range, track: int) -> FloatArray:

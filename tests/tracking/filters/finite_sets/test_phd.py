@@ -63,6 +63,13 @@ def run(chosen, measurements, seed=0):
     return [running.step(found) for found in measurements]
 
 
+def test_the_newborn_at_known_places_have_any_of_the_motions():
+    births = replace(PLACES, means=np.zeros((2, 5)), deviations=np.array([10.0, 10, 10, 10, 0]), modes=2)
+    modes = births.draw(np.empty((0, 2)), np.random.default_rng(0)).particles[:, -1]
+    assert set(modes) == {0.0, 1.0}
+    assert 0.45 < modes.mean() < 0.55
+
+
 def test_without_clutter_and_births_the_phd_is_the_kalman_posterior():
     _, measurements = simulate(15, 0, clutter=0.0, detection=1.0, starts=((0.0, 3.0, 0.0, 2.0),))
     chosen = PhdFilter(model(0.0, 1.0, 1.0), NoBirths(4), density=20_000)

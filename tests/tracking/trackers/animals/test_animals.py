@@ -142,6 +142,21 @@ def test_looks_exchange_two_that_the_flow_confused():
     assert exchanged_after_contacts(labels, alike)[1] == 0
 
 
+def test_a_second_contact_is_judged_by_the_names_after_the_first():
+    lengths, meetings = (30.0, 20.0, 40.0), {(0, 1): range(28, 32), (1, 2): range(68, 72)}
+    rng = np.random.default_rng(0)
+    poses, labels = [], []
+    for t in range(100):
+        met = next((pair for pair, frames in meetings.items() if t in frames), ())
+        places = (0.0, 12.0 if t < 50 else 100.0, 112.0)
+        poses.append([pose(places[n], lengths[n] + rng.normal(0, 0.3), n in met) for n in range(3)])
+        # The flow confuses the first two in their contact, and what it then calls 1 with the third.
+        labels.append(np.array([1, 2, 3] if t < 30 else [2, 1, 3] if t < 70 else [2, 3, 1]))
+    mended, count = exchanged_after_contacts(labels, poses)
+    assert count == 2
+    assert all((mended[t] == [1, 2, 3]).all() for t in (20, 50, 90))
+
+
 def test_what_a_resting_animal_never_uncovers_is_no_background() -> None:
     # It walks off in the end by most of its length: its tail stays where its head had rested, an eighth of its area.
     way = 60 + np.maximum(np.arange(48) - 28, 0) * 2.4
