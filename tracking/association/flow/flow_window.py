@@ -215,12 +215,12 @@ class FlowWindow:
         """``(N,)`` changes of entry and of exit costs at ``(N, 4)`` boxes in the image, by the tracks found so far."""
         if self.costs.places is None:
             return np.zeros(len(boxes)), np.zeros(len(boxes))
-        counts = self._counts.and_then(self._told().select(self.free() & (self.labels() >= 0)))
+        counts = self._counts.and_then(self._told(self.costs.places).select(self.free() & (self.labels() >= 0)))
         return place_costs(counts, boxes, self._seen.size, self.costs.places)
 
-    def _told(self) -> Counts:
+    def _told(self, places: EntryPlaces) -> Counts:
         """What the last solution says of where tracks begin and end, of the detections that are kept."""
-        seen, places = self._seen, self.costs.places or EntryPlaces()
+        seen = self._seen
         margin = places.unknown * seen.frame_rate
         known = (margin, float(seen.frames.max(initial=0)) - margin)
         return Counts(seen.image, *starts_and_ends(self.labels(), seen.frames, known, places.shortest))
@@ -244,7 +244,7 @@ class FlowWindow:
     def decide(self, last_frame: int, before: int, *, whatever: bool = False) -> Decision:
         """Decide what lies before a frame and no frame after ``last_frame`` can change, or ``whatever`` those say."""
         flow = self._flow
-        counts = None if self.costs.places is None else self._told()
+        counts = None if self.costs.places is None else self._told(self.costs.places)
         decision = flow.decide_before(before) if whatever else flow.decide(last_frame, before)
         if counts is not None:
             counts = counts.select(np.isin(self._seen.numbers, decision.numbers[decision.used]))

@@ -102,10 +102,11 @@ def starts_and_ends(
     used = np.flatnonzero(labels >= 0)
     order = used[np.argsort(labels[used], kind="stable")]
     told = order[np.bincount(labels[order], minlength=1)[labels[order]] >= shortest]
-    change = np.diff(labels[told]) != 0
     starts, ends = np.zeros(len(labels), dtype=np.bool_), np.zeros(len(labels), dtype=np.bool_)
-    starts[told[np.append(True, change)[: len(told)]]] = True
-    ends[told[np.append(change, True)[-len(told) :]] if len(told) else told] = True
+    if len(told):
+        change = np.diff(labels[told]) != 0
+        starts[told[np.append(True, change)]] = True
+        ends[told[np.append(change, True)]] = True
     return starts & (frames >= known[0]), ends & (frames <= known[1])
 
 

@@ -57,8 +57,7 @@ class Recognising(Combined):
         """See `SingleTracker.follow`."""
         found = super().follow(image)
         if self._frame % self.recognition.every == 0:
-            likeness = float(self._witness.likenesses(image, found.box[None])[0])
-            self._witness.hear(likeness)
+            likeness = self._witness.look(image, found.box)
             if self._witness.strange:
                 self._find_again(image, likeness)
                 box = self._model.box(self.target.centre, self.target.size)

@@ -71,14 +71,16 @@ class Witness:
         """``(N,)`` cosines of what ``boxes`` ``(N, 4)`` show and of the first box, in [-1, 1]."""
         return np.asarray(self._features(image, boxes) @ self._first)
 
-    def hear(self, likeness: float) -> None:
-        """Take the likeness of the box in a frame in which the network looks."""
+    def look(self, image: ImageArray, box: FloatArray) -> float:
+        """Take what the box ``(4,)`` of a frame shows; its likeness."""
+        likeness = float(self.likenesses(image, box[None])[0])
         settings, seen = self.settings, self._likenesses
         if len(seen) >= settings.trusted and likeness < settings.share * median(seen):
             self._low += 1
-            return
-        self._low = 0
-        self._likenesses = [*seen, likeness][-settings.memory :]
+        else:
+            self._low = 0
+            self._likenesses = [*seen, likeness][-settings.memory :]
+        return likeness
 
     def forget_doubt(self) -> None:
         """The box is elsewhere now: it counts as the target until it looks otherwise."""
@@ -123,5 +125,5 @@ class Recognised:
         found = self._tracker.follow(image)
         self._frame += 1
         if self._frame % self.settings.every == 0:
-            self._witness.hear(float(self._witness.likenesses(image, found.box[None])[0]))
+            self._witness.look(image, found.box)
         return replace(found, status="lost") if self._witness.strange else found

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,14 +38,24 @@ class Peer:
         """Where it is installed makes no difference to what it computes."""
         return f"peer {self.version}"
 
+    def answer(self, program: Path, job: Mapping[str, Any]) -> Any:
+        """What ``program`` answers to a job there, both as JSON."""
+        done = subprocess.run(
+            [self.python, str(program)], input=json.dumps(job), capture_output=True, text=True, check=True
+        )
+        return json.loads(done.stdout)
 
-def find_peer(python: str | None, program: Path = PROGRAM, package: str = "the package trackers") -> Peer | None:
+
+def find_peer(
+    python: str | None, program: Path = PROGRAM, package: str = "the package trackers", argument: str = "peer"
+) -> Peer | None:
     """The peer in an environment; None where it is not installed.
 
     Args:
         python: an interpreter; by default the one that runs this.
         program: runs there, and prints the package's version after ``--version``.
         package: what it needs, for the message.
+        argument: that names the interpreter, likewise.
 
     Raises:
         RequestError: a named interpreter cannot be run or has not the package.
@@ -57,7 +68,7 @@ def find_peer(python: str | None, program: Path = PROGRAM, package: str = "the p
         if python is None:
             return None
         raise RequestError(
-            f"peer: expected the python of an environment with {package}, got {python}, which has none"
+            f"{argument}: expected the python of an environment with {package}, got {python}, which has none"
         ) from error
     return Peer(python or sys.executable, asked.stdout.strip())
 
@@ -77,10 +88,7 @@ def peer_tracks(peer: Peer, program: Path, clip: Clip, logistic: bool) -> dict[s
         for box, score in zip(found.boxes.tolist(), found.scores.tolist(), strict=True)
     ]
     job = {"boxes": boxes, "length": len(clip.kept), "rate": clip.rate}
-    done = subprocess.run(
-        [peer.python, str(program)], input=json.dumps(job), capture_output=True, text=True, check=True
-    )
-    return {name: _table(rows) for name, rows in json.loads(done.stdout)["tracks"].items()}
+    return {name: _table(rows) for name, rows in peer.answer(program, job)["tracks"].items()}
 
 
 def _table(rows: Sequence[Sequence[float]]) -> FloatArray:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -130,10 +128,7 @@ def run_peers(peer: Peer, program: Path, settings: UnseenSettings, seed: int) ->
     """
     scenario, half = unseen_scenario(settings, seed), 0.5 * settings.side
     job = {"model": asdict(settings), "scans": [scan.measurements.tolist() for scan in scenario.scans]}
-    done = subprocess.run(
-        [peer.python, str(program)], input=json.dumps(job), capture_output=True, text=True, check=True
-    )
-    found = json.loads(done.stdout)["found"]
+    found = peer.answer(program, job)["found"]
     inside = {
         name: [row for row in one["rows"] if max(abs(row[2]), abs(row[3])) <= half] for name, one in found.items()
     }

@@ -13,7 +13,6 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-from scipy import stats
 
 from tsuiseki.datamodules.scenes.rooms.ceiling import CAMERAS, Room
 from tsuiseki.tracking.errors import RequestError
@@ -21,6 +20,7 @@ from tsuiseki.tracking.pipelines.fisheye import DETECTORS, CeilingLook
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.experiments import intervals
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.fisheye.observations import (
     STAGES,
@@ -203,11 +203,9 @@ def _row_values(found: _Found) -> dict[str, Any]:
 
 def interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Mean and the ends of its 95 % interval by Student's t; the mean three times where there is one value."""
-    mean = float(np.mean(values))
-    if len(values) < 2:
-        return mean, mean, mean
-    half = float(stats.t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
-    return mean, mean - half, mean + half
+    if len(values) == 1:
+        return values[0], values[0], values[0]
+    return intervals.interval(np.asarray(values, dtype=np.float64))
 
 
 def _margins(found: _Found, room: Room) -> dict[str, Any]:

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.trainers.experiments.association.peers import find_peer
 
 SCRIPT = Path(__file__).with_name("contrib_csrt.py")
 
@@ -42,14 +43,9 @@ def find_contrib(python: Path, scales: int) -> Contrib:
     Raises:
         RequestError: that Python has no OpenCV-contrib.
     """
-    line = "import cv2; cv2.TrackerCSRT_create; print(cv2.__version__)"
-    try:
-        found = subprocess.run([python, "-c", line], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError) as error:
-        raise RequestError(
-            f"`contrib`: expected the Python of an environment with opencv-contrib-python-headless, got {python}"
-        ) from error
-    return Contrib(found.stdout.strip(), scales, str(python))
+    found = find_peer(str(python), SCRIPT, "opencv-contrib-python-headless", "`contrib`")
+    assert found is not None
+    return Contrib(found.version, scales, found.python)
 
 
 def follow_with_contrib(settings: Contrib, images: Sequence[ImageArray], box: FloatArray) -> FloatArray:

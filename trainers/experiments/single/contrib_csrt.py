@@ -1,7 +1,8 @@
 """One pass of OpenCV-contrib's CSRT; runs alone, in an environment that need not have this package.
 
 Reads from standard input a line of JSON (``scales``, ``box`` as x, y, width, height, ``shape``, ``count``) and the
-images, blue first; writes the boxes from the second image on.
+images, blue first; writes the boxes from the second image on. With ``--version`` it names OpenCV's version, if that
+has the tracker.
 """
 
 import json
@@ -34,4 +35,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:] == ["--version"]:
+        assert cv2.TrackerCSRT_create  # type: ignore[attr-defined]
+        print(cv2.__version__)
+    else:
+        main()
