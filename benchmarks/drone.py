@@ -24,8 +24,8 @@ from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.features.motion.camera_motion import camera_motion
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.pipelines.drone import METHODS, suited
-from tsuiseki.tracking.pipelines.drone_models import DroneMethod
+from tsuiseki.tracking.pipelines.drone.models import DroneMethod
+from tsuiseki.tracking.pipelines.drone.tracking import METHODS, suited
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 

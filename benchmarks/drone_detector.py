@@ -25,7 +25,7 @@ from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import list_images, write_sequence_info
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.image_folder import read_image
-from tsuiseki.tracking.pipelines.observations import Observers, observe
+from tsuiseki.tracking.pipelines.drone.observations import Observers, observe
 from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 from tsuiseki.tracking.types import Frame
 from tsuiseki.tracking.types.labels import GroundTruth

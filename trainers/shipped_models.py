@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 
 from tsuiseki.tracking.errors import RunError
-from tsuiseki.tracking.pipelines.demo import STREET_MODELS
+from tsuiseki.tracking.pipelines.people.demo import STREET_MODELS
 
 SHIPPED = {kind: f"{name}.onnx" for kind, name in STREET_MODELS.items()}
 

@@ -53,7 +53,7 @@ def demo(
         return demo_drone(output, frames, threads)
     from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
     from tsuiseki.tracking.formats.mot import read_ground_truth
-    from tsuiseki.tracking.pipelines.demo import scored, shipped_street, street_inputs, street_trackers
+    from tsuiseki.tracking.pipelines.people.demo import scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.report.demo import DemoResult
     from tsuiseki.tracking.trackers.people.run import run_trackers
     from tsuiseki.tracking.video import open_source
@@ -81,7 +81,7 @@ def demo(
 def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]) -> None:
     """A folder for each method, the overlay, the report."""
     from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.pipelines.demo import STREET_METHODS
+    from tsuiseki.tracking.pipelines.people.demo import STREET_METHODS
     from tsuiseki.tracking.report.demo import street_report
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.report.page import write_report

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from tsuiseki.tracking.cli.options import SeededOutput
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.pipelines.drone import DroneResult
+    from tsuiseki.tracking.pipelines.drone.tracking import DroneResult
     from tsuiseki.tracking.report.demo import DemoResult
 
 CLIP_FOLDER, THRESHOLD = "drone", 0.4
@@ -24,9 +24,9 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     from tsuiseki.datamodules.scenes.drone.files import write_drone
     from tsuiseki.tracking.cli.track.drone_run import follow
     from tsuiseki.tracking.formats.mot import read_ground_truth
-    from tsuiseki.tracking.pipelines.demo import DRONE_METHODS, scored
-    from tsuiseki.tracking.pipelines.drone_models import DroneModels
-    from tsuiseki.tracking.pipelines.finding_options import FindingOptions
+    from tsuiseki.tracking.pipelines.drone.models import DroneModels
+    from tsuiseki.tracking.pipelines.people.demo import DRONE_METHODS, scored
+    from tsuiseki.tracking.pipelines.people.finding_options import FindingOptions
     from tsuiseki.tracking.report.demo import DemoResult
     from tsuiseki.tracking.trackers.drone import DroneSettings
     from tsuiseki.tracking.video import open_source
@@ -57,7 +57,7 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
 def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> None:
     """A folder for each method, the overlay, the report."""
     from tsuiseki.tracking.cli.track.drone_run import write_result
-    from tsuiseki.tracking.pipelines.demo import DRONE_METHODS
+    from tsuiseki.tracking.pipelines.people.demo import DRONE_METHODS
     from tsuiseki.tracking.report.actions import ActionReport, captions_of
     from tsuiseki.tracking.report.demo import drone_report
     from tsuiseki.tracking.report.overlay import write_overlay

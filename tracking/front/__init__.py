@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.features.networks.exported import Appearance, Detector
     from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
     from tsuiseki.tracking.interchange import as_detections
-    from tsuiseki.tracking.pipelines.animals import SkeletonSettings, track_animals
-    from tsuiseki.tracking.pipelines.blobs import follow_blobs, follow_points, track_blobs, track_points
-    from tsuiseki.tracking.pipelines.deformable import follow_deformable, track_deformable
-    from tsuiseki.tracking.pipelines.drone import track_drone
+    from tsuiseki.tracking.pipelines.bodies.animals import SkeletonSettings, track_animals
+    from tsuiseki.tracking.pipelines.bodies.deformable import follow_deformable, track_deformable
+    from tsuiseki.tracking.pipelines.drone.tracking import track_drone
     from tsuiseki.tracking.pipelines.evaluation import evaluate_people, evaluate_points, evaluate_target
-    from tsuiseki.tracking.pipelines.measurements import follow_measurements, track_measurements
-    from tsuiseki.tracking.pipelines.people import follow_people, track_people
-    from tsuiseki.tracking.pipelines.single import follow
-    from tsuiseki.tracking.pipelines.sphere import follow_sphere, track_sphere
-    from tsuiseki.tracking.pipelines.sphere_points import track_sphere_points
-    from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings
+    from tsuiseki.tracking.pipelines.people.tracking import follow_people, track_people
+    from tsuiseki.tracking.pipelines.points.blobs import follow_blobs, follow_points, track_blobs, track_points
+    from tsuiseki.tracking.pipelines.points.measurements import follow_measurements, track_measurements
+    from tsuiseki.tracking.pipelines.single.tracking import follow
+    from tsuiseki.tracking.pipelines.sphere.points import track_sphere_points
+    from tsuiseki.tracking.pipelines.sphere.settings import SphereSettings
+    from tsuiseki.tracking.pipelines.sphere.tracking import follow_sphere, track_sphere
     from tsuiseki.tracking.trackers.animals.linking import AnimalSettings
     from tsuiseki.tracking.trackers.blobs import BlobSettings
     from tsuiseki.tracking.trackers.deformable import DeformableSettings
@@ -53,17 +53,17 @@ _MODULES = {
     "features.networks.exported": "Appearance Detector",
     "formats.mot": "read_tracks write_tracks",
     "interchange": "as_detections",
-    "pipelines.animals": "SkeletonSettings track_animals",
-    "pipelines.blobs": "follow_blobs follow_points track_blobs track_points",
-    "pipelines.deformable": "follow_deformable track_deformable",
-    "pipelines.drone": "track_drone",
+    "pipelines.bodies.animals": "SkeletonSettings track_animals",
+    "pipelines.points.blobs": "follow_blobs follow_points track_blobs track_points",
+    "pipelines.bodies.deformable": "follow_deformable track_deformable",
+    "pipelines.drone.tracking": "track_drone",
     "pipelines.evaluation": "evaluate_people evaluate_points evaluate_target",
-    "pipelines.measurements": "follow_measurements track_measurements",
-    "pipelines.people": "follow_people track_people",
-    "pipelines.single": "follow",
-    "pipelines.sphere": "follow_sphere track_sphere",
-    "pipelines.sphere_points": "track_sphere_points",
-    "pipelines.sphere_settings": "SphereSettings",
+    "pipelines.points.measurements": "follow_measurements track_measurements",
+    "pipelines.people.tracking": "follow_people track_people",
+    "pipelines.single.tracking": "follow",
+    "pipelines.sphere.tracking": "follow_sphere track_sphere",
+    "pipelines.sphere.points": "track_sphere_points",
+    "pipelines.sphere.settings": "SphereSettings",
     "trackers.animals.linking": "AnimalSettings",
     "trackers.blobs": "BlobSettings",
     "trackers.people.bytetrack": "ByteTrack ByteTrackSettings",

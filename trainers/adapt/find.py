@@ -10,8 +10,8 @@ from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.features.networks.exported import open_appearance, open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.features.views import parse_view
-from tsuiseki.tracking.pipelines.finding import PeopleInputs
-from tsuiseki.tracking.pipelines.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
+from tsuiseki.tracking.pipelines.people.finding import PeopleInputs
+from tsuiseki.tracking.pipelines.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.watch import Watched

@@ -19,7 +19,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_detections, write_detections
 from tsuiseki.tracking.frame_range import FrameRange
-from tsuiseki.tracking.pipelines.finding import NONE
+from tsuiseki.tracking.pipelines.people.finding import NONE
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.agreement import RoundScores, round_scores
 from tsuiseki.trainers.adapt.find import Models, find

@@ -33,9 +33,9 @@ from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
-from tsuiseki.tracking.pipelines.observation_cache import file_digest
-from tsuiseki.tracking.pipelines.observations import Observation, Observers
-from tsuiseki.tracking.pipelines.video_observations import video_observations
+from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
+from tsuiseki.tracking.pipelines.drone.observations import Observation, Observers
+from tsuiseki.tracking.pipelines.drone.video_observations import video_observations
 from tsuiseki.tracking.trackers.drone import DroneSettings
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.pipelines.fisheye import CeilingSource
+from tsuiseki.tracking.pipelines.fisheye.tracking import CeilingSource
 from tsuiseki.tracking.report import floor
 
 LENS = "2 -100 0\n2 150 60\n120 160\n1 0 0\n240 320\n"

@@ -17,9 +17,9 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.bodies.states import read_states
 from tsuiseki.tracking.formats.space.track3d import read_path3d
-from tsuiseki.tracking.pipelines.deformable import follow_deformable, track_deformable
-from tsuiseki.tracking.pipelines.sphere import track_sphere
-from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings
+from tsuiseki.tracking.pipelines.bodies.deformable import follow_deformable, track_deformable
+from tsuiseki.tracking.pipelines.sphere.settings import SphereSettings
+from tsuiseki.tracking.pipelines.sphere.tracking import track_sphere
 from tsuiseki.tracking.trackers.deformable import DeformableSettings
 
 COLOUR = "10-42,0.42-1,0.6-1"

@@ -7,7 +7,7 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
-from tsuiseki.tracking.pipelines.observations import Observation
+from tsuiseki.tracking.pipelines.drone.observations import Observation
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.affinity.action_cost import LinkSamples, fit_action_cost, link_samples

@@ -14,7 +14,7 @@ from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork, FeatureNames
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY
-from tsuiseki.tracking.pipelines.methods import people_affinity, people_tracker
+from tsuiseki.tracking.pipelines.people.methods import people_affinity, people_tracker
 from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.trackers.people.record import run_tracker
 from tsuiseki.tracking.types import Detections, Track

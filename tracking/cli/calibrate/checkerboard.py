@@ -30,7 +30,7 @@ def checkerboard(
     """
     from tsuiseki.tracking.cameras.files import write_intrinsics
     from tsuiseki.tracking.cli.progress import progress
-    from tsuiseki.tracking.pipelines.checkerboard import calibrate_from_checkerboards
+    from tsuiseki.tracking.pipelines.calibration.checkerboard import calibrate_from_checkerboards
 
     if min(corners) < 3 or corners[0] == corners[1] or every < 1:
         shown = f"{corners[0]},{corners[1]} and {every}"

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from tsuiseki.tracking.options import OutputFile
-from tsuiseki.tracking.pipelines.calibration_options import LensSizes
+from tsuiseki.tracking.pipelines.calibration.options import LensSizes
 
 
 def convert(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsuiseki.tracking.options import OutputFile
-from tsuiseki.tracking.pipelines.calibration_options import CAMERA_FILE, FrameRate, ImageSize
+from tsuiseki.tracking.pipelines.calibration.options import CAMERA_FILE, FrameRate, ImageSize
 
 
 def points(
@@ -27,7 +27,7 @@ def points(
             fitted then, and the lens may distort.
     """
     from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
-    from tsuiseki.tracking.pipelines.calibration import calibrate_from_points, described
+    from tsuiseki.tracking.pipelines.calibration.points import calibrate_from_points, described
 
     groups, found = calibrate_from_points(file, size.image_size, intrinsics)
     placed = [PlacedCamera(group.camera, one.camera, rate.frame_rate) for group, one in zip(groups, found, strict=True)]

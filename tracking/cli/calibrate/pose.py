@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsuiseki.tracking.options import OutputFile
-from tsuiseki.tracking.pipelines.calibration_options import CAMERA_FILE, FloorPose, FrameRate
+from tsuiseki.tracking.pipelines.calibration.options import CAMERA_FILE, FloorPose, FrameRate
 
 
 def pose(
@@ -28,7 +28,7 @@ def pose(
         name: of the camera.
     """
     from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, write_floor_cameras
-    from tsuiseki.tracking.pipelines.calibration import floor_about
+    from tsuiseki.tracking.pipelines.calibration.points import floor_about
 
     camera, lines = place.camera(file)
     placed = CameraOverFloor(name, camera, floor_about(camera, floor), rate.frame_rate)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tsuiseki.tracking.cli.options import Output, Video
 from tsuiseki.tracking.features.background_difference import Contrast
-from tsuiseki.tracking.pipelines.animals import SkeletonSettings
+from tsuiseki.tracking.pipelines.bodies.animals import SkeletonSettings
 from tsuiseki.tracking.trackers.animals.linking import AnimalSettings
 
 SETTINGS = AnimalSettings()
@@ -35,7 +35,7 @@ def animals(
     from tsuiseki.tracking.formats.bodies.points import write_deeplabcut, write_sleap
     from tsuiseki.tracking.formats.bodies.sleap_hdf5 import hdf5_installed, write_sleap_analysis
     from tsuiseki.tracking.formats.bodies.states import write_states
-    from tsuiseki.tracking.pipelines.animals import (
+    from tsuiseki.tracking.pipelines.bodies.animals import (
         finished,
         in_millimetres,
         poses_by_points,

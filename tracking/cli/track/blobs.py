@@ -7,7 +7,7 @@ from typing import Any
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import count, frames_expected
-from tsuiseki.tracking.pipelines.blob_choice import BlobChoice
+from tsuiseki.tracking.pipelines.points.blob_choice import BlobChoice
 
 
 def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
@@ -21,7 +21,7 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
     """
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.formats.sensors.points import write_point_tracks
-    from tsuiseki.tracking.pipelines.blobs import blob_result, said_of_counts
+    from tsuiseki.tracking.pipelines.points.blobs import blob_result, said_of_counts
     from tsuiseki.tracking.report.overlay import write_overlay
 
     source = video.open(images=choice.detections is None)

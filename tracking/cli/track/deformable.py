@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.pipelines.deformable import BodyChoice
+from tsuiseki.tracking.pipelines.bodies.deformable import BodyChoice
 
 
 def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
@@ -17,7 +17,7 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
     """
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.formats.bodies.states import write_states
-    from tsuiseki.tracking.pipelines.deformable import CONTRASTS, columns_of
+    from tsuiseki.tracking.pipelines.bodies.deformable import CONTRASTS, columns_of
     from tsuiseki.tracking.report.bodies import write_contours
     from tsuiseki.tracking.report.state_plots import plot_states
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.pipelines.drone_models import DroneMethod
-from tsuiseki.tracking.pipelines.finding_options import FindingOptions
+from tsuiseki.tracking.pipelines.drone.models import DroneMethod
+from tsuiseki.tracking.pipelines.people.finding_options import FindingOptions
 from tsuiseki.tracking.trackers.drone import DroneSettings
 from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 
@@ -53,7 +53,7 @@ def drone(
     """
     from tsuiseki.tracking.cli.track.drone_run import follow, write_result
     from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
-    from tsuiseki.tracking.pipelines.drone_models import DroneModels
+    from tsuiseki.tracking.pipelines.drone.models import DroneModels
 
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")

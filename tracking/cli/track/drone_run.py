@@ -9,10 +9,10 @@ from tsuiseki.tracking.cli.options import Video
 from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.formats.drone.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
-from tsuiseki.tracking.pipelines.drone import DroneResult, link
-from tsuiseki.tracking.pipelines.drone_models import DroneMethod, DroneModels
-from tsuiseki.tracking.pipelines.observations import Observation, observe
-from tsuiseki.tracking.pipelines.video_observations import video_observations
+from tsuiseki.tracking.pipelines.drone.models import DroneMethod, DroneModels
+from tsuiseki.tracking.pipelines.drone.observations import Observation, observe
+from tsuiseki.tracking.pipelines.drone.tracking import DroneResult, link
+from tsuiseki.tracking.pipelines.drone.video_observations import video_observations
 from tsuiseki.tracking.report.actions import ActionReport, action_page, captions_of
 from tsuiseki.tracking.report.overlay import write_overlay
 from tsuiseki.tracking.trackers.drone import DroneSettings

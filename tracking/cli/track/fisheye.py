@@ -10,12 +10,12 @@ from tsuiseki.tracking.cli.run import Run, count, frames_expected
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.unrolled import UnrollingSettings
-from tsuiseki.tracking.pipelines.finding_options import Detecting
+from tsuiseki.tracking.pipelines.people.finding_options import Detecting
 from tsuiseki.tracking.trackers.fisheye import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.pipelines.fisheye import CeilingSource
+    from tsuiseki.tracking.pipelines.fisheye.tracking import CeilingSource
     from tsuiseki.tracking.report.floor import FloorSection
     from tsuiseki.tracking.types import Detections
     from tsuiseki.tracking.types.tracks import FloorTrack
@@ -78,7 +78,7 @@ def fisheye(
     """
     from tsuiseki.tracking.cameras.person_model import PersonModel
     from tsuiseki.tracking.features.networks.exported import Detect, open_appearance, open_detector
-    from tsuiseki.tracking.pipelines.fisheye import (
+    from tsuiseki.tracking.pipelines.fisheye.tracking import (
         DETECTORS,
         given_detections,
         link_on_floor,

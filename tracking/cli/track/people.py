@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.pipelines.people_files import Linking, PeopleFinding
+from tsuiseki.tracking.pipelines.people.files import Linking, PeopleFinding
 
 
 def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: Linking) -> int:
@@ -17,7 +17,7 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
     """
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.pipelines.people_files import facts_of, opened
+    from tsuiseki.tracking.pipelines.people.files import facts_of, opened
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.report.people import PeopleReport, people_page
     from tsuiseki.tracking.trackers.people.run import FrameLog, shifted

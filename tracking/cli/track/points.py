@@ -41,7 +41,7 @@ def points(
     from tsuiseki.tracking.cli.run import count
     from tsuiseki.tracking.formats.sensors.measurements import read_scans, write_sensed_tracks
     from tsuiseki.tracking.formats.sensors.sensing_model import read_sensing_model
-    from tsuiseki.tracking.pipelines.measurements import with_region
+    from tsuiseki.tracking.pipelines.points.measurements import with_region
     from tsuiseki.tracking.report.sensed_tracks import tracks_figure
     from tsuiseki.tracking.trackers.measurement_model import positions_of
     from tsuiseki.tracking.trackers.measurements import MeasurementTracker

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.pipelines.single_choice import SingleChoice
+from tsuiseki.tracking.pipelines.single.choice import SingleChoice
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.types import Estimate, FloatArray
@@ -35,7 +35,7 @@ def single(
     import numpy as np
 
     from tsuiseki.tracking.formats.boxes import write_boxes
-    from tsuiseki.tracking.pipelines.single import columns_of, follow_measured, open_single, summary_of
+    from tsuiseki.tracking.pipelines.single.tracking import columns_of, follow_measured, open_single, summary_of
     from tsuiseki.tracking.report.single_plots import save_peaks
     from tsuiseki.tracking.report.target_overlay import write_target_overlay
 
@@ -60,7 +60,7 @@ def single(
 
 def _first_box(source: Source, box: str | None, select: bool, labelled: FloatArray | None) -> FloatArray | None:
     """The first box; None when it is to be drawn."""
-    from tsuiseki.tracking.pipelines.single import parse_box
+    from tsuiseki.tracking.pipelines.single.tracking import parse_box
 
     if select and box is not None:
         raise RequestError("expected one of `box` and `select`, got both")

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.cli.options import Drawing, SeededOutput
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.pipelines.sphere_runs import FrameTimes
-from tsuiseki.tracking.pipelines.sphere_settings import SphereSettings
+from tsuiseki.tracking.pipelines.sphere.runs import FrameTimes
+from tsuiseki.tracking.pipelines.sphere.settings import SphereSettings
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.pipelines.sphere_runs import SphereRun
+    from tsuiseki.tracking.pipelines.sphere.runs import SphereRun
     from tsuiseki.tracking.trackers.sphere.sphere_run import SphereLog
 
 
@@ -59,8 +59,8 @@ def sphere(
     import numpy as np
 
     from tsuiseki.tracking.formats.space.track3d import read_path3d, write_track3d
-    from tsuiseki.tracking.pipelines.sphere import sphere_run
-    from tsuiseki.tracking.pipelines.sphere_points import sphere_points_run
+    from tsuiseki.tracking.pipelines.sphere.points import sphere_points_run
+    from tsuiseki.tracking.pipelines.sphere.tracking import sphere_run
     from tsuiseki.tracking.report.space_plots import path_figure
     from tsuiseki.tracking.report.sphere_page import distances_to_truth, sphere_page
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.pipelines.methods import PeopleMethod
+from tsuiseki.tracking.pipelines.people.methods import PeopleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.choice import choice_table
 from tsuiseki.trainers.experiments.association.oracle import REPAIRS

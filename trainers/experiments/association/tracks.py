@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.pipelines.methods import PeopleMethod
-from tsuiseki.tracking.pipelines.people import track_people
+from tsuiseki.tracking.pipelines.people.methods import PeopleMethod
+from tsuiseki.tracking.pipelines.people.tracking import track_people
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.types import Detections, FloatArray, Track

@@ -20,9 +20,9 @@ from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks, write_detections
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.pipelines.observation_cache import file_digest
-from tsuiseki.tracking.pipelines.observations import Observation, Observers
-from tsuiseki.tracking.pipelines.video_observations import video_observations
+from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
+from tsuiseki.tracking.pipelines.drone.observations import Observation, Observers
+from tsuiseki.tracking.pipelines.drone.video_observations import video_observations
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.trackers.people.given_tracks import as_detections
 from tsuiseki.tracking.types import IntArray

@@ -20,9 +20,9 @@ from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, Str
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.pipelines.drone import suited
-from tsuiseki.tracking.pipelines.drone_models import DroneMethod
-from tsuiseki.tracking.pipelines.observations import Observation
+from tsuiseki.tracking.pipelines.drone.models import DroneMethod
+from tsuiseki.tracking.pipelines.drone.observations import Observation
+from tsuiseki.tracking.pipelines.drone.tracking import suited
 from tsuiseki.tracking.trackers.acting import acting_track
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.trackers.people.compensated import MotionCompensated

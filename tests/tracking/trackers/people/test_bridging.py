@@ -11,7 +11,7 @@ import pytest
 
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.geometry import centres, iou_pairs
-from tsuiseki.tracking.pipelines.observations import Observation, Observers, observe
+from tsuiseki.tracking.pipelines.drone.observations import Observation, Observers, observe
 from tsuiseki.tracking.trackers.drone import DRONE_FLOW, DroneSettings, DroneTracker
 from tsuiseki.tracking.trackers.people.bridging import Bridge, BridgingSettings
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray

@@ -1,0 +1,1 @@
+"""Bodies with a shape of their own: skeletons of animals, and fish that bend."""

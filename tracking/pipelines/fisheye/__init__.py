@@ -1,0 +1,1 @@
+"""People under ceiling cameras: found in each image, linked on the floor."""

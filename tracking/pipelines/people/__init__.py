@@ -1,0 +1,1 @@
+"""People in video: found and described, then linked."""

@@ -1,0 +1,130 @@
+"""People through a video from files alone, as `tsuiseki track people` asks: its options, and what runs by them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
+from tsuiseki.tracking.features.networks.exported import Describe, open_appearance
+from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions
+from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
+from tsuiseki.tracking.pipelines.people.finding import NONE, PeopleInputs, people_describer, threads_of_a_call
+from tsuiseki.tracking.pipelines.people.finding_options import FindingOptions
+from tsuiseki.tracking.pipelines.people.methods import (
+    MethodSettings,
+    PeopleMethod,
+    compares_appearance,
+    cost_of_scores,
+    people_affinity,
+    people_tracker,
+)
+from tsuiseki.tracking.trackers.base import PeopleTracker
+from tsuiseki.tracking.trackers.people.by_class import ByClass
+from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.types import IntArray
+from tsuiseki.tracking.video import Source
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeopleFinding(FindingOptions):
+    """Where the detections come from, and who is compared by appearance.
+
+    Attributes:
+        detector: detector as ONNX; by default the shipped detector_street.onnx. One of other projects (YOLO, YOLOX,
+            RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
+        view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people in the
+            first frames), tiles across such as 3 (1 is the whole frame alone), or across and down such as 3x2.
+        appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
+            none does without. One of other projects may be anything from crops to features.
+        appearance_options: what the file of another project's appearance network does not tell.
+        classes: track the rows of --detections of these classes (column 8), each class apart, such as 1,3; tracks.txt
+            then has the class in column 8. By default all rows, as one class.
+    """
+
+    view: str = "auto"
+    appearance_options: AppearanceOptions = field(default_factory=AppearanceOptions)
+    classes: list[int] | None = None
+
+    def describer(self, source: Source, method: PeopleMethod, threads: int) -> Describe | None:
+        """What describes appearance, where the method compares it and there are images."""
+        compared, given = compares_appearance(method), self.appearance
+        if not compared or given is None or str(given) == NONE:
+            return people_describer(source, compared, given, threads)
+        return open_appearance(given, threads, options=self.appearance_options)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linking(MethodSettings):
+    """How detections are linked.
+
+    Attributes:
+        method: sort follows positions; bytetrack, through low scores, too; ocsort, through gaps; deepsort compares
+            appearance, too; flow links the whole video at once, which is the most accurate and gives its result at the
+            end, or with --delay a fixed time after each frame.
+        affinity: exported link costs for flow; by default the shipped affinity_people.onnx after a detector, and
+            hand-set costs after --detections, whose scores it does not know; none takes hand-set costs always.
+        moving_camera: estimate how the camera moves and link people as if it stood still.
+        delay: seconds after which --method flow decides on a frame for good, such as 1.0, with memory that does not
+            grow but for the result; by default it decides at the end.
+    """
+
+    method: PeopleMethod = "flow"
+    affinity: Path | None = None
+    moving_camera: bool = False
+    delay: float | None = None
+
+
+def opened(
+    source: Source, finding: PeopleFinding, linking: Linking, seed: int
+) -> tuple[PeopleInputs, PeopleTracker, Callable[[int], int]]:
+    """All models and files opened and checked: where people come from, a tracker, and the class of each id (-1: none).
+
+    Raises:
+        RequestError: something cannot be used; the message says what and why.
+    """
+    if linking.moving_camera and not source.has_images:
+        raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
+    threads = threads_of_a_call(source, finding.threads)
+    kinds: Sequence[IntArray] = []
+    if finding.classes is None:
+        detect = finding.detect(source, "detector_street", threads)
+    else:
+        detect, kinds = finding.classed(source, finding.classes)
+    describe = finding.describer(source, linking.method, threads)
+    camera = CameraPath() if linking.moving_camera else None
+    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads)
+    learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=knows_scores(detect))
+
+    def make() -> PeopleTracker:
+        scores = cost_of_scores(detect)
+        return people_tracker(linking.method, linking, learnt, seed, source, camera, linking.delay, scores)
+
+    if finding.classes is None:
+        return inputs, make(), lambda _: -1
+    by_class = ByClass(make, kinds[source.frames_wanted.first :], finding.classes)
+    return inputs, by_class, by_class.class_of
+
+
+def facts_of(inputs: PeopleInputs, tracker: PeopleTracker) -> tuple[dict[str, Any], list[str]]:
+    """What a finished run found out about its input, as values by name, and what of it is worth a line to the user."""
+    facts: dict[str, Any] = {}
+    lines: list[str] = []
+    if isinstance(tracker, FlowTracker):
+        facts["flow"] = tracker.facts()
+        if inputs.camera is not None and tracker.camera.unknown:
+            lines.append(said_of_camera([frame + 1 for frame in tracker.camera.unknown]))
+        if tracker.duplicates:
+            boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
+            lines.append(f"{boxes} left out that lay on another")
+        rejected, given = tracker.rejected
+        if 2 * rejected > given:
+            lines.append(f"{rejected} of {given} detections belong to no track: too rarely found again")
+    if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:
+        facts["view"] = inputs.detect.summary
+        lines.append(f"looked at {inputs.detect.summary}; --view says how many")
+    return facts, lines

@@ -1,0 +1,1 @@
+"""Any number of points: coloured objects in video, or a sensor's measurements."""

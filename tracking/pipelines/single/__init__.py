@@ -1,0 +1,1 @@
+"""One target, from the box it begins with."""

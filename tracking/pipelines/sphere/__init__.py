@@ -1,0 +1,1 @@
+"""A ball in space, from videos or from its measured pixels."""
