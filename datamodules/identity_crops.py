@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from tsuiseki.datamodules.readers.mars import training_crops
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mars import MarsCrop, is_mars
 from tsuiseki.tracking.geometry import intersections
+from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
 MARGIN = 0.2
@@ -159,21 +159,19 @@ def read_image(path: Path) -> ImageArray:
 
 
 def write_crops(path: Path, crops: IdentityCrops) -> None:
-    """Keep ``crops`` in one compressed file, written beside and renamed."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f"{path.stem}.{os.getpid()}.part.npz")
+    """Keep ``crops`` in one compressed file."""
     shapes = np.array([image.shape for image in crops.images], dtype=np.int64).reshape(-1, 3)
     pixels = np.concatenate([image.ravel() for image in crops.images])
-    np.savez_compressed(
-        beside,
-        pixels=pixels,
-        shapes=shapes,
-        boxes=crops.boxes,
-        ids=crops.ids,
-        frames=crops.frames,
-        from_video=crops.from_video,
-    )
-    beside.replace(path)
+    with whole_file(path) as file:
+        np.savez_compressed(
+            file,
+            pixels=pixels,
+            shapes=shapes,
+            boxes=crops.boxes,
+            ids=crops.ids,
+            frames=crops.frames,
+            from_video=crops.from_video,
+        )
 
 
 def read_crops(path: Path) -> IdentityCrops:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, BinaryIO
 
 from tsuiseki.tracking.errors import RequestError
 
@@ -90,6 +91,29 @@ def output_file(path: Path, overwrite: bool) -> Iterator[Path]:
         _lock(work, path, stack)
         yield work / path.name
         (work / path.name).replace(path)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to write into that takes the name ``path`` when the ``with`` block ends, and vanishes when it fails.
+
+    For what a program keeps for itself, such as entries of a cache: nothing is locked, an earlier file is replaced,
+    and of two writers at once the last one stays.
+
+    Raises:
+        RequestError: the folder of ``path`` cannot be made or written to.
+    """
+    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}{UNFINISHED}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with beside.open("wb") as file:
+            yield file
+        beside.replace(path)
+    except OSError as error:
+        raise RequestError(f"cannot write to {path.parent}: {error.strerror}; choose another place") from error
+    finally:
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
 
 
 def check_output_file(path: Path, overwrite: bool) -> None:

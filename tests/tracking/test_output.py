@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.output import RunRecord, output_file, output_folder
+from tsuiseki.tracking.output import RunRecord, output_file, output_folder, whole_file
 
 
 def names(folder: Path) -> set[str]:
@@ -104,3 +104,20 @@ def test_a_file_is_replaced_when_it_is_whole(tmp_path: Path) -> None:
         work.write_text("new")
     assert file.read_text() == "new"
     assert [p.name for p in tmp_path.iterdir()] == ["scores.json"]
+
+
+def test_a_kept_file_is_whole_or_as_before(tmp_path: Path) -> None:
+    file = tmp_path / "deeper" / "entry.npz"
+    with whole_file(file) as work:
+        work.write(b"old")
+        assert not file.exists()
+    with pytest.raises(ValueError, match="broken"), whole_file(file) as work:  # noqa: PT012
+        work.write(b"half")
+        raise ValueError("broken")
+    assert file.read_bytes() == b"old"
+    with whole_file(file) as work:
+        work.write(b"new")
+    assert file.read_bytes() == b"new"
+    assert [path.name for path in file.parent.iterdir()] == ["entry.npz"]
+    with pytest.raises(RequestError, match="cannot write to"), whole_file(file / "below.npz"):
+        pass

@@ -13,8 +13,6 @@ one of the box before it is turned.
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -28,6 +26,7 @@ from scipy.spatial import cKDTree
 from tsuiseki.tracking.cameras.camera import Camera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import xywh_from_corners
+from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import FloatArray
 
 VERSION = 2
@@ -285,12 +284,6 @@ def cached_table(
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             pass  # made anew below
     table = build_table(camera, floor, person, grid)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle, work = tempfile.mkstemp(dir=folder, suffix=".unfinished")
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, upright=table.upright, rotated=table.rotated, places=table.places)
-        Path(work).replace(path)
-    except OSError as error:
-        raise RequestError(f"cannot write to {folder}: {error.strerror}; choose another place") from error
+    with whole_file(path) as file:
+        np.savez(file, upright=table.upright, rotated=table.rotated, places=table.places)
     return table

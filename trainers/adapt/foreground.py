@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.trainers.adapt.silhouettes import difference, edge_offsets, told_from_shadow
 from tsuiseki.trainers.adapt.watch import Watched, plain_view
@@ -72,7 +73,6 @@ def foreground_of(watched: Watched) -> Foreground:
 
 def _write(levels: np.ndarray, file: Path) -> None:
     """Whole or not at all: a run that is stopped must not leave half a picture."""
-    file.parent.mkdir(exist_ok=True)
-    work = file.with_suffix(".part.png")
-    assert cv2.imwrite(str(work), levels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    work.replace(file)
+    _, content = cv2.imencode(".png", levels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    with whole_file(file) as picture:
+        picture.write(content.tobytes())

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import sys
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -19,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.pipelines.drone.observations import Observation
 from tsuiseki.tracking.types import Detections
 
@@ -99,13 +98,8 @@ def _write(path: Path, observations: list[Observation]) -> None:
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, **arrays)
     body = content.getvalue()
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        beside.write_bytes(MAGIC + zlib.crc32(body).to_bytes(4, "big") + body)
-        beside.replace(path)
-    except OSError as error:
-        raise RequestError(f"cannot write to {path.parent}: {error.strerror}; choose another `cache`") from error
+    with whole_file(path) as file:
+        file.write(MAGIC + zlib.crc32(body).to_bytes(4, "big") + body)
 
 
 def _read(path: Path, first: int, last: int) -> list[Observation] | None:

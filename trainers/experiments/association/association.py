@@ -13,8 +13,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.pipelines.people.methods import PeopleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.choice import choice_table
+from tsuiseki.trainers.experiments.association.online_peers import PACKAGE, PEERS, PROGRAM, peer_tracks
 from tsuiseki.trainers.experiments.association.oracle import REPAIRS
-from tsuiseki.trainers.experiments.association.peers import PEERS, PROGRAM, Peer, find_peer, peer_tracks
 from tsuiseki.trainers.experiments.association.plots import plot_scores
 from tsuiseki.trainers.experiments.association.runs import (
     Result,
@@ -37,6 +37,7 @@ from tsuiseki.trainers.experiments.association.tables import (
 )
 from tsuiseki.trainers.experiments.association.tracks import boxes_alone, method_tracks, observed_only
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
+from tsuiseki.trainers.experiments.peers import Peer, find_peer
 
 FLOW, UNFILLED = "flow", "flow, nothing filled in"
 # Where the settings of our methods come from; the peers' are their package's defaults.
@@ -106,7 +107,7 @@ def reproduce(
         RequestError: an unknown set or part, no data, or a python without the package.
     """
     _check(sets, parts, gap)
-    environment = find_peer(peer)
+    environment = find_peer(peer, PROGRAM, PACKAGE)
     every = [(one, find_clips(data, one)) for one in DATA_SETS if one.key in sets]
     there = [(one, clips) for one, clips in every if clips]
     if not there:

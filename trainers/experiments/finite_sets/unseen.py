@@ -11,10 +11,10 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.trackers.measurements import Lag, MeasurementMethod, MeasurementTracker
-from tsuiseki.trainers.experiments.association.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.told_filter import told_filter
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import STANDARD_PLACES, UnseenSettings, unseen_scenario
+from tsuiseki.trainers.experiments.peers import Peer, find_peer
 
 PROGRAM = Path(__file__).with_name("peer_program.py")
 PACKAGES = "stonesoup and multisensor-lmb-filters-rs"

@@ -17,7 +17,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.trainers.experiments.association.peers import find_peer
+from tsuiseki.trainers.experiments.peers import find_peer
 
 SCRIPT = Path(__file__).with_name("contrib_csrt.py")
 

@@ -15,7 +15,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types import Track
 from tsuiseki.trainers.experiments.association.labelled import read_labels
-from tsuiseki.trainers.experiments.association.peers import PEERS, find_peer
+from tsuiseki.trainers.experiments.association.online_peers import PACKAGE, PEERS, PROGRAM
 from tsuiseki.trainers.experiments.association.sequences import (
     DATA_SETS,
     find_clips,
@@ -24,6 +24,7 @@ from tsuiseki.trainers.experiments.association.sequences import (
     tracks_of,
 )
 from tsuiseki.trainers.experiments.association.tracks import method_tracks
+from tsuiseki.trainers.experiments.peers import find_peer
 
 LENGTH, RATE = 24, 20.0
 
@@ -130,7 +131,7 @@ def test_peers_are_run_where_they_are_installed(data: Path, tmp_path: Path, stan
 
 def test_a_python_without_the_peers_is_named(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="peer: expected the python of an environment with the package trackers"):
-        find_peer(str(tmp_path / "no-python"))
+        find_peer(str(tmp_path / "no-python"), PROGRAM, PACKAGE)
 
 
 @pytest.mark.parametrize(

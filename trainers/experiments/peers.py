@@ -1,0 +1,63 @@
+"""Programs of others, run in whatever environment has them, to be measured beside our own."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tsuiseki.tracking.errors import RequestError
+
+
+@dataclass(frozen=True)
+class Peer:
+    """An environment with the peer's package.
+
+    Attributes:
+        python: its interpreter.
+        version: of the package.
+    """
+
+    python: str
+    version: str
+
+    @property
+    def fingerprint(self) -> str:
+        """Where it is installed makes no difference to what it computes."""
+        return f"peer {self.version}"
+
+    def answer(self, program: Path, job: Mapping[str, Any]) -> Any:
+        """What ``program`` answers to a job there, both as JSON."""
+        done = subprocess.run(
+            [self.python, str(program)], input=json.dumps(job), capture_output=True, text=True, check=True
+        )
+        return json.loads(done.stdout)
+
+
+def find_peer(python: str | None, program: Path, package: str, argument: str = "peer") -> Peer | None:
+    """The peer in an environment; None where it is not installed.
+
+    Args:
+        python: an interpreter; by default the one that runs this.
+        program: runs there, and prints the package's version after ``--version``.
+        package: what it needs, for the message.
+        argument: that names the interpreter, likewise.
+
+    Raises:
+        RequestError: a named interpreter cannot be run or has not the package.
+    """
+    try:
+        asked = subprocess.run(
+            [python or sys.executable, str(program), "--version"], capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError) as error:
+        if python is None:
+            return None
+        raise RequestError(
+            f"{argument}: expected the python of an environment with {package}, got {python}, which has none"
+        ) from error
+    return Peer(python or sys.executable, asked.stdout.strip())
