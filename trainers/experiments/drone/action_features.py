@@ -144,7 +144,7 @@ def run_plan(bench: Bench, plan: Plan, networks: Networks) -> Outcome:
         "second": _people([carried], compensate=True),
         "camera": {
             name: asdict(bench.store.recall(flight_errors, scene, seed, [one.motion for one in clip.seen]))
-            for (name, scene, seed), clip in zip(_test_plans(plan), every, strict=True)
+            for (name, scene, seed), clip in zip([*_test_plans(plan), *_second_plans(plan)], clips, strict=True)
         },
         "bridging": bridging_rows(sets, observations_in(bench.store), networks, say),
         "actions": action_values(recognised),
