@@ -16,8 +16,7 @@ from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import Past
 from tsuiseki.tracking.trackers.single.methods import SingleMethod, SinglePreset, make_tracker
-from tsuiseki.tracking.trackers.single.recognising import Recognising
-from tsuiseki.tracking.trackers.single.recognition import Recognised
+from tsuiseki.tracking.trackers.single.recognised import Recognised
 from tsuiseki.tracking.weights import shipped
 
 
@@ -57,11 +56,7 @@ class SingleChoice(Shared):
         tracker, constants = self._plain(seed)
         if not self.recognise:
             return tracker, constants
-        describe = Appearance(shipped("appearance_people")).describe
-        if isinstance(tracker, Combined):
-            recognising = Recognising(describe, tracker.settings, seed)
-            return recognising, {**constants, "recognition": asdict(recognising.recognition)}
-        recognised = Recognised(tracker, describe)
+        recognised = Recognised(tracker, Appearance(shipped("appearance_people")).describe)
         return recognised, {**constants, "recognition": asdict(recognised.settings)}
 
     def _plain(self, seed: int) -> tuple[SingleTracker, dict[str, Any]]:

@@ -28,7 +28,7 @@ from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak
 from tsuiseki.tracking.likelihoods.response import ResponseMaps, SizedResponseMaps
 from tsuiseki.tracking.trackers.single import regularised
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
-from tsuiseki.tracking.trackers.single.particles import random_walk
+from tsuiseki.tracking.trackers.single.particles import heaviest_apart, random_walk
 from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, RegularisedTarget
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
@@ -142,7 +142,38 @@ class Combined:
             self._go_on_in_doubt(image, found)
         else:
             self._go_on(image, found)
-        return TargetState(self._model.box(self.target.centre, self.target.size), self.target.peak, self._status())
+        return self.state()
+
+    def state(self) -> TargetState:
+        """The target as it is now."""
+        return TargetState(self.box(self.target), self.target.peak, self._status())
+
+    def box(self, target: RegularisedTarget) -> FloatArray:
+        """``(4,)`` of the target, or of one of `heaviest_places`."""
+        return self._model.box(target.centre, target.size)
+
+    def heaviest_places(self, image: ImageArray, count: int) -> list[RegularisedTarget]:
+        """The target at the maxima about the heaviest particles that are half a target and more from each other.
+
+        One frame of a search of its own: a search that goes on is left as it is.
+
+        Args:
+            image: the frame that `follow` was given last.
+            count: of places, at most.
+        """
+        self.searched_frames += 1
+        bank = self._bank()
+        maps = self._sized_maps(image, bank)
+        particle_filter = self._particle_filter()
+        state, _ = particle_filter.step(particle_filter.init(self._draw(maps.middle)), maps, self._rng)
+        apart = self._model.target * self.target.size / 2
+        chosen = heaviest_apart(state.particles, state.log_weights, apart, count)
+        return [self._climbed(image, self._at(particle, bank)) for particle in chosen]
+
+    def go_on_at(self, there: RegularisedTarget) -> None:
+        """Take the target to be where one of `heaviest_places` is; the doubt ends."""
+        self.target = there
+        self.doubted, self._challenge = 0, None
 
     def _doubts(self, found: RegularisedTarget) -> bool:
         response, colours = self._evidence.shares(found)
@@ -180,37 +211,44 @@ class Combined:
     def _search(self, image: ImageArray) -> None:
         """One frame of the particles; where they have won often enough, the target is theirs."""
         settings, target = self.settings, self.target
-        bank = np.stack([target.filters, self._first, *self._stored])
+        bank = self._bank()
         maps = self._sized_maps(image, bank)
-        deviation = self._model.target * target.size * settings.spread
-        motion = random_walk(deviation, settings.size_spread)
-        particle_filter = ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=1.0)
+        particle_filter = self._particle_filter()
         before = self._challenge or Challenge(particle_filter.init(self._draw(maps.middle)))
         state, _ = particle_filter.step(before.state, maps, self._rng)
         heaviest = state.particles[int(np.argmax(state.log_weights))]
-        number = int(heaviest[2])
-        there = replace(target, centre=heaviest[:2], filters=bank[number], size=self._size(heaviest))
-        place, response = self._look(image, there)
-        moved = bool((np.abs(place - target.centre) > 0.5 * self._model.target * target.size).any())
-        elsewhere = moved or number > 0 or abs(heaviest[3]) > _SIZE_STEP / 2
-        plausible = self._evidence.shares(replace(target, peak=response))[0] >= settings.hidden
-        won = elsewhere and plausible and response > target.peak + settings.margin
+        there = self._climbed(image, self._at(heaviest, bank))
+        moved = bool((np.abs(there.centre - target.centre) > 0.5 * self._model.target * target.size).any())
+        elsewhere = moved or int(heaviest[2]) > 0 or abs(heaviest[3]) > _SIZE_STEP / 2
+        plausible = self._evidence.shares(there)[0] >= settings.hidden
+        won = elsewhere and plausible and there.peak > target.peak + settings.margin
         self._challenge = Challenge(state, before.wins + 1 if won else 0)
         if self._challenge.wins >= settings.wins:
-            extent = np.array([image.shape[1], image.shape[0]], dtype=np.float64)
-            self.target = replace(there, centre=np.clip(place, 0, extent), peak=response)
-            self.doubted, self._challenge = 0, None
+            self.go_on_at(there)
 
-    def _size(self, particle: FloatArray) -> float:
-        """Relative size of the target at a particle."""
-        settings = self.settings.filter
-        return float(np.clip(self.target.size * np.exp(particle[3]), settings.smallest, settings.largest))
+    def _bank(self) -> ComplexArray:
+        """``(K, D, rows, columns // 2 + 1)`` the present filter, the first one, and those stored."""
+        return np.stack([self.target.filters, self._first, *self._stored])
 
-    def _look(self, image: ImageArray, there: RegularisedTarget) -> tuple[FloatArray, float]:
-        """Place and response of the maximum about ``there``, in a window of its own as the filter alone has one."""
+    def _particle_filter(self) -> ParticleFilter[SizedResponseMaps]:
+        deviation = self._model.target * self.target.size * self.settings.spread
+        return ParticleFilter(
+            bootstrap(random_walk(deviation, self.settings.size_spread)), self._log_likelihood, threshold=1.0
+        )
+
+    def _at(self, particle: FloatArray, bank: ComplexArray) -> RegularisedTarget:
+        """The target at a particle, with its filter and size."""
+        limits = self.settings.filter
+        size = float(np.clip(self.target.size * np.exp(particle[3]), limits.smallest, limits.largest))
+        return replace(self.target, centre=particle[:2], filters=bank[int(particle[2])], size=size)
+
+    def _climbed(self, image: ImageArray, there: RegularisedTarget) -> RegularisedTarget:
+        """``there`` at the maximum about it, in a window of its own as the filter alone has one."""
         response, _ = regularised.responses(self._model, there, image)
         shift, value = peak(response)
-        return there.centre + shift * self._model.cell_pixels(there.size), value
+        extent = np.array([image.shape[1], image.shape[0]], dtype=np.float64)
+        place = np.clip(there.centre + shift * self._model.cell_pixels(there.size), 0, extent)
+        return replace(there, centre=place, peak=value)
 
     def _sized_maps(self, image: ImageArray, bank: ComplexArray) -> SizedResponseMaps:
         """Responses at the present size, or at three sizes where particles have their own."""

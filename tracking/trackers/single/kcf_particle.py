@@ -5,14 +5,9 @@ particles begins. Each particle has a place and the number of a correlation filt
 present one at several hypotheses of the target's place, and filters stored in the past. When the particles agree, the
 filter of the best particle goes on alone.
 
-The text leaves these points open; here:
+The text leaves points open. Those of the observation are told in `observation_model`; of the rest:
 
-* (3.4) adds r and v with the shares alpha and 1 - alpha. A search begins where every response is at most epsilon_1 =
-  0.2, and v is about 0.5 nearly everywhere. So r as it comes out of the filter adds 0.06 of 0.41 at most, and v alone
-  decides. `THESIS` therefore divides r by the greatest response of the frame; `PRINTED` does not.
 * (3.3): S holds deviations in `THESIS` and variances in `PRINTED`, see `particles.step_deviation`.
-* (3.5): the displacement is measured from the tracker's box in the frame before, for all particles. So one window
-  serves all filters, and one batched transform gives all responses. Outside the window the response is zero.
 * Algorithm 1: hypothesis ``m`` is a copy of the present filter with the target at maximum ``m``. The copies become
   different because each learns at its own place. Particles of the first frame are weighed where they were drawn.
 * 3.2.7: in every frame a filter learns at the place of its heaviest particle, with the learning rate of KCF. Of a
@@ -31,18 +26,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, shipped_objectness
+from tsuiseki.tracking.features.objectness import ObjectnessModel, shipped_objectness
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.correlation.kernelised_correlation import FilterBank, Samples, join, respond
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import FilterBank, join
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.particles.weights import probabilities
-from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak
-from tsuiseki.tracking.likelihoods.response import ResponseMaps, log_likelihood, object_overlap
+from tsuiseki.tracking.likelihoods.peaks import peak
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.archive import Archive
 from tsuiseki.tracking.trackers.single.confidence import Confidence
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, KcfParticleSettings
+from tsuiseki.tracking.trackers.single.observation_model import ObservationModel, SearchView, Windows, highest_maxima
 from tsuiseki.tracking.trackers.single.particles import (
     best_by_filter,
     densest,
@@ -53,10 +48,6 @@ from tsuiseki.tracking.trackers.single.particles import (
     step_deviation,
 )
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
-
-PROPOSALS = 100
-LEAST_RESPONSE = 1e-6
-Windows = tuple[Samples, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -72,15 +63,6 @@ class Search:
     state: ParticleState
     bank: FilterBank
     frames: int
-
-
-@dataclass(frozen=True)
-class SearchView:
-    """What the particles see of one frame."""
-
-    maps: ResponseMaps
-    image: ImageArray
-    proposals: FloatArray
 
 
 class KcfParticle:
@@ -115,10 +97,13 @@ class KcfParticle:
         self._confidence = Confidence.start(settings, image, box)
         self._frame = self._plain_left = self._doubted = self.searched_frames = 0
         self.search = None
-        if settings.response_share < 1 and self._objectness is None:
-            self._objectness = shipped_objectness()
-        if self._objectness is not None:
-            self._near_sizes = self._objectness.near(float(size[0]), float(size[1]))
+        self._observation = ObservationModel(settings, self.model, self._objects(float(size[0]), float(size[1])))
+
+    def _objects(self, width: float, height: float) -> ObjectnessModel | None:
+        """What objects of about the target's sides look like; None where objectness has no share."""
+        if self.settings.response_share == 1:
+            return None
+        return (self._objectness or shipped_objectness()).near(width, height)
 
     def follow(self, image: ImageArray) -> TargetState:
         """The target in the next frame."""
@@ -153,7 +138,9 @@ class KcfParticle:
         settings, target = self.settings, self.target
         past = self._archive.candidates()
         windows = self._windows(image)
-        peaks = self._highest_maxima(self._maps(windows, target.bank))
+        peaks = highest_maxima(self._observation.maps(windows, target.bank, target.size), settings.hypotheses)
+        if not len(peaks):  # a flat response, as on a constant image: the target is where it was
+            peaks = target.centre[None]
         weights = self._archive.weights(settings.past == "score")
         shares = jump_prior(peaks, target.centre, self.model.target * target.size) if settings.prefers_near else None
         particles = draw_particles(
@@ -167,10 +154,10 @@ class KcfParticle:
         particles[:, 2] = numbers
         bank = join([banks[number] for number in used])
         state = self._filter(move=False).init(particles)
-        self._weigh(self._view(image, windows, bank), Search(state, bank, 0), move=False)
+        self._weigh(self._observation.view(image, windows, bank, target.size), Search(state, bank, 0), move=False)
 
     def _continue_search(self, image: ImageArray, search: Search) -> None:
-        view = self._view(image, self._windows(image), search.bank)
+        view = self._observation.view(image, self._windows(image), search.bank, self.target.size)
         if not (self.settings.decides_always and self._confident(view, search)):
             self._weigh(view, search, move=True)
 
@@ -192,48 +179,13 @@ class KcfParticle:
 
     def _windows(self, image: ImageArray) -> Windows:
         """The windows of a frame of search and their centres."""
-        settings, target = self.settings, self.target
+        settings = self.settings
         lost = self.search is not None and self._status() == "lost"
         reach = settings.redetect_reach if lost and settings.redetect_reach else settings.reach
-        if reach == 0:
-            return self.model.window.describe(image, target.centre[None], np.array([target.size])), target.centre[None]
-        return self.model.window.describe_around(image, target.centre, target.size, reach)
-
-    def _maps(self, windows: Windows, bank: FilterBank) -> ResponseMaps:
-        """Responses of all filters in all windows."""
-        samples, centres = windows
-        kernel = self.settings.kcf.kernel
-        maps = np.stack([respond(bank, samples.select(slice(k, k + 1)), kernel) for k in range(len(centres))])
-        return ResponseMaps(maps, centres, self.model.window.cell_pixels(self.target.size))
-
-    def _view(self, image: ImageArray, windows: Windows, bank: FilterBank) -> SearchView:
-        """Responses of the filters, and what looks like an object near the windows."""
-        proposals, centres = np.empty((0, 4)), windows[1]
-        if self.settings.response_share < 1:
-            half = self.model.target * self.target.size * self.settings.kcf.padding / 2
-            region = np.concatenate([centres.min(axis=0) - half, centres.max(axis=0) + half])
-            proposals, _ = propose(image, self._near_sizes, PROPOSALS, region)
-        return SearchView(self._maps(windows, bank), image, proposals)
-
-    def _boxes(self, particles: FloatArray) -> FloatArray:
-        half = self.model.target * self.target.size / 2
-        return np.concatenate([particles[:, :2] - half, particles[:, :2] + half], axis=1)
+        return self._observation.windows(image, self.target, reach)
 
     def _log_likelihood(self, particles: FloatArray, observation: SearchView) -> FloatArray:
-        """Equation (3.4), sharpened and joined with the colours where the settings say so."""
-        settings, view = self.settings, observation
-        boxes = self._boxes(particles)
-        response = view.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
-        if settings.response_scale == "greatest":
-            response = response / max(float(view.maps.maps.max()), LEAST_RESPONSE)
-        overlap = object_overlap(boxes, view.proposals) if settings.response_share < 1 else np.zeros(len(boxes))
-        result = log_likelihood(response, overlap, settings.response_share)
-        confidence = self._confidence
-        if settings.colour and confidence.colour is not None:
-            score = confidence.colour.score(view.image, boxes)
-            usual = confidence.colours.mean if confidence.colours.mean is not None else float(score.max())
-            result += settings.colour * np.minimum(score - usual, 0)
-        return settings.sharpness * result
+        return self._observation.log_likelihood(particles, observation, self.target.size, self._confidence)
 
     def _filter(self, move: bool) -> ParticleFilter[SearchView]:
         """Resampling in every frame; the particles of the first one stay where they were drawn."""
@@ -283,20 +235,6 @@ class KcfParticle:
         """3.2.6: the best particle's filter goes on alone."""
         self.target = replace(self.target, bank=bank)
         self.search, self._plain_left = None, self.settings.plain_frames
-
-    def _highest_maxima(self, present: ResponseMaps) -> FloatArray:
-        """Places ``(M, 2)`` of the highest maxima of the present filter's responses, highest first."""
-        places, values = [], []
-        for k, centre in enumerate(present.centres):
-            shifts, heights = local_maxima(present.maps[k, 0], self.settings.hypotheses)
-            found = centre + shifts * present.cell
-            # Windows overlap: a maximum counts in the window whose centre is nearest.
-            nearest = np.argmin(((found[:, None] - present.centres[None]) ** 2).sum(axis=2), axis=1)
-            places.append(found[nearest == k])
-            values.append(heights[nearest == k])
-        order = np.argsort(-np.concatenate(values), kind="stable")[: self.settings.hypotheses]
-        # A flat response, as on a constant image, has no maximum: the target is where it was.
-        return np.concatenate(places)[order] if len(order) else self.target.centre[None]
 
     def _box(self) -> FloatArray:
         return self.model.box(self.target.centre, self.target.size)

@@ -134,3 +134,21 @@ def densest(particles: FloatArray, weights: FloatArray, deviation: FloatArray) -
     places = particles[:, :2] / deviation
     near = np.exp(-0.5 * ((places[:, None] - places[None]) ** 2).sum(axis=2)) * weights
     return int(np.argmax(near[int(np.argmax(near.sum(axis=1)))]))
+
+
+def heaviest_apart(particles: FloatArray, log_weights: FloatArray, apart: FloatArray, count: int) -> list[FloatArray]:
+    """The heaviest particles that are not all near each other, heaviest first.
+
+    Args:
+        particles: ``(N, D)`` x, y and more.
+        log_weights: ``(N,)``.
+        apart: ``(2,)`` pixels; two of them differ by more than this in x or in y.
+        count: how many, at most.
+    """
+    chosen: list[FloatArray] = []
+    for particle in particles[np.argsort(-log_weights, kind="stable")]:
+        if all((np.abs(particle[:2] - other[:2]) > apart).any() for other in chosen):
+            chosen.append(particle)
+        if len(chosen) == count:
+            break
+    return chosen

@@ -10,12 +10,11 @@ high, it is not heard.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
 
-from tsuiseki.tracking.trackers.single.interface import SingleTracker, TargetState
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Describe = Callable[[ImageArray, FloatArray], FloatArray]
@@ -34,7 +33,7 @@ class RecognitionSettings:
         memory: looks of the running median.
         trusted: looks at the beginning that count as the target.
         candidates: places that are looked at in a look that says that the box does not show the target; see
-            `recognising`.
+            `recognised`.
         better: how much more alike than the box such a place must be.
         alike: share of the running median from which on it may be the target.
     """
@@ -99,31 +98,3 @@ class Witness:
     def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         found = np.asarray(self._describe(image, boxes), dtype=np.float64)
         return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
-
-
-class Recognised:
-    """A tracker whose status also says lost where the box no longer looks like the first one.
-
-    Args:
-        tracker: that follows.
-        describe: appearance features of boxes.
-        settings: see there.
-    """
-
-    def __init__(self, tracker: SingleTracker, describe: Describe, settings: RecognitionSettings | None = None) -> None:
-        self.settings = settings or RecognitionSettings()
-        self._tracker, self._describe = tracker, describe
-
-    def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
-        self._tracker.start(image, box)
-        self._witness = Witness(self._describe, self.settings, image, box)
-        self._frame = 0
-
-    def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
-        found = self._tracker.follow(image)
-        self._frame += 1
-        if self._frame % self.settings.every == 0:
-            self._witness.look(image, found.box)
-        return replace(found, status="lost") if self._witness.strange else found

@@ -23,8 +23,7 @@ from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import KcfParticleSettings
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.methods import SingleMethod, make_tracker
-from tsuiseki.tracking.trackers.single.recognising import Recognising
-from tsuiseki.tracking.trackers.single.recognition import Recognised
+from tsuiseki.tracking.trackers.single.recognised import Recognised
 from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.single.contrib import Contrib, follow_with_contrib
@@ -83,10 +82,7 @@ class Pass:
 def start(entrant: Ours, seed: int, network: Path | None = None) -> SingleTracker:
     """A new tracker; with an appearance ``network`` it recognises a person by it."""
     if network is not None:
-        describe = Appearance(network, threads=1).describe
-        if isinstance(entrant, CombinedSettings):
-            return Recognising(describe, entrant, seed)
-        return Recognised(start(entrant, seed), describe)
+        return Recognised(start(entrant, seed), Appearance(network, threads=1).describe)
     if isinstance(entrant, CombinedSettings):
         return Combined(entrant, seed)
     if isinstance(entrant, KcfParticleSettings):

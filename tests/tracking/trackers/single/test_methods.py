@@ -13,11 +13,12 @@ from tsuiseki.tracking.likelihoods.response import ResponseMaps
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings, Evidence
 from tsuiseki.tracking.trackers.single.interface import follow_target
-from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle, SearchView
+from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.matching import MEASURES, active_search, colour_bins, match
 from tsuiseki.tracking.trackers.single.methods import METHODS, make_tracker
+from tsuiseki.tracking.trackers.single.observation_model import SearchView
 from tsuiseki.tracking.trackers.single.particles import dispersion
 from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.types import Frame

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.trackers.single.interface import TargetState
-from tsuiseki.tracking.trackers.single.recognition import Recognised, RecognitionSettings
+from tsuiseki.tracking.trackers.single.recognised import Recognised
+from tsuiseki.tracking.trackers.single.recognition import RecognitionSettings
 
 BOX = np.array([10.0, 10.0, 30.0, 50.0])
 EVERY = RecognitionSettings(every=1, looks=2, trusted=2)

@@ -5,7 +5,7 @@ import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings
-from tsuiseki.tracking.trackers.single.recognising import Recognising
+from tsuiseki.tracking.trackers.single.recognised import Recognised
 from tsuiseki.tracking.trackers.single.recognition import RecognitionSettings
 
 HEIGHT, WIDTH = 36, 24
@@ -49,7 +49,7 @@ def follow(tracker, images, boxes):
 def test_the_target_is_found_again_where_the_filter_alone_stays():
     images, boxes = jump()
     assert follow(Combined(SURE), images, boxes)[0][-1] == 0
-    tracker = Recognising(describe, SURE, recognition=EVERY)
+    tracker = Recognised(Combined(SURE), describe, EVERY)
     overlaps, statuses = follow(tracker, images, boxes)
     assert overlaps[-1] > 0.6
     assert tracker.found_again == 1
@@ -61,7 +61,7 @@ def test_where_nothing_is_alike_it_stays_and_says_lost():
     gone = [image if t < 12 else images[0].copy() for t, image in enumerate(images)]
     for image in gone[12:]:
         image[62 : 62 + HEIGHT, 38 : 38 + WIDTH] = 90
-    tracker = Recognising(describe, SURE, recognition=EVERY)
+    tracker = Recognised(Combined(SURE), describe, EVERY)
     _, statuses = follow(tracker, gone, boxes)
     assert tracker.found_again == 0
     assert statuses[-1] == "lost"
@@ -70,12 +70,12 @@ def test_where_nothing_is_alike_it_stays_and_says_lost():
 def test_while_the_network_knows_the_box_it_changes_nothing():
     images, boxes = jump()
     plain, witnessed = (
-        follow(tracker, images[:12], boxes[:12]) for tracker in (Combined(SURE), Recognising(describe, SURE))
+        follow(tracker, images[:12], boxes[:12]) for tracker in (Combined(SURE), Recognised(Combined(SURE), describe))
     )
     np.testing.assert_array_equal(plain[0], witnessed[0])
 
 
 def test_the_same_seed_gives_the_same_answers():
     images, boxes = jump()
-    first, second = (follow(Recognising(describe, SURE, 3, EVERY), images, boxes)[0] for _ in range(2))
+    first, second = (follow(Recognised(Combined(SURE, 3), describe, EVERY), images, boxes)[0] for _ in range(2))
     np.testing.assert_array_equal(first, second)
