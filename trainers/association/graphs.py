@@ -204,7 +204,8 @@ def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: Flow
     past, future = beliefs_along(labels, seen.measured, settings.costs.link.motion)
     averaged = settings.costs.rounds.averaged
     means = None if seen.features is None else mean_features(seen, labels, seen.features, averaged)
-    priced(seen, tails, heads, past, future, settings.costs.link, np.inf, None, means, window.links.hidden, keep)
+    cost, hidden = settings.costs.link, window.links.hidden
+    priced(seen, tails, heads, past, future, cost, np.inf, None, means, hidden, keep, labels=labels)
     return found[0]
 
 

@@ -100,7 +100,7 @@ def export_association(
 ) -> float:
     """Write the network as ``path``, once it gives what torch gives.
 
-    The graph maps ``links`` ``(P, 23)``, ``detections`` ``(N, 15)`` and ``joins`` ``(J, 27)`` to changes of costs
+    The graph maps ``links`` ``(P, 25)``, ``detections`` ``(N, 15)`` and ``joins`` ``(J, 29)`` to changes of costs
     ``(P,)``, ``(N, 3)`` and ``(J,)``, all float32; any of P, N and J may be 0.
 
     Returns:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.flow.evidence import JOIN_FEATURES
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.counts import Counts
@@ -91,7 +92,7 @@ def test_tracklets(graph: Graph) -> None:
     gap = [Detections.empty() if 20 <= t < 40 else found for t, found in enumerate(labelled.detections)]
     level = sequence_graphs(DetectedVideo("gap", gap, labelled.truth, 30.0, (640, 480)))
     joins = level.tracklets
-    assert joins.links.shape[1] == 27
+    assert joins.links.shape[1] == len(JOIN_FEATURES)
     found = cheapest(Problem(joins.costs, joins.tail, joins.head))
     if len(joins) > 2:
         assert joins.labelled[3 * len(joins) :].sum() == len(joins) - 2

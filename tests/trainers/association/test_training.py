@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork
+from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
@@ -83,7 +84,7 @@ def test_logs_and_exports(trained: Path) -> None:
     )
     assert list((trained / "tensorboard").iterdir())
     network = load_module(AssociationTraining, trained / "checkpoints" / "best.ckpt").network
-    rows = np.random.default_rng(0).normal(size=(9, 23))
+    rows = np.random.default_rng(0).normal(size=(9, len(LINK_FEATURES)))
     with torch.no_grad():
         expected = network.links(torch.as_tensor(rows, dtype=torch.float32))[:, 0].numpy()
     assert expected.any()

@@ -91,8 +91,22 @@ def test_a_network_of_other_features_is_refused(exported: dict[str, Path], tmp_p
     assert model.metadata_props[0].key == METADATA_KEY
     model.metadata_props[0].value = json.dumps(card)
     onnx.save(model, tmp_path / "other.onnx")
-    with pytest.raises(RequestError, match=r"expected the 23 features of links .*different: cost, weather"):
+    with pytest.raises(RequestError, match=r"expected some of the 25 features of links .*, got weather; train"):
         CostNetwork(tmp_path / "other.onnx")
+
+
+def test_features_are_taken_by_their_names(exported: dict[str, Path], tmp_path: Path) -> None:
+    """So a file from before a feature was added goes on working."""
+    model = onnx.load(exported["large"])
+    card = json.loads(model.metadata_props[0].value)
+    order = np.random.default_rng(0).permutation(len(NAMES.links))
+    card["settings"]["links"] = [NAMES.links[k] for k in order]
+    model.metadata_props[0].value = json.dumps(card)
+    onnx.save(model, tmp_path / "other.onnx")
+    rows = np.random.default_rng(1).normal(size=(20, len(NAMES.links)))
+    expected = CostNetwork(exported["large"], threads=1).links(rows[:, order])
+    assert np.ptp(expected) > 1
+    np.testing.assert_array_equal(CostNetwork(tmp_path / "other.onnx", threads=1).links(rows), expected)
 
 
 def test_the_tracker_decides_while_it_goes_with_it(exported: dict[str, Path]) -> None:

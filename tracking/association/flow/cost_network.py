@@ -6,7 +6,7 @@ with the start and the end of a track at each, and of joins of tracklets. No cha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES, JOIN_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.onnx import ModelCard, OnnxModel
+from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.types import FloatArray
 
 LARGEST = 8.0
@@ -24,7 +24,7 @@ class CostChanges(Protocol):
     """Anything that changes the costs of the flow by features."""
 
     def links(self, rows: FloatArray) -> FloatArray:
-        """``(P,)`` changes of the costs of links with ``(P, 23)`` features."""
+        """``(P,)`` changes of the costs of links with ``(P, 25)`` features."""
         ...
 
     def detections(self, rows: FloatArray) -> FloatArray:
@@ -32,7 +32,7 @@ class CostChanges(Protocol):
         ...
 
     def joins(self, rows: FloatArray) -> FloatArray:
-        """``(P,)`` changes of the costs of joins with ``(P, 27)`` features."""
+        """``(P,)`` changes of the costs of joins with ``(P, 29)`` features."""
         ...
 
 
@@ -49,28 +49,33 @@ class CostNetwork:
     """An exported association network; a `CostChanges`.
 
     Attributes:
-        card: what the file says of itself.
+        path: of the file.
+        card: what it says of itself.
 
     Args:
         path: the ONNX file.
         threads: CPU threads; 0 takes all cores.
 
     Raises:
-        RequestError: the file is no association network (see `OnnxModel`), or its features are not known here.
+        RequestError: the file is no association network (see `OnnxModel`), or asks for features not known here.
     """
 
     def __init__(self, path: str | Path, threads: int = 0) -> None:
         self.model = OnnxModel(path, "association", threads)
-        self.card: ModelCard = self.model.card
-        names = FeatureNames()
-        for part, known in (("links", names.links), ("detections", names.detections), ("joins", names.joins)):
-            given = tuple(self.card.settings.get(part, ()))
-            if given != known:
-                other = sorted(set(given) ^ set(known))
-                raise RequestError(
-                    f"{path}: expected the {len(known)} features of {part} computed here, got {len(given)} "
-                    f"(different: {', '.join(other) or 'their order'}); train the network again"
-                )
+        self.path, self.card = Path(path), self.model.card
+        # A network that was trained before a feature was added does without it.
+        self._columns = {part: self._places(part, known) for part, known in asdict(FeatureNames()).items()}
+
+    def _places(self, part: str, known: tuple[str, ...]) -> list[int]:
+        """Which of the columns known here the file wants, in its order."""
+        asked = tuple(self.card.settings.get(part, ()))
+        foreign = sorted(set(asked) - set(known))
+        if foreign or not asked:
+            raise RequestError(
+                f"{self.path}: expected some of the {len(known)} features of {part} computed here, got "
+                f"{', '.join(foreign) or 'none'}; train the network again"
+            )
+        return [known.index(name) for name in asked]
 
     def links(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` changes of the costs of links."""
@@ -87,7 +92,9 @@ class CostNetwork:
     def _run(
         self, links: FloatArray | None = None, detections: FloatArray | None = None, joins: FloatArray | None = None
     ) -> list[FloatArray]:
-        names = FeatureNames()
-        given = ((links, names.links), (detections, names.detections), (joins, names.joins))
-        rows = [np.zeros((0, len(n))) if part is None else part for part, n in given]
-        return [np.asarray(out, dtype=np.float64) for out in self.model.run(*(r.astype(np.float32) for r in rows))]
+        rows = []
+        for part, given in (("links", links), ("detections", detections), ("joins", joins)):
+            columns = self._columns[part]
+            chosen = np.zeros((0, len(columns))) if given is None else given[:, columns]
+            rows.append(np.ascontiguousarray(chosen, dtype=np.float32))
+        return [np.asarray(out, dtype=np.float64) for out in self.model.run(*rows)]

@@ -22,7 +22,7 @@ DETECTION_FEATURES = (
 LINK_FEATURES = (
     "cost", "mismatch", "seconds", "gap", "hidden", "appearance", "appearance_known", "noise_tail", "noise_head",
     "ahead_x", "ahead_y", "back_x", "back_y", "width", "height", "overlap", "known_past", "known_future", "speed",
-    "turn", "above_tail", "above_head", "interval",
+    "turn", "above_tail", "above_head", "interval", "action", "action_known",
 )  # fmt: skip
 JOIN_FEATURES = (*LINK_FEATURES, "detections_before", "detections_after", "seconds_before", "seconds_after")
 FARTHEST, DEAREST = 2.0, 12.0
@@ -62,7 +62,7 @@ def detection_evidence(seen: Seen, cost: FloatArray, logit: FloatArray) -> Float
 
 
 def link_evidence(seen: Seen, parts: LinkParts, motion: MotionNoise) -> FloatArray:
-    """``(P, 23)`` features of P links: `LINK_FEATURES`.
+    """``(P, 25)`` features of P links: `LINK_FEATURES`.
 
     Args:
         seen: the detections.
@@ -74,7 +74,7 @@ def link_evidence(seen: Seen, parts: LinkParts, motion: MotionNoise) -> FloatArr
     i, j = parts.i, parts.j
     ahead, back, speed, turn = _errors(parts, motion)
     change = seen.measured.places[j, 2:] - seen.measured.places[i, 2:]
-    known = ~np.isnan(parts.distance)
+    known, acting = ~np.isnan(parts.distance), ~np.isnan(parts.action)
     columns = {
         "cost": parts.cost.clip(-DEAREST, 2 * DEAREST),
         "mismatch": parts.mismatch.clip(-DEAREST, 2 * DEAREST),
@@ -99,6 +99,8 @@ def link_evidence(seen: Seen, parts: LinkParts, motion: MotionNoise) -> FloatArr
         "above_tail": _above_rivals(parts.cost, i, len(seen)),
         "above_head": _above_rivals(parts.cost, j, len(seen)),
         "interval": np.full(len(i), np.log(30 / seen.frame_rate)),
+        "action": np.where(acting, parts.action, 0.0).clip(-DEAREST, DEAREST),
+        "action_known": acting.astype(np.float64),
     }
     return np.stack([columns[name] for name in LINK_FEATURES], axis=1)
 
@@ -110,7 +112,7 @@ def join_evidence(
     counts: tuple[IntArray, IntArray],
     spans: tuple[IntArray, IntArray],
 ) -> FloatArray:
-    """``(P, 27)`` features of P joins of tracklets: `JOIN_FEATURES`.
+    """``(P, 29)`` features of P joins of tracklets: `JOIN_FEATURES`.
 
     Args:
         seen: the detections.

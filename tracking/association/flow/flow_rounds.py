@@ -82,6 +82,7 @@ class LinkParts:
         mismatch: ``(P,)`` cost of how ill the motion of the two goes together.
         hidden: ``(P,)`` share of the person hidden in between.
         cost: ``(P,)`` by default.
+        action: ``(P,)`` cost of how unlike the two act, a part of the cost; NaN where nothing recognised actions.
     """
 
     i: IntArray
@@ -93,6 +94,7 @@ class LinkParts:
     mismatch: FloatArray
     hidden: FloatArray
     cost: FloatArray
+    action: FloatArray
 
 
 # Changes of the costs of links, ``(P,)``.
@@ -176,17 +178,41 @@ def priced(
         hidden = np.broadcast_to(np.nan, len(i))
     if change is not None:
         # Learnt changes compare links with each other.
-        kept, distance, motion, price, covered = prices(i, j, hidden)
+        of = prices(i, j, hidden)
+        kept = of.kept
         seconds = (seen.frames[j[kept]] - seen.frames[i[kept]]) / seen.frame_rate
-        parts = LinkParts(i[kept], j[kept], past, future, seconds, distance, motion, covered, price)
-        return kept, np.maximum(price + change(seen, parts), -MOST_WORTH), covered
+        parts = LinkParts(
+            i[kept], j[kept], past, future, seconds, of.distance, of.motion, of.hidden, of.price, of.action
+        )
+        return kept, np.maximum(of.price + change(seen, parts), -MOST_WORTH), of.hidden
     found = []
     for start in range(0, max(len(i), 1), PAIRS_AT_ONCE):
         part = slice(start, start + PAIRS_AT_ONCE)
-        kept, _, _, price, covered = prices(i[part], j[part], hidden[part])
-        found.append((kept + start, price, covered))
+        of = prices(i[part], j[part], hidden[part])
+        found.append((of.kept + start, of.price, of.hidden))
     kept, price, covered = (np.concatenate(column) for column in zip(*found, strict=True))
     return kept, price, covered
+
+
+@dataclass(frozen=True)
+class _Priced:
+    """Of P links the K that are kept.
+
+    Attributes:
+        kept: ``(K,)`` indices of P.
+        distance: ``(K,)`` of appearance, NaN where not known.
+        motion: ``(K,)`` cost of how ill the motions go together.
+        action: ``(K,)`` cost of how unlike the two act, NaN where not known.
+        price: ``(K,)``.
+        hidden: ``(K,)`` share of the person hidden in between.
+    """
+
+    kept: IntArray
+    distance: FloatArray
+    motion: FloatArray
+    action: FloatArray
+    price: FloatArray
+    hidden: FloatArray
 
 
 @dataclass(frozen=True)
@@ -203,15 +229,13 @@ class _Prices:
     doing: tuple[FloatArray, FloatArray] | None
     along: bool
 
-    def __call__(
-        self, i: IntArray, j: IntArray, hidden: FloatArray
-    ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Of P links those that are kept: indices, distance of appearance, mismatch of motion, price, share hidden."""
+    def __call__(self, i: IntArray, j: IntArray, hidden: FloatArray) -> _Priced:
+        """Those of P links that are kept."""
         seen, cost, one_frame = self.seen, self.cost, 1 / self.seen.frame_rate
         gap = seen.frames[j] - seen.frames[i]
         seconds = np.asarray(gap * one_frame, dtype=np.float64)
         motion = self.mismatch(i, j, seconds, seen.measured.wander[j] - seen.measured.wander[i])
-        total, distance = motion.copy(), np.full(len(i), np.nan)
+        total, distance, action = motion.copy(), np.full(len(i), np.nan), np.full(len(i), np.nan)
         if seen.features is not None:
             averaged = self.means is not None
             distance = (
@@ -228,14 +252,15 @@ class _Prices:
             total[learnt] += cost.learnt(self.transition(replace(pairs, appearance=distance[learnt])))
         if cost.action is not None and self.doing is not None:
             averaged = self.along and cost.action.averaged
-            total += cost.action(*self.doing, i, j, seconds, averaged=averaged)
+            action = cost.action(*self.doing, i, j, seconds, averaged=averaged)
+            total += action
         # What hides a person is looked at only where it matters.
         kept = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < self.dearest)
         covered = hidden[kept]
         asked = np.flatnonzero(np.isnan(covered))
         covered[asked] = self.hiding.between(i[kept[asked]], j[kept[asked]])
         price = total[kept] + cost.waiting(seconds[kept], one_frame, covered)
-        return kept, distance[kept], motion[kept], price, covered
+        return _Priced(kept, distance[kept], motion[kept], action[kept], price, covered)
 
     def _learnt_up_to(self) -> float:
         """Longest gap that the learnt costs speak of, frames."""

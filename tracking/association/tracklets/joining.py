@@ -136,9 +136,11 @@ def join_parts(
     mismatch = link.mismatch(past, future, tails, heads, seconds, wander)
     hidden = hidden_between(tails, heads, seen.frames, seen.image, seen.size)
     cost = mismatch + link.waiting(seconds, one_frame, hidden)
+    action = np.full(len(i), np.nan)
     if link.action is not None and seen.actions is not None:
         doing = link.action.means(seen.frames, labels, seen.actions, seen.frame_rate)
-        cost = cost + link.action(*doing, tails, heads, seconds, averaged=link.action.averaged)
+        action = link.action(*doing, tails, heads, seconds, averaged=link.action.averaged)
+        cost = cost + action
     distance = np.full(len(i), np.nan)
     if appearance is not None:
         distance = cosine_distances(appearance, ends.track[i], ends.track[j])
@@ -150,12 +152,12 @@ def join_parts(
     return (
         ends.track[i],
         ends.track[j],
-        LinkParts(tails, heads, past, future, seconds, distance, mismatch, hidden, cost),
+        LinkParts(tails, heads, past, future, seconds, distance, mismatch, hidden, cost, action),
     )
 
 
 def evidence_of_joins(seen: Seen, labels: IntArray, ends: Ends, parts: LinkParts, link: LinkCost) -> FloatArray:
-    """``(P, 27)`` features of joins, see `evidence`."""
+    """``(P, 29)`` features of joins, see `evidence`."""
     counts = np.bincount(labels[labels >= 0], minlength=int(labels.max(initial=-1)) + 1)
     spans = np.zeros(len(counts), dtype=np.int64)
     spans[ends.track] = seen.frames[ends.last] - seen.frames[ends.first]

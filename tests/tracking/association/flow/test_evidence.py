@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.action_cost import ActionCost
 from tsuiseki.tracking.association.flow.evidence import (
     DETECTION_FEATURES,
     JOIN_FEATURES,
@@ -19,6 +20,7 @@ from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, priced
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
+from tsuiseki.tracking.association.tracklets.joining import Ends, JoinSettings, join_parts
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, InputSettings
 from tsuiseki.tracking.types import Detections, FloatArray
 
@@ -31,7 +33,7 @@ def seen_of(boxes: list[list[list[float]]], size: tuple[int, int] | None = (640,
     return prepared.rows([Detections(np.array(frame).reshape(-1, 4), np.ones(len(frame))) for frame in boxes])[0]
 
 
-def parts_of(seen: Seen, i: list[int], j: list[int]) -> LinkParts:
+def parts_of(seen: Seen, i: list[int], j: list[int], cost: LinkCost = COST) -> LinkParts:
     found: list[LinkParts] = []
 
     def keep(_: Seen, parts: LinkParts) -> FloatArray:
@@ -39,7 +41,7 @@ def parts_of(seen: Seen, i: list[int], j: list[int]) -> LinkParts:
         return np.zeros(len(parts.i))
 
     past, future = beliefs_along(np.full(len(seen), -1), seen.measured, COST.motion)
-    priced(seen, np.array(i, np.int64), np.array(j, np.int64), past, future, COST, np.inf, change=keep)
+    priced(seen, np.array(i, np.int64), np.array(j, np.int64), past, future, cost, np.inf, change=keep)
     return found[0]
 
 
@@ -91,6 +93,43 @@ def test_unlike_looks_are_seen() -> None:
     seen = replace(seen, features=np.array([[1.0, 0], [0, 1]]))
     table = dict(zip(LINK_FEATURES, link_evidence(seen, parts_of(seen, [0], [1]), COST.motion).T, strict=True))
     assert table["appearance"] == table["appearance_known"] == 1
+
+
+def acting(least: float = 0.0) -> tuple[Seen, LinkParts, LinkCost]:
+    """One who goes on with what they did and one who does something else, where actions have a price."""
+    seen = seen_of([[[100, 100, 140, 200]], [[102, 100, 142, 200], [104, 100, 144, 200]]])
+    seen = replace(seen, actions=np.array([[0.9, 0.1], [0.9, 0.1], [0.1, 0.9]]))
+    cost = replace(COST, action=ActionCost(least=least))
+    return seen, parts_of(seen, [0, 0], [1, 2], cost), cost
+
+
+def test_unlike_actions_are_seen() -> None:
+    seen, parts, cost = acting()
+    assert cost.action is not None
+    table = dict(zip(LINK_FEATURES, link_evidence(seen, parts, COST.motion).T, strict=True))
+    distance = 1 - 0.18 / 0.82
+    expected = cost.action.weight[0] * (np.array([0, distance]) - cost.action.neutral[0])
+    np.testing.assert_allclose(table["action"], expected)
+    np.testing.assert_allclose(table["action_known"], 1)
+    # It is a part of the cost by default, which stays what it was.
+    without = parts_of(replace(seen, actions=None), [0, 0], [1, 2], cost)
+    np.testing.assert_allclose(parts.cost - without.cost, expected)
+
+
+@pytest.mark.parametrize("why", ["nothing recognised", "no price"])
+def test_actions_that_are_not_known_are_said_so(why: str) -> None:
+    seen, _, cost = acting()
+    seen, cost = (replace(seen, actions=None), cost) if why == "nothing recognised" else (seen, COST)
+    table = dict(zip(LINK_FEATURES, link_evidence(seen, parts_of(seen, [0], [2], cost), COST.motion).T, strict=True))
+    assert table["action"] == table["action_known"] == 0
+
+
+def test_joins_see_what_people_do() -> None:
+    seen, _, cost = acting()
+    labels = np.array([0, 1, 2])
+    before, after, parts = join_parts(seen, labels, Ends.of(labels), None, cost, JoinSettings())
+    unlike = dict(zip(zip(before.tolist(), after.tolist(), strict=True), parts.action, strict=True))
+    assert unlike[0, 2] > unlike[0, 1] + 5
 
 
 def test_features_of_joins() -> None:
