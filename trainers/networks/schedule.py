@@ -29,12 +29,54 @@ def warmup_cosine(step: int, warmup: int, total: int, final_share: float) -> flo
     """
     if step < warmup:
         return (step + 1) / warmup
-    progress = min(1.0, (step - warmup) / (total - warmup))
-    return final_share + (1 - final_share) * (1 + math.cos(math.pi * progress)) / 2
+    return cosine(step, warmup, total, 1.0, final_share)
+
+
+def cosine(step: int, first: int, last: int, before: float, after: float) -> float:
+    """From ``before`` at step ``first`` along half a cosine to ``after`` at ``last``, and so on from there."""
+    progress = min(1.0, (step - first) / max(last - first, 1))
+    return after + (before - after) * (1 + math.cos(math.pi * progress)) / 2
+
+
+class WarmupCosine(LambdaLR):
+    """`warmup_cosine` over the steps of a training, which may be gone on with over more steps or fewer.
+
+    A checkpoint holds where the factor was. From there it falls to the final share over the steps that are left now, so
+    it never jumps; a training that had ended goes on at the final share.
+
+    Args:
+        optimiser: whose rates it sets.
+        warmup: steps of the rise.
+        total: steps of the training.
+        final_share: of the rate, in the end.
+    """
+
+    def __init__(self, optimiser: Optimizer, warmup: int, total: int, final_share: float) -> None:
+        self.warmup, self.total, self.final_share = warmup, total, final_share
+        # Where the fall began, and from what factor.
+        self.fall: tuple[int, float] = (warmup, 1.0)
+        super().__init__(optimiser, lambda step: self.factor(step))
+
+    def factor(self, step: int) -> float:
+        """On the learning rate."""
+        if step < self.warmup:
+            return (step + 1) / self.warmup
+        first, before = self.fall
+        return cosine(step, first, self.total, before, self.final_share)
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Go on from a checkpoint, over the steps that this training has."""
+        total = self.total
+        super().load_state_dict(state_dict)
+        if total != self.total and self.last_epoch >= self.warmup:
+            self.fall = (self.last_epoch, self.factor(self.last_epoch))
+        self.total = total
 
 
 def scheduled(optimiser: Optimizer, trainer: Trainer, warmup: int, final_share: float) -> OptimizerLRSchedulerConfig:
-    """``optimiser`` under `warmup_cosine` over all steps of ``trainer``."""
+    """``optimiser`` under `WarmupCosine` over all steps of ``trainer``."""
     total = max(int(trainer.estimated_stepping_batches), warmup + 1)
-    schedule = LambdaLR(optimiser, lambda step: warmup_cosine(step, warmup, total, final_share))
-    return {"optimizer": optimiser, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+    return {
+        "optimizer": optimiser,
+        "lr_scheduler": {"scheduler": WarmupCosine(optimiser, warmup, total, final_share), "interval": "step"},
+    }

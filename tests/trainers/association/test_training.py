@@ -107,6 +107,9 @@ def test_goes_on_where_it_was(trained: Path, walk: Path) -> None:
     fit_association(options(walk, trained, "--model.hidden=4", "--trainer.max_epochs=3", last))
     assert len(column(trained, "train/objective", version=1)) == 1
     torch.testing.assert_close(weights(trained / "checkpoints/last.ckpt")["links.mean"], before)
+    # A training that had ended goes on at the rate it ended with.
+    (schedule,) = torch.load(trained / "checkpoints/last.ckpt", weights_only=True)["lr_schedulers"]
+    assert schedule["_last_lr"] == pytest.approx([0.01 * 3e-3] * 2)
 
 
 def test_tracks_with_what_was_learnt(trained: Path, walk: Path, tmp_path: Path) -> None:
