@@ -20,7 +20,9 @@ Result = TypeVar("Result")
 ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
-def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item], together: int = 1) -> Iterator[Result]:
+def on_all_cores(
+    work: Callable[[Item], Result], items: Sequence[Item], together: int = 1, processes: int = 0
+) -> Iterator[Result]:
     """What ``work`` makes of each of ``items``, in their order.
 
     Where the user interrupts, the processes clean up and end at once; nothing further is begun.
@@ -29,19 +31,23 @@ def on_all_cores(work: Callable[[Item], Result], items: Sequence[Item], together
         work: a function of a module, or a `partial` of one.
         items: at least one.
         together: how many a process is handed at a time.
+        processes: how many at most; 0 takes all cores, 1 does without another process.
 
     Raises:
         RunError: a process was ended from outside.
     """
+    if processes == 1:
+        yield from map(work, items)
+        return
     try:
-        yield from _in_pool(work, items, together)
+        yield from _in_pool(work, items, together, processes or os.cpu_count() or 1)
     except KeyboardInterrupt as interrupt:
         # It ends the processes, too: where the pool misses them first, that is no error to show beside the interrupt.
         raise interrupt from None
 
 
-def _in_pool(work: Callable[[Item], Result], items: Sequence[Item], together: int) -> Iterator[Result]:
-    processes = min(len(items), os.cpu_count() or 1)
+def _in_pool(work: Callable[[Item], Result], items: Sequence[Item], together: int, most: int) -> Iterator[Result]:
+    processes = min(len(items), most)
     try:
         # Started afresh: a copy of a process that runs threads can lock up.
         with ProcessPoolExecutor(processes, get_context("spawn"), _begin) as pool:

@@ -45,6 +45,10 @@ def test_answers_come_in_order_and_errors_as_they_are(tmp_path: Path) -> None:
         list(on_all_cores(read_sequence, [tmp_path]))
 
 
+def test_one_process_is_this_one() -> None:
+    assert list(on_all_cores(lambda _: os.getpid(), range(2), processes=1)) == [os.getpid()] * 2
+
+
 def test_a_process_that_is_ended_from_outside_is_one_clear_line() -> None:
     with pytest.raises(RunError, match="one was ended from outside, perhaps for want of memory") as caught:
         list(on_all_cores(os._exit, [0]))

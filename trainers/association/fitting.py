@@ -40,6 +40,8 @@ class Fit:
         learning_rate: at its highest.
         weight_decay: towards the tracker's own costs.
         seed: of windows, perturbations and first weights.
+        rounds: how often it is fitted from the start; from the second time on links are priced along the tracks of the
+            fit before. Whoever makes the networks of sequences takes heed of it.
     """
 
     loss: LossName = "both"
@@ -57,6 +59,7 @@ class Fit:
     learning_rate: float = 3e-3
     weight_decay: float = 1e-2
     seed: int = 0
+    rounds: int = 1
 
 
 def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:

@@ -11,6 +11,7 @@ import torch
 
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.tracking.preprocessing import crop_boxes
+from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.data import WindowImages
 from tsuiseki.trainers.association.fitting import Fit, fitted
@@ -31,7 +32,9 @@ WAYS: tuple[Way, ...] = ("as it ships", "its own loss", "through the flow")
 STEPS, SECONDS, RATE = 40, 1.5, 0.05
 
 
-def appearance_sums(train: tuple[Stretch, ...], tests: tuple[Stretch, ...], start: Path, way: Way) -> list[FloatArray]:
+def appearance_sums(
+    train: tuple[Stretch, ...], tests: tuple[Stretch, ...], start: Path, way: Way, settings: FlowSettings
+) -> list[FloatArray]:
     """For each test ``(85,)``: sums of scores, then links over gaps, and those of them that the tracks have.
 
     Args:
@@ -39,6 +42,7 @@ def appearance_sums(train: tuple[Stretch, ...], tests: tuple[Stretch, ...], star
         tests: what is tracked.
         start: exported Siamese network.
         way: how it is trained on.
+        settings: of the tracker.
     """
     torch.manual_seed(0)
     module = AssociationTraining(appearance=start, appearance_rate=RATE, contrast=0.3, joins=0.0)
@@ -47,13 +51,14 @@ def appearance_sums(train: tuple[Stretch, ...], tests: tuple[Stretch, ...], star
     if way != "as it ships":
         # The costs stay as they are, so that what is gained is the Siamese network's.
         module.network.requires_grad_(False)
-        graphs = [graphs_of_video(looked_at(read_stretch(one), siamese)) for one in train]
+        module.link_cost = settings.costs.link
+        graphs = [graphs_of_video(looked_at(read_stretch(one), siamese), settings) for one in train]
         fit = Fit(steps=STEPS, seconds=SECONDS, flow=0.0 if way == "its own loss" else 1.0)
         fitted(module, graphs, fit, WindowImages(crops=(siamese.card.input_height, siamese.card.input_width)))
     sums = []
     for one in tests:
         video = looked_at(read_stretch(one), siamese)
-        tracks = tracks_on(video, video.detections)
+        tracks = tracks_on(video, video.detections, settings)
         sums.append(np.concatenate([sums_of(video, tracks), gap_links(video, tracks)]))
     return sums
 

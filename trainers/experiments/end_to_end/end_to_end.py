@@ -28,6 +28,7 @@ def reproduce(
     data: Path = Path("../shared/data"),
     sets: list[str] = list(SETS[:4]),  # noqa: B006, the parser shows it and nobody changes it
     parts: list[str] = list(PARTS),  # noqa: B006
+    processes: int = 0,
 ) -> Outcome:
     """Networks learnt through the flow against costs learnt on pairs and those by default: HOTA, MOTA, IDF1, switches.
 
@@ -39,9 +40,10 @@ def reproduce(
             passed over.
         sets: of mot15, mot17, kitti-pedestrians, streets, which are generated, and kitti-cars, separated by commas; for
             the parts given and alternatives.
-        parts: given (all rows), alternatives (other ways to learn through the flow, on mot15 alone), unseen (costs
-            learnt on generated streets, on real sequences), appearance (the Siamese network), heads (of the detector),
-            gradient (the picture), separated by commas.
+        parts: given (all sets), alternatives (other ways to learn, on the first set alone), unseen (costs learnt on
+            generated streets, on real sequences), appearance (the Siamese network), heads (of the detector), gradient
+            (the picture), separated by commas.
+        processes: groups that are learnt at the same time; 0 takes all cores.
 
     Raises:
         RequestError: an unknown set or part, or no data.
@@ -49,12 +51,19 @@ def reproduce(
     _check(data, sets, parts)
     tables, values = list[Table](), dict[str, object]()
     streets = None
-    if "unseen" in parts or ("given" in parts and "streets" in sets):
+    if "unseen" in parts or ({"given", "alternatives"} & set(parts) and "streets" in sets):
         streets = bench.store.made("streets", write_streets, StreetCount())
     if {"given", "alternatives"} & set(parts):
-        found, numbers = _given(bench, data, streets, sets, parts)
-        tables += found
-        values |= numbers
+        there = _sets_of(data, streets, sets)
+        if "given" in parts:
+            found, numbers = _given(bench, there, processes)
+            tables += found
+            values |= numbers
+        if "alternatives" in parts:
+            one, clips = there[0]
+            results = alternatives(bench, one, clips, _of_other_sets(data, one), processes)
+            values[f"{one.key}, alternatives"] = {result.name: values_of(result) for result in results}
+            tables.append(gain_table(f"{one.title}, alternatives", results, (DEFAULT, BOTH)))
     if "unseen" in parts and streets is not None:
         found, values["unseen"] = unseen_tables(bench, data, streets)
         tables += found
@@ -68,25 +77,27 @@ def reproduce(
     return Outcome(values, tables, plots, notes=_notes())
 
 
-def _given(
-    bench: Bench, data: Path, streets: Path | None, sets: Sequence[str], parts: Sequence[str]
-) -> tuple[list[Table], dict[str, object]]:
+def _sets_of(data: Path, streets: Path | None, sets: Sequence[str]) -> list[tuple[DataSet, list[Clip]]]:
+    """The sets that are there, in the order of `SETS`, with their sequences."""
     there = [(one, find_clips(data, one)) for one in DATA_SETS if one.key in sets]
-    if streets is not None and "streets" in sets:
+    if streets is not None:
         there.append((STREETS, find_clips(streets.parent, STREETS)))
-    there = [(one, clips) for one, clips in there if clips]
+    there = [(one, clips) for one, clips in there if clips and one.key in sets]
     if not there:
         raise RequestError(f"data: expected mot/mot17-val-half or another of the data sets in {data}, found none")
+    return sorted(there, key=lambda pair: SETS.index(pair[0].key))
+
+
+def _given(
+    bench: Bench, there: Sequence[tuple[DataSet, list[Clip]]], processes: int
+) -> tuple[list[Table], dict[str, object]]:
     tables, values = list[Table](), dict[str, object]()
-    for one, clips in sorted(there, key=lambda pair: SETS.index(pair[0].key)):
-        if "given" in parts:
-            results = given(bench, one, clips, _of_other_sets(data, one))
-            values[one.key] = {result.name: values_of(result) for result in results}
-            tables.append(gain_table(one.title, results, (DEFAULT, LOGISTIC)))
-            limits = [bench.store.recall(lost_links, clip) for clip in clips]
-            tables.append(limit_table(one.title, [c.name for c in clips], limits))
-        if "alternatives" in parts and one.key == "mot15":
-            tables.append(gain_table(f"{one.title}, alternatives", alternatives(bench, one, clips), (DEFAULT, BOTH)))
+    for one, clips in there:
+        results = given(bench, one, clips, processes)
+        values[one.key] = {result.name: values_of(result) for result in results}
+        tables.append(gain_table(one.title, results, (DEFAULT, LOGISTIC)))
+        limits = [bench.store.recall(lost_links, clip) for clip in clips]
+        tables.append(limit_table(one.title, [c.name for c in clips], limits))
     return tables, values
 
 
@@ -101,7 +112,7 @@ def _check(data: Path, sets: Sequence[str], parts: Sequence[str]) -> None:
         wrong = [one for one in asked if one not in known]
         if wrong or not asked:
             raise RequestError(f"{name}: expected some of {', '.join(known)}, got {', '.join(wrong) or 'none'}")
-    generated = set(parts) <= {"given", "gradient"} and set(sets) == {"streets"}
+    generated = set(parts) <= {"given", "alternatives", "gradient"} and set(sets) == {"streets"}
     if not (generated or set(parts) == {"gradient"} or (data / "mot").is_dir()):
         raise RequestError(f"data: expected mot/mot17-val-half or another of the data sets in {data}, found no mot/")
 

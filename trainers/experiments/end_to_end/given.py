@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -20,16 +19,11 @@ from tsuiseki.trainers.experiments.end_to_end.choosing import (
     scalar_sums,
     share_sums,
 )
+from tsuiseki.trainers.experiments.end_to_end.folds import OF_OTHERS, Learner, folds_of, groups_of, learnt_rows
 from tsuiseki.trainers.experiments.end_to_end.pairwise import pairwise_tables
-from tsuiseki.trainers.experiments.end_to_end.runs import (
-    default_table,
-    learnt_tables,
-    shared_tables,
-)
+from tsuiseki.trainers.experiments.end_to_end.runs import default_table, learnt_tables, shared_tables
 from tsuiseki.trainers.experiments.experiment import Bench
 
-# How many groups the sequences of a set are cut into; each is tracked by what was learnt on the others.
-FOLDS = {"mot15": 6, "mot17": 4, "kitti-pedestrians": 5, "kitti-cars": 4, "streets": 4}
 GAP = 2.0
 DEFAULT, LOGISTIC, TREES, ORACLE = "default", "pairs, logistic", "pairs, boosted trees", "right links"
 SEARCHED, SHARED = "direct search", "both losses, shares by HOTA"
@@ -43,99 +37,76 @@ OTHERS = {
     "Δ by length of the identity": Fit(length=0.5),
     "ε from 3 to 0.5": Fit(epsilon=3.0, epsilon_last=0.5),
     "joins as they are": Fit(joins=0.0),
+    "links along the tracks learnt": Fit(rounds=2),
     "two hidden layers of 12": Fit(hidden=12),
-    "400 windows": Fit(steps=400),
-    "cross-entropy of links beside": Fit(pairwise=0.3),
 }
-OF_OTHERS, OF_POOL = "the other groups", "the other groups and sets"
 
 
-def given(bench: Bench, one: DataSet, clips: list[Clip], others: Sequence[Clip] = ()) -> list[Result]:
-    """All rows of a data set.
+def given(bench: Bench, one: DataSet, clips: list[Clip], processes: int = 0) -> list[Result]:
+    """The rows of a data set.
+
+    Args:
+        bench: where it works.
+        one: the data set.
+        clips: its sequences.
+        processes: folds at the same time; 0 takes all cores.
+    """
+    learners = [
+        *through_the_flow(LEARNT),
+        Learner(LOGISTIC, pairwise_tables, "logistic"),
+        Learner(TREES, pairwise_tables, "trees"),
+    ]
+    oracle = np.stack([bench.store.recall(right_sums, clip, GAP, True) for clip in clips])
+    learnt = learnt_rows(bench, one, clips, learners, processes)
+    return [default(bench, clips), *learnt, Result(ORACLE, oracle, "labels")]
+
+
+def alternatives(
+    bench: Bench, one: DataSet, clips: list[Clip], others: Sequence[Clip] = (), processes: int = 0
+) -> list[Result]:
+    """Other ways to learn through the flow, and without it.
 
     Args:
         bench: where it works.
         one: the data set.
         clips: its sequences.
         others: sequences of other sets, for the row that learns from them, too; by default there is no such row.
+        processes: folds at the same time; 0 takes all cores.
     """
-    recall = bench.store.recall
-    rows = [
-        default(bench, clips),
-        *(_learnt(bench, one, clips, name, fit) for name, fit in LEARNT.items()),
-        _folded(bench, one, clips, LOGISTIC, lambda a, b: recall(pairwise_tables, a, b, "logistic")),
-        _folded(bench, one, clips, TREES, lambda a, b: recall(pairwise_tables, a, b, "trees")),
-        *([_pooled(bench, one, clips, others)] if others else []),
-        _shared(bench, one, clips),
-        _searched(bench, one, clips),
-    ]
-    oracle = np.stack([recall(right_sums, clip, GAP, True) for clip in clips])
-    return [*rows, Result(ORACLE, oracle, "labels")]
+    learners = through_the_flow({BOTH: LEARNT[BOTH], **OTHERS})
+    if others:
+        learners.append(Learner(POOLED, learnt_tables, FIT_OF_POOL, tuple(others)))
+    learnt = learnt_rows(bench, one, clips, learners, processes)
+    return [default(bench, clips), *learnt, _shared(bench, one, clips), _searched(bench, one, clips)]
 
 
-def alternatives(bench: Bench, one: DataSet, clips: list[Clip]) -> list[Result]:
-    """Other ways to learn through the flow."""
-    every = {**LEARNT, **OTHERS}
-    return [default(bench, clips), *(_learnt(bench, one, clips, name, fit) for name, fit in every.items())]
-
-
-def default(bench: Bench, clips: list[Clip]) -> Result:
+def default(bench: Bench, clips: Sequence[Clip]) -> Result:
     """The tracker's own costs."""
     recall = bench.store.recall
     sums = [recall(clip_sums, clip, recall(default_table, clip)) for clip in bench.watch.over(clips, DEFAULT)]
     return Result(DEFAULT, np.stack(sums), "the tracker's own")
 
 
-def groups_of(one: DataSet, clips: list[Clip]) -> list[list[int]]:
-    """Which sequences lie in each group."""
-    count = min(FOLDS[one.key], len(clips))
-    return [[k for k in range(len(clips)) if k % count == group] for group in range(count)]
-
-
-def _learnt(bench: Bench, one: DataSet, clips: list[Clip], name: str, fit: Fit) -> Result:
-    return _folded(bench, one, clips, name, lambda a, b: bench.store.recall(learnt_tables, a, b, fit))
-
-
-def _pooled(bench: Bench, one: DataSet, clips: list[Clip], others: Sequence[Clip]) -> Result:
-    def tables(train: tuple[Clip, ...], tests: tuple[Clip, ...]) -> list[FloatArray]:
-        return bench.store.recall(learnt_tables, (*train, *others), tests, FIT_OF_POOL)
-
-    return replace(_folded(bench, one, clips, POOLED, tables), settings=OF_POOL)
-
-
-def _folded(
-    bench: Bench,
-    one: DataSet,
-    clips: list[Clip],
-    name: str,
-    tables: Callable[[tuple[Clip, ...], tuple[Clip, ...]], list[FloatArray]],
-) -> Result:
-    """A row whose every sequence was tracked by what was learnt on the other groups."""
-    sums = [np.empty(0)] * len(clips)
-    for tested in bench.watch.over(groups_of(one, clips), f"{one.key}: {name}"):
-        train = tuple(clip for k, clip in enumerate(clips) if k not in tested)
-        for k, table in zip(tested, tables(train, tuple(clips[k] for k in tested)), strict=True):
-            sums[k] = bench.store.recall(clip_sums, clips[k], table)
-    return Result(name, np.stack(sums), OF_OTHERS)
+def through_the_flow(fits: dict[str, Fit]) -> list[Learner]:
+    """Rows of networks learnt through the flow."""
+    return [Learner(name, learnt_tables, fit) for name, fit in fits.items()]
 
 
 def _shared(bench: Bench, one: DataSet, clips: list[Clip]) -> Result:
     """Learnt through the flow, of which as much is taken as HOTA inside the training groups asks for."""
-    groups, fit = groups_of(one, clips), LEARNT[BOTH]
+    groups, fit, recall = groups_of(one, clips), LEARNT[BOTH], bench.store.recall
     inner = dict[tuple[int, int], dict[int, FloatArray]]()
     pairs = list(combinations(range(len(groups)), 2)) if len(groups) > 2 else []
     for a, b in bench.watch.over(pairs, f"{one.key}: shares"):
         tested = sorted(groups[a] + groups[b])
         train = tuple(clip for k, clip in enumerate(clips) if k not in tested)
-        found = bench.store.recall(share_sums, train, tuple(clips[k] for k in tested), fit)
+        found = recall(share_sums, train, tuple(clips[k] for k in tested), fit)
         inner[a, b] = dict(zip(tested, found, strict=True))
-
-    def tables(train: tuple[Clip, ...], tests: tuple[Clip, ...]) -> list[FloatArray]:
-        left = next(number for number, group in enumerate(groups) if clips[group[0]] == tests[0])
-        (found,) = bench.store.recall(shared_tables, train, tests, fit, (_best_share(inner, groups, left),))
-        return found
-
-    return _folded(bench, one, clips, SHARED, tables)
+    sums = dict[Clip, FloatArray]()
+    for left, fold in enumerate(bench.watch.over(folds_of(one, clips), f"{one.key}: {SHARED}")):
+        (tables,) = recall(shared_tables, fold.train, fold.tests, fit, (_best_share(inner, groups, left),))
+        sums |= {clip: recall(clip_sums, clip, table) for clip, table in zip(fold.tests, tables, strict=True)}
+    return Result(SHARED, np.stack([sums[clip] for clip in clips]), OF_OTHERS)
 
 
 def _best_share(
@@ -156,10 +127,8 @@ def _best_share(
 
 def _searched(bench: Bench, one: DataSet, clips: list[Clip]) -> Result:
     """Six scalars by direct search on HOTA of the other groups."""
-    recall, sums = bench.store.recall, [np.empty(0)] * len(clips)
-    for tested in bench.watch.over(groups_of(one, clips), f"{one.key}: {SEARCHED}"):
-        train = [clip for k, clip in enumerate(clips) if k not in tested]
-        best = pattern_search(lambda s, train=train: hota([recall(scalar_sums, clip, s) for clip in train]), LOOKS)  # type: ignore[misc]
-        for k in tested:
-            sums[k] = recall(scalar_sums, clips[k], best)
-    return Result(SEARCHED, np.stack(sums), f"{OF_OTHERS}, {LOOKS} looks")
+    recall, sums = bench.store.recall, dict[Clip, FloatArray]()
+    for fold in bench.watch.over(folds_of(one, clips), f"{one.key}: {SEARCHED}"):
+        best = pattern_search(lambda s, fold=fold: hota([recall(scalar_sums, clip, s) for clip in fold.train]), LOOKS)  # type: ignore[misc]
+        sums |= {clip: recall(scalar_sums, clip, best) for clip in fold.tests}
+    return Result(SEARCHED, np.stack([sums[clip] for clip in clips]), f"{OF_OTHERS}, {LOOKS} looks")

@@ -28,7 +28,7 @@ from tsuiseki.trainers.experiments.end_to_end.pictured import (
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 
 WAYS = ("as it ships", "its own loss", "the flow's loss", "both losses")
-STEPS, SECONDS, RATE, OWN = 50, 0.6, 0.1, 0.3
+STEPS, SECONDS, RATE, OWN = 20, 0.6, 0.1, 0.3
 # The heads learn from what the detector doubts, too; tracked is what `tsuiseki track people` takes.
 LEARNT_FROM, TRACKED_FROM = 0.1, 0.3
 # Of which the maps of the trunk are kept: 1 GB.

@@ -11,7 +11,7 @@ import numpy as np
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import score_sums
 from tsuiseki.tracking.features.networks.exported import Detector
-from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.association.data import affordable
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, sequence_graphs
@@ -40,15 +40,15 @@ def read_stretch(stretch: Stretch, detector: Detector | None = None) -> Detected
     return video
 
 
-def graphs_of_video(video: DetectedVideo) -> Graphs:
+def graphs_of_video(video: DetectedVideo, settings: FlowSettings | None = None) -> Graphs:
     """The networks of a stretch at the tracker's own costs."""
-    graphs = sequence_graphs(video)
+    graphs = sequence_graphs(video, settings)
     return Graphs(affordable(graphs.detections), graphs.tracklets, graphs.lost)
 
 
-def tracks_on(video: DetectedVideo, found: Sequence[Detections]) -> list[Track]:
-    """The tracks that the flow gives by default."""
-    tracker = FlowTracker(frame_rate=video.frame_rate, size=video.size)
+def tracks_on(video: DetectedVideo, found: Sequence[Detections], settings: FlowSettings | None = None) -> list[Track]:
+    """The tracks that the flow gives, by default with its own costs."""
+    tracker = FlowTracker(settings, frame_rate=video.frame_rate, size=video.size)
     for one in found:
         tracker.update(one)
     return tracker.tracks()

@@ -28,13 +28,27 @@ def video_of(clip: Clip) -> DetectedVideo:
 @lru_cache(maxsize=40)
 def graphs_of_clip(clip: Clip) -> Graphs:
     """The networks of a sequence, at the tracker's own costs."""
-    graphs = sequence_graphs(video_of(clip))
+    return _graphs(clip, None)
+
+
+def _graphs(clip: Clip, changes: CostChanges | None) -> Graphs:
+    graphs = sequence_graphs(video_of(clip), changes=changes)
     return Graphs(affordable(graphs.detections), graphs.tracklets, graphs.lost)
 
 
-def learnable(clips: Sequence[Clip]) -> list[Graphs]:
-    """The networks of those sequences that have detections."""
-    return [graphs for graphs in map(graphs_of_clip, clips) if len(graphs.detections) and len(graphs.detections.tail)]
+def learnable(clips: Sequence[Clip], changes: CostChanges | None = None) -> list[Graphs]:
+    """The networks of those sequences that have detections, along the tracks at changed costs if there are any."""
+    every = [graphs_of_clip(clip) if changes is None else _graphs(clip, changes) for clip in clips]
+    return [graphs for graphs in every if len(graphs.detections) and len(graphs.detections.tail)]
+
+
+def learnt_changes(train: Sequence[Clip], fit: Fit) -> NetworkChanges:
+    """What is learnt through the flow, at last along the tracks that it finds itself where the fit has several rounds."""
+    changes = None
+    for _ in range(fit.rounds):
+        changes = NetworkChanges(fit_network(learnable(train, changes), fit))
+    assert changes is not None
+    return changes
 
 
 def default_table(clip: Clip) -> FloatArray:
@@ -44,7 +58,7 @@ def default_table(clip: Clip) -> FloatArray:
 
 def learnt_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit) -> list[FloatArray]:
     """Tracks of ``tests`` by a network that was fitted through the flow on ``train``."""
-    changes = NetworkChanges(fit_network(learnable(train), fit))
+    changes = learnt_changes(train, fit)
     return [tracked(clip, changes) for clip in tests]
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.trackers.drone import DRONE_FLOW
+from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.association.runs import Result
@@ -15,12 +18,14 @@ from tsuiseki.trainers.experiments.end_to_end import appearance, heads
 from tsuiseki.trainers.experiments.end_to_end.appearance import appearance_sums
 from tsuiseki.trainers.experiments.end_to_end.heads import heads_sums
 from tsuiseki.trainers.experiments.end_to_end.pictured import Stretch
-from tsuiseki.trainers.experiments.end_to_end.streets import StreetCount, write_pictured
+from tsuiseki.trainers.experiments.end_to_end.streets import StreetCount, write_drones, write_pictured
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
 from tsuiseki.trainers.experiments.experiment import Bench, Table
 
 PETS = "mot/PETS09-S2L1-first"
 FRAMES, CLIPS = 60, 6
+# The detector learns from as many frames of PETS as its trunk looks at in a minute.
+HEADS_FROM = 201
 LOOK_ALIKES, UNLIKE = 0.7, 0.0
 # What is learnt from, and what is tracked: PETS by thirds of its last hundred frames, streets by clips.
 Data = tuple[tuple[Stretch, ...], tuple[Stretch, ...]]
@@ -30,15 +35,18 @@ def appearance_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, 
     """The Siamese network that ships, trained on by its own loss, and through the flow."""
     sources = {
         "PETS 1–300 → 301–400": _pets(data),
-        "streets of look-alikes": _streets(bench, LOOK_ALIKES),
-        "streets of unlike clothing": _streets(bench, UNLIKE),
+        "streets of look-alikes": _clips(bench, write_pictured, LOOK_ALIKES),
+        "streets of unlike clothing": _clips(bench, write_pictured, UNLIKE),
+        "drone, look-alikes": _clips(bench, write_drones, LOOK_ALIKES),
+        "drone, unlike clothing": _clips(bench, write_drones, UNLIKE),
     }
     tables, values, start = list[Table](), dict[str, Any](), shipped("appearance_people")
     for title, source in sources.items():
         if source is None:
             continue
+        settings = DRONE_FLOW if title.startswith("drone") else FlowSettings()
         found = {
-            way: np.stack(bench.store.recall(appearance_sums, *source, start, way))
+            way: np.stack(bench.store.recall(appearance_sums, *source, start, way, settings))
             for way in bench.watch.over(appearance.WAYS, f"appearance, {title}")
         }
         links = {way: sums[:, 83:].sum(axis=0) for way, sums in found.items()}
@@ -49,7 +57,10 @@ def appearance_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, 
 
 def heads_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, Any]]:
     """The detector that ships, its heads trained on by its own loss, through the flow, and by both."""
-    sources = {"PETS 1–300 → 301–400": _pets(data), "streets": _streets(bench, UNLIKE)}
+    sources = {
+        f"PETS {HEADS_FROM}–300 → 301–400": _pets(data, HEADS_FROM),
+        "streets": _clips(bench, write_pictured, UNLIKE),
+    }
     tables, values, start = list[Table](), dict[str, Any](), shipped("detector_street")
     for title, source in sources.items():
         if source is None:
@@ -78,14 +89,14 @@ def _add(
     values[title] = {row.name: {**values_of(row), heading: row.settings} for row in rows}
 
 
-def _pets(data: Path) -> Data | None:
+def _pets(data: Path, first: int = 1) -> Data | None:
     folder = data / PETS
     if not folder.is_dir():
         return None
-    return (Stretch(folder, 1, 300),), tuple(Stretch(folder, a, a + 49) for a in (301, 351))
+    return (Stretch(folder, first, 300),), tuple(Stretch(folder, a, a + 49) for a in (301, 351))
 
 
-def _streets(bench: Bench, look_alikes: float) -> Data:
-    home = bench.store.made("pictured", write_pictured, StreetCount(CLIPS, FRAMES, 500), look_alikes)
+def _clips(bench: Bench, write: Callable[[Path, StreetCount, float], None], look_alikes: float) -> Data:
+    home = bench.store.made("pictured", write, StreetCount(CLIPS, FRAMES, 500), look_alikes)
     clips = [Stretch(folder, 1, FRAMES) for folder in sorted(home.iterdir())]
     return tuple(clips[: CLIPS // 2]), tuple(clips[CLIPS // 2 :])

@@ -12,11 +12,16 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.graphs import sequence_graphs
-from tsuiseki.trainers.experiments.association.runs import Result
+from tsuiseki.trainers.experiments.association.runs import Result, clip_sums
+from tsuiseki.trainers.experiments.association.sequences import DATA_SETS, find_clips
 from tsuiseki.trainers.experiments.end_to_end import given
+from tsuiseki.trainers.experiments.end_to_end.folds import Learner, learnt_rows
 from tsuiseki.trainers.experiments.end_to_end.gradient import crossing, draw_gradient, gradient_of, trained_on_crossings
 from tsuiseki.trainers.experiments.end_to_end.pairwise import fit_pairs
+from tsuiseki.trainers.experiments.end_to_end.runs import learnt_tables
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
+from tsuiseki.trainers.experiments.experiment import Bench
+from tsuiseki.trainers.experiments.store import Store
 
 LENGTH = 40
 
@@ -47,10 +52,12 @@ def _xywh(box: np.ndarray) -> str:
 def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(given, "LOOKS", 4)
     monkeypatch.setattr(given, "FIT_OF_POOL", Fit(steps=5))
-    words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given", "--sets", "mot15"]
-    words += ["--cache", str(tmp_path / "cache")]
+    monkeypatch.setattr(given, "OTHERS", {"joins as they are": Fit(joins=0.0, steps=5)})
+    words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given,alternatives", "--sets", "mot15"]
+    words += ["--cache", str(tmp_path / "cache"), "--processes", "1"]
     assert main([*words, "--out", str(tmp_path / "one")]) == 0
-    values = json.loads((tmp_path / "one" / "results.json").read_text())["mot15"]
+    found = json.loads((tmp_path / "one" / "results.json").read_text())
+    values, others = found["mot15"], found["mot15, alternatives"]
     rows = {
         "default",
         "pairs, logistic",
@@ -60,14 +67,23 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
         "both losses",
         "right links",
     }
-    rows |= {"direct search", "both losses, shares by HOTA", "both losses, other sets too"}
     assert set(values) == rows
-    assert all(0 < found["hota"] <= 1 for found in values.values())
+    assert set(others) >= {"direct search", "both losses, shares by HOTA", "both losses, other sets too", *given.OTHERS}
+    assert others["both losses"] == values["both losses"]
+    assert all(0 < row["hota"] <= 1 for row in (*values.values(), *others.values()))
     assert values["right links"]["idf1"] >= values["default"]["idf1"]
     entries = sorted(path.name for path in (tmp_path / "cache").rglob("*.json"))
     assert main([*words, "--out", str(tmp_path / "two")]) == 0
     assert sorted(path.name for path in (tmp_path / "cache").rglob("*.json")) == entries
-    assert json.loads((tmp_path / "two" / "results.json").read_text())["mot15"] == values
+    assert json.loads((tmp_path / "two" / "results.json").read_text()) == found
+
+
+def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: Path) -> None:
+    one = next(one for one in DATA_SETS if one.key == "mot15")
+    clips, fit = find_clips(data, one), Fit(steps=3, rounds=2)
+    (row,) = learnt_rows(Bench(Store(tmp_path)), one, clips, [Learner("short", learnt_tables, fit)], processes=1)
+    expected = [clip_sums(a, learnt_tables((b,), (a,), fit)[0]) for a, b in (clips, clips[::-1])]
+    np.testing.assert_allclose(row.sums, expected)
 
 
 @pytest.mark.parametrize(
