@@ -43,7 +43,7 @@ def learnable(clips: Sequence[Clip], changes: CostChanges | None = None) -> list
 
 
 def learnt_changes(train: Sequence[Clip], fit: Fit) -> NetworkChanges:
-    """What is learnt through the flow, at last along the tracks that it finds itself where the fit has several rounds."""
+    """What is learnt through the flow; in a fit of several rounds at last along the tracks that it finds itself."""
     changes = None
     for _ in range(fit.rounds):
         changes = NetworkChanges(fit_network(learnable(train, changes), fit))
