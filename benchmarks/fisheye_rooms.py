@@ -23,7 +23,7 @@ from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.pipelines.fisheye.tracking import DETECTORS, looking
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.fisheye.omnidirectional import ROOMS, VALIDATION_SEED
+from tsuiseki.trainers.experiments.fisheye.omnidirectional import ROOMS, VALIDATION_SEEDS
 from tsuiseki.trainers.experiments.fisheye.rendered import Sequence, plan, read_rendered, render
 from tsuiseki.trainers.experiments.store import Store
 
@@ -64,7 +64,7 @@ def _pictures(
     """The pictures of both cameras with the boxes of those who are seen."""
     result = []
     for camera in range(2):
-        sequence = Sequence(room, VALIDATION_SEED, camera, seconds, 1, calibration)
+        sequence = Sequence(room, VALIDATION_SEEDS[0], camera, seconds, 1, calibration)
         frames = enumerate(read_rendered(store.made("frames", render, sequence), sequence))
         result.append(
             (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -29,11 +30,13 @@ class LifecycleSettings:
         min_hits: detections in a row that confirm a new track; an earlier miss drops it.
         max_age: frames that a confirmed track is kept without a detection.
         start_score: lowest score of a detection that may start a track.
+        boxes: what a track that was seen reports: the box of its filter after the update, or the detected one.
     """
 
     min_hits: int = 3
     max_age: int = 10
     start_score: float = 0.5
+    boxes: Literal["filtered", "detected"] = "filtered"
 
     def __post_init__(self) -> None:
         if self.min_hits < 1 or self.max_age < 0:
@@ -62,7 +65,7 @@ class Survivors:
 class Lifecycle:
     """The tracks that are alive, each with a Kalman filter, and the record of all that were.
 
-    A track is reported where it was seen, at the box of the filter after the update.
+    A track is reported where it was seen.
     """
 
     def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
@@ -138,8 +141,8 @@ class Lifecycle:
         self._belief = join_boxes(beliefs) if len(beliefs) > 1 else updated
         self._numbers = np.append(self._numbers[old], self._record.start(started)) if started else self._numbers[old]
         self._hits, self._misses = hits, misses
-        scores = self._note(parts, detections)
-        self._targets = self._answer(scores, *lost)
+        scores, boxes = self._note(parts, detections)
+        self._targets = self._answer(scores, boxes, *lost)
         return parts
 
     def _divide(self, seen: IntArray, detected: IntArray, detections: Detections) -> Survivors:
@@ -151,22 +154,30 @@ class Lifecycle:
         kept, lost = np.flatnonzero(unseen & young), np.flatnonzero(unseen & ~young)
         return Survivors(seen, detected, kept, np.flatnonzero(free), lost)
 
-    def _note(self, parts: Survivors, detections: Detections) -> FloatArray:
-        """Record the tracks detected in this frame; ``(N,)`` the scores of all live tracks, 0 for the others."""
+    def _note(self, parts: Survivors, detections: Detections) -> tuple[FloatArray, FloatArray]:
+        """Record the tracks detected in this frame.
+
+        Returns:
+            ``(N,)`` the scores of all live tracks, 0 for those not detected, and ``(N, 4)`` the boxes they report.
+        """
         present = self._misses == 0
-        scores = np.zeros(len(present))
+        scores, boxes = np.zeros(len(present)), self._belief.boxes
         if not present.any():
-            return scores
+            return scores, boxes
         numbers = self._numbers[present]
         self._record.confirm(numbers[self._hits[present] == self._settings.min_hits])
-        scores[present] = np.nan_to_num(detections.scores[np.concatenate([parts.detected, parts.started])])
-        self._record.append(self._frame, numbers, self._belief.boxes[present], scores[present])
-        return scores
+        detected = np.concatenate([parts.detected, parts.started])
+        scores[present] = np.nan_to_num(detections.scores[detected])
+        if self._settings.boxes == "detected":
+            boxes = boxes.copy()
+            boxes[present] = detections.boxes[detected]
+        self._record.append(self._frame, numbers, boxes[present], scores[present])
+        return scores, boxes
 
-    def _answer(self, scores: FloatArray, lost: IntArray, lost_boxes: FloatArray) -> Targets:
+    def _answer(self, scores: FloatArray, boxes: FloatArray, lost: IntArray, lost_boxes: FloatArray) -> Targets:
         """The confirmed live tracks, then those deleted in this frame."""
         confirmed = np.flatnonzero(self._hits >= self._settings.min_hits)
-        numbers, boxes, scores = self._numbers[confirmed], self._belief.boxes[confirmed], scores[confirmed]
+        numbers, boxes, scores = self._numbers[confirmed], boxes[confirmed], scores[confirmed]
         searched = self._misses[confirmed] > 0
         status = _STATUSES[searched.astype(np.intp)]
         if len(lost):

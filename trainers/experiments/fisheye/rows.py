@@ -5,14 +5,16 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from tsuiseki.tracking.association.costs import HandSetCost
 from tsuiseki.tracking.association.flow.pairwise_flow import PairwiseCosts, pairwise_tracks
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_sequences
+from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.trackers.fisheye import (
     DEFAULT_FLOW,
@@ -33,8 +35,11 @@ from tsuiseki.trainers.experiments.fisheye.observations import Observed, restric
 
 # Seconds that all rows keep a track without a detection, and that a new one needs detections in a row.
 PATIENCE, CONFIRM = 3.0, 0.2
-LOOKS_GATES = (0.15, 0.3, 0.5)
+# Scale of the difference of two detected centres, in heights, for the flow over boxes in the image.
+IMAGE_NOISE = 0.1
 Choice = dict[str, float]
+Tracking = Callable[[Sequence[FloorDetections], float, Choice], list[FloorTrack]]
+Boxes = Literal["filtered", "detected"]
 
 
 @dataclass(frozen=True)
@@ -47,13 +52,15 @@ class Row:
         place: ``none``, ``image`` or ``world``.
         track: detections of a sequence, its rate and a choice of settings to tracks.
         grid: what the settings are chosen from.
+        like: the row whose settings it takes instead of choosing; empty for its own.
     """
 
     name: str
     crops: str
     place: str
-    track: Callable[[Sequence[FloorDetections], float, Choice], list[FloorTrack]]
+    track: Tracking
     grid: Mapping[str, Sequence[float]]
+    like: str = ""
 
     def choices(self) -> Iterator[Choice]:
         """Every combination of the grid."""
@@ -61,7 +68,7 @@ class Row:
             yield dict(zip(self.grid, values, strict=True))
 
 
-def _hungarian(by_appearance: bool, by_place: bool) -> Callable[[Sequence[FloorDetections], float, Choice], Any]:
+def _hungarian(by_appearance: bool, by_place: bool) -> Tracking:
     def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
         settings = FisheyeSettings(
             by_appearance=by_appearance, by_place=by_place, confirm=CONFIRM, max_age=PATIENCE, start_score=0.0, **choice
@@ -74,37 +81,59 @@ def _hungarian(by_appearance: bool, by_place: bool) -> Callable[[Sequence[FloorD
     return track
 
 
-def _lifecycle(rate: float) -> LifecycleSettings:
-    return LifecycleSettings(max(1, round(CONFIRM * rate)), round(PATIENCE * rate), 0.0)
+def _lifecycle(rate: float, boxes: Boxes) -> LifecycleSettings:
+    return LifecycleSettings(max(1, round(CONFIRM * rate)), round(PATIENCE * rate), 0.0, boxes)
 
 
-def _sort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-    tracker = Sort(SortSettings(min_iou=choice["min_iou"], lifecycle=_lifecycle(rate)))
-    return _with_places(run_tracker((f.detections for f in found), tracker), found)
+def _motion(rate: float, walk: float) -> BoxMotion:
+    """A Kalman filter of people who change their velocity by ``walk`` heights a second within a second."""
+    return BoxMotion(acceleration=walk / rate**1.5, start_velocity=walk / rate)
 
 
-def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-    settings = DeepSortSettings(
-        feature_gate=choice["feature_gate"],
-        position_gate=choice["position_gate"],
-        reach=choice["reach"],
-        memory=0.7,
-        lifecycle=_lifecycle(rate),
-    )
-    return _with_places(run_tracker((f.detections for f in found), DeepSort(settings)), found)
+def _sort(boxes: Boxes) -> Tracking:
+    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+        settings = SortSettings(choice["min_iou"], _lifecycle(rate, boxes), _motion(rate, choice["walk"]))
+        return _with_places(run_tracker((f.detections for f in found), Sort(settings)), found)
+
+    return track
+
+
+def _deepsort(boxes: Boxes) -> Tracking:
+    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+        settings = DeepSortSettings(
+            feature_gate=choice["feature_gate"],
+            position_gate=choice["position_gate"],
+            reach=choice["reach"],
+            memory=0.7,
+            lifecycle=_lifecycle(rate, boxes),
+            motion=_motion(rate, choice["walk"]),
+        )
+        return _with_places(run_tracker((f.detections for f in found), DeepSort(settings)), found)
+
+    return track
 
 
 def _image_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
     gate = GateSettings(round(PATIENCE * rate), choice["reach"], 1.0 / rate, 3.0)
+    pace = choice["pace"] / rate
+    transition = HandSetCost(
+        bias=choice["bias"],
+        noise=IMAGE_NOISE,
+        speed_x=pace,
+        speed_y=pace,
+        size=choice["size"],
+        appearance=choice.get("appearance", 0.0),
+        neutral=choice.get("neutral", 0.3),
+    )
     rows = rows_of([f.detections for f in found], 0, 0)
-    labels = pairwise_tracks(rows, PairwiseCosts(gate, DEFAULT_FLOW.observation))
+    labels = pairwise_tracks(rows, PairwiseCosts(gate, DEFAULT_FLOW.observation, transition))
     chains = long_tracks(labels, max(1, round(CONFIRM * rate)))
     scores = np.nan_to_num(rows.scores)
     tracks = [Track(k, rows.frames[p], rows.boxes[p], scores[p]) for k, p in enumerate(chains, start=1)]
     return _with_places(tracks, found)
 
 
-def _floor_flow(by_place: bool) -> Callable[[Sequence[FloorDetections], float, Choice], Any]:
+def _floor_flow(by_place: bool) -> Tracking:
     def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
         far: dict[str, Any] = {} if by_place else {"reach": 100.0, "noise": 100.0}
         return flow_on_floor(found, rate, FloorFlowSettings(window=PATIENCE, min_seconds=CONFIRM, **(far | choice)))
@@ -112,26 +141,30 @@ def _floor_flow(by_place: bool) -> Callable[[Sequence[FloorDetections], float, C
     return track
 
 
-LOOKS = {"feature_gate": LOOKS_GATES}
-WORLD = {"reach": (0.5, 0.9), "speed": (0.8, 1.4)}
-COSTS = {"appearance": (8.0, 16.0), "neutral": (0.15, 0.3), "bias": (-5.0, -3.0)}
+# Chosen gates are meant to lie within these. A cosine distance of 1 is as good as no gate, an overlap of .01 as any.
+LOOKS = {"feature_gate": (0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)}
+WORLD = {"reach": (0.5, 0.9, 1.4, 2.0), "speed": (0.8, 1.4, 2.0, 3.0)}
+OVERLAP = {"min_iou": (0.01, 0.03, 0.1, 0.2, 0.3), "walk": (0.1, 0.3, 1.0, 3.0)}
+IMAGE = {"position_gate": (0.7, 0.99), "reach": (1.0, 2.0, 4.0, 8.0), "walk": (0.1, 0.3)}
+BIAS = {"bias": (-5.0, -3.0, -1.0, 1.0)}
+COSTS = {"appearance": (2.0, 4.0, 8.0, 16.0), "neutral": (0.1, 0.2, 0.3, 0.5), **BIAS}
+PLANE = {"reach": (2.0, 4.0, 8.0), "pace": (0.3, 1.0, 3.0), "size": (0.15, 0.3, 0.6), **BIAS}
 ROWS: tuple[Row, ...] = (
     Row("baseline", "image", "none", _hungarian(True, False), LOOKS),
-    Row("SORT", "none", "image", _sort, {"min_iou": (0.02, 0.1, 0.3)}),
-    Row(
-        "DeepSORT", "image", "image", _deepsort,
-        {"feature_gate": LOOKS_GATES, "position_gate": (0.7, 0.95), "reach": (1.0, 3.0)},
-    ),
+    Row("SORT", "none", "image", _sort("detected"), OVERLAP),
+    Row("DeepSORT", "image", "image", _deepsort("detected"), {**LOOKS, **IMAGE}),
     Row("rectification", "upright", "none", _hungarian(True, False), LOOKS),
     Row("world", "none", "world", _hungarian(False, True), WORLD),
     Row("both", "upright", "world", _hungarian(True, True), {**LOOKS, **WORLD}),
     Row("both, standing crops", "standing", "world", _hungarian(True, True), {**LOOKS, **WORLD}),
+    Row("SORT, filtered boxes", "none", "image", _sort("filtered"), OVERLAP, like="SORT"),
+    Row("DeepSORT, filtered boxes", "image", "image", _deepsort("filtered"), {**LOOKS, **IMAGE}, like="DeepSORT"),
     Row("flow: baseline", "image", "none", _floor_flow(False), COSTS),
-    Row("flow: SORT", "none", "image", _image_flow, {"reach": (0.5, 1.0, 2.0)}),
-    Row("flow: DeepSORT", "image", "image", _image_flow, {"reach": (0.5, 1.0, 2.0)}),
+    Row("flow: SORT", "none", "image", _image_flow, PLANE),
+    Row("flow: DeepSORT", "image", "image", _image_flow, {**PLANE, "appearance": (4.0, 8.0, 16.0)}),
     Row("flow: rectification", "upright", "none", _floor_flow(False), COSTS),
-    Row("flow: world", "none", "world", _floor_flow(True), {"pace": (0.6, 1.2), "noise": (0.15, 0.3)}),
-    Row("flow: both", "upright", "world", _floor_flow(True), {"pace": (0.6, 1.2), **COSTS}),
+    Row("flow: world", "none", "world", _floor_flow(True), {"pace": (0.3, 0.6, 1.2), "noise": (0.15, 0.3, 0.6), **BIAS}),
+    Row("flow: both", "upright", "world", _floor_flow(True), {"pace": (0.3, 0.6, 1.2), **COSTS}),
 )  # fmt: skip
 
 

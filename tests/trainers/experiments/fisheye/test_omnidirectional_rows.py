@@ -113,7 +113,7 @@ def test_the_interval_of_three():
     # t of 2 degrees of freedom at 97.5 % is 4.303.
     assert mean == 2.0
     assert np.isclose(high - mean, 4.303 / np.sqrt(3), atol=1e-3)
-    assert interval([5.0]) == (5.0, 5.0, 5.0)
+    assert interval([5.0]) == (5.0, None, None)
 
 
 def test_a_prevented_switch_is_one_that_the_other_does_not_have():
