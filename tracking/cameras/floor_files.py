@@ -63,10 +63,16 @@ def read_floor_cameras(path: Path) -> list[CameraOverFloor]:
 
     Raises:
         RequestError: the file is missing or no YAML, an entry lacks a field or has a wrong one, which is named, or
-            two cameras have different floors.
+            two cameras have different floors, or one has a floor and another none.
     """
     cameras = [_entry_of(entry, f"{path}: camera {k + 1}", k) for k, entry in enumerate(read_entries(path))]
     floors = [(c.name, c.floor) for c in cameras if c.floor is not None]
+    bare = [c.name for c in cameras if c.floor is None]
+    if floors and bare:
+        raise RequestError(
+            f"{path}: expected one floor for all cameras, got {floors[0][1].tolist()} of {floors[0][0]} and none of "
+            f"{bare[0]}; give all of them the whole room's"
+        )
     for name, floor in floors[1:]:
         if not np.allclose(floor, floors[0][1]):
             raise RequestError(

@@ -100,8 +100,9 @@ def write_lens(path: Path, lens: OmnidirectionalLens, kind: LensFormat) -> Float
     """
     if kind in ("ocam", "py-ocam"):
         lens = lens if len(lens.inverse) else fit_inverse(lens)
-        path.write_text(_ocam_text(lens) if kind == "ocam" else _py_ocam_text(lens), encoding="utf-8")
-        return np.zeros(1)
+        text = _ocam_text(lens) if kind == "ocam" else _py_ocam_text(lens)
+        path.write_text(text, encoding="utf-8")
+        return distances(lens, _read_ocam(text) if kind == "ocam" else _read_py_ocam(text, (lens.width, lens.height)))
     fitted: UnifiedLens | EquidistantLens
     if kind == "kalibr-omni":
         fitted, residuals = UnifiedLens.fitted(lens)

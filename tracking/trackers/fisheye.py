@@ -30,11 +30,14 @@ from tsuiseki.tracking.association.flow.pairwise_flow import PairwiseCosts, pair
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.trackers.people.flow_output import long_tracks
+from tsuiseki.tracking.trackers.people.record import Record
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import FloorTrack
 
 # Side of the square that stands for a person on the floor's plan, metres: distances in heights are then in metres.
 SQUARE = 1.0
+# Frames after which what came of no track is dropped.
+PRUNED = 200
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,9 @@ class _Live:
 class FisheyeTracker:
     """Matches detections to tracks by appearance first, then by place on the floor; see the module.
 
+    It keeps the boxes and places of confirmed tracks, no detections and no features. Where video never ends, take
+    `tracks` and `forget` them now and then; ids go on.
+
     Args:
         frame_rate: frames per second.
         settings: how detections are matched to tracks.
@@ -139,9 +145,7 @@ class FisheyeTracker:
         self._needed = max(1, round(self.settings.confirm * frame_rate))
         self._live: _Live | None = None
         self._frame = -1
-        self._started = 0
-        self._confirmed: dict[int, int] = {}
-        self._rows: dict[int, list[tuple[int, FloorDetections, int]]] = {}
+        self._record = Record()
 
     def update(self, found: FloorDetections) -> None:
         """Take the detections of the next frame."""
@@ -155,8 +159,15 @@ class FisheyeTracker:
         self._live = self._advanced(live, found, features, seen, detected)
 
     def tracks(self) -> list[FloorTrack]:
-        """The confirmed tracks of all frames so far, by id."""
-        return [_joined(number, self._rows[key]) for key, number in self._confirmed.items()]
+        """The confirmed tracks of all frames so far, or since `forget`, by id."""
+        return [
+            FloorTrack(Track(number, frames, rows[:, :4], scores), rows[:, 4:9], rows[:, 9:])
+            for number, frames, rows, scores in self._record.parts()
+        ]
+
+    def forget(self) -> None:
+        """Drop the boxes and places so far from `tracks`."""
+        self._record.forget()
 
     def _expected(self, width: int) -> _Live:
         """The live tracks, predicted for this frame."""
@@ -197,8 +208,7 @@ class FisheyeTracker:
         waiting = (live.hits >= self._needed) & (live.unseen < settings.max_age + 1e-9)
         waiting[seen] = False
         old, kept = live.select(seen), live.select(np.flatnonzero(waiting))
-        new = np.arange(self._started, self._started + len(born))
-        self._started += len(born)
+        new = self._record.start(len(born))
         away = found.places[detected] - old.places
         step = old.unseen[:, None]
         alpha = 1 - np.exp(-step / settings.noise)
@@ -213,12 +223,17 @@ class FisheyeTracker:
             (np.zeros(len(seen)), kept.unseen, zero),
         )
         result = _Live(*(np.concatenate(part) for part in parts))
-        present = zip(np.concatenate([old.numbers, new]), np.concatenate([detected, born]), strict=True)
-        for number, which in present:
-            self._rows.setdefault(int(number), []).append((self._frame, found, int(which)))
-        for number in result.numbers[(result.hits >= self._needed) & (result.unseen == 0)].tolist():
-            self._confirmed.setdefault(number, len(self._confirmed) + 1)
+        self._note(np.concatenate([old.numbers, new]), found, np.concatenate([detected, born]))
+        self._record.confirm(result.numbers[(result.hits >= self._needed) & (result.unseen == 0)])
+        if self._frame % PRUNED == 0:
+            self._record.prune(result.numbers)
         return result
+
+    def _note(self, numbers: IntArray, found: FloorDetections, which: IntArray) -> None:
+        """Record the tracks with these numbers at the detections ``which``."""
+        if len(numbers):
+            rows = np.concatenate([found.detections.boxes[which], found.rotated[which], found.places[which]], axis=1)
+            self._record.append(self._frame, numbers, rows, found.detections.scores[which])
 
     def _mean(self, before: FloatArray, now: FloatArray) -> FloatArray:
         """``(N, D)`` unit-length running mean of the appearance."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tsuiseki.tracking.cameras import lens_files
 from tsuiseki.tracking.cameras.lens_files import read_lens, write_lens
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, UnifiedLens, fit_omnidirectional, image_rays
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
@@ -100,6 +101,16 @@ def test_its_own_formats_lose_nothing(tmp_path, kind, suffix):
     assert np.abs(back.project(rays) - pixels).max() < 1e-5
     # Fitted with 14 coefficients over a field of a hundred degrees.
     assert np.abs(back.project_by_inverse(rays) - pixels).max() < 0.05
+
+
+@pytest.mark.parametrize(("kind", "suffix"), [("ocam", ".txt"), ("py-ocam", ".json")])
+def test_the_residual_is_that_of_what_was_written(tmp_path, monkeypatch, kind, suffix):
+    assert 0 < write_lens(tmp_path / f"lens{suffix}", LENS, kind).max() < 1e-8
+    # A writer that cuts its digits loses pixels, and the residual says so.
+    original = lens_files._rescaled
+    rounded = lambda lens, factor: replace(original(lens, factor), centre=np.round(lens.centre))  # noqa: E731
+    monkeypatch.setattr(lens_files, "_rescaled", rounded)
+    assert write_lens(tmp_path / f"rounded{suffix}", LENS, kind).max() > 0.1
 
 
 @pytest.mark.parametrize("kind", ["kalibr-equidistant", "opencv"])

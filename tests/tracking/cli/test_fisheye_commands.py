@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from tsuiseki.tracking import video
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.pipelines.fisheye.tracking import CeilingSource
 from tsuiseki.tracking.report import floor
@@ -153,11 +154,116 @@ def changed(room, tmp_path, change):
         (lambda c: c.update(floor=[0, 0, 3, 3]), "one floor for all cameras"),
         (lambda c: c.update(direct=[-1.0, 0.0]), "direct polynomial"),
         (lambda c: c.update(floor=[90, 90, 91, 91]), "one floor for all cameras"),
+        (lambda c: c.pop("floor"), "of camera2 and none of camera1; give all of them the whole room's"),
     ],
 )
 def test_cameras_that_do_not_fit_are_named(room, tmp_path, capsys, change, message):
     assert track(room, tmp_path / "out", *changed(room, tmp_path, change)) == 2
     one_line(capsys, message)
+
+
+def only_text(room, tmp_path, size):
+    """The first camera's sequence without images, its images said to be of a size, and its calibration."""
+    folder = tmp_path / "text"
+    folder.mkdir()
+    width, height = size
+    lines = ["[Sequence]", "name=text", "frameRate=2", "seqLength=4", f"imWidth={width}", f"imHeight={height}"]
+    (folder / "seqinfo.ini").write_text("\n".join(lines))
+    content = yaml.safe_load((room / "cameras.yaml").read_text())
+    (tmp_path / "one.yaml").write_text(yaml.safe_dump({"cameras": content["cameras"][:1]}))
+    return [
+        "track", "fisheye", str(folder), "--detections", str(room / "camera1.txt"), "--appearance", "none",
+        "--cameras", str(tmp_path / "one.yaml"), "--tables", str(tmp_path / "tables"), "--out", str(tmp_path / "out"),
+    ]  # fmt: skip
+
+
+def test_text_of_another_size_than_calibrated(room, tmp_path, capsys):
+    assert main(only_text(room, tmp_path, (640, 480))) == 2
+    one_line(capsys, "expected images of 320x240 as calibrated, got 640x480 in text")
+
+
+@pytest.mark.parametrize("size", [(320, 240), (0, 0)])
+def test_text_of_the_calibrations_or_no_size_is_taken(room, tmp_path, size):
+    assert main(only_text(room, tmp_path, size)) == 0
+
+
+class FakeCamera:
+    """Stands for `cv2.VideoCapture` of a webcam that shows four empty pictures of a size, then ends."""
+
+    size = (320, 240)
+
+    def __init__(self, _):
+        self.next = 0
+
+    def isOpened(self):  # noqa: N802
+        return True
+
+    def get(self, _):
+        return 15.0
+
+    def grab(self):
+        self.next += 1
+        return self.next <= 4
+
+    def retrieve(self):
+        return True, np.zeros((*self.size[::-1], 3), dtype=np.uint8)
+
+    def release(self):
+        pass
+
+
+@pytest.mark.parametrize(("size", "resize", "status"), [
+    ((320, 240), "no", 0), ((640, 480), "no", 2), ((640, 480), "cut", 0),
+])  # fmt: skip
+def test_a_webcam_is_asked_for_its_size(room, tmp_path, monkeypatch, capsys, size, resize, status):
+    monkeypatch.setattr(video.cv2, "VideoCapture", FakeCamera)
+    monkeypatch.setattr(FakeCamera, "size", size)
+    content = yaml.safe_load((room / "cameras.yaml").read_text())
+    (tmp_path / "one.yaml").write_text(yaml.safe_dump({"cameras": content["cameras"][:1]}))
+    more = ["--appearance", "none", "--tables", str(tmp_path / "tables"), "--resize", resize]
+    words = ["track", "fisheye", "0", "--cameras", str(tmp_path / "one.yaml"), "--out", str(tmp_path / "out"), *more]
+    assert main(words) == status
+    if status:
+        one_line(capsys, "expected images of 320x240 as calibrated, got 640x480 in webcam 0")
+    else:
+        assert json.loads((tmp_path / "out" / "run.json").read_text())["facts"]["camera1"]["frames"] == 4
+
+
+def test_two_webcams_are_two_runs(room, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(video.cv2, "VideoCapture", FakeCamera)
+    words = ["track", "fisheye", "0", "1", "--cameras", str(room / "cameras.yaml"), "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    one_line(capsys, "webcam 0 is live and never ends; track each live source in a run of its own")
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--stand", "2,0"], "expected a foot position on the floor [-1.5, -1.5, 1.5, 1.5], got [2.0, 0.0]"),
+        (["--stand", "1,1", "--floor=-9,-9,9,9", "--height", "1.75"], "partly beyond it"),
+        (["--stand", "1,1", "--height", "1.6"], "expected a camera above the person of 1.7 m"),
+    ],
+)
+def test_nobody_stands_where_the_camera_cannot_see(tmp_path, capsys, more, message):
+    lens = tmp_path / "calib_results.txt"
+    lens.write_text(LENS)
+    given = [] if any(word.startswith("--floor") for word in more) else ["--floor=-1.5,-1.5,1.5,1.5"]
+    height = [] if "--height" in more else ["--height", "2.5"]
+    words = ["calibrate", "pose", str(lens), *given, *height, *more, "--out", str(tmp_path / "a.yaml")]
+    assert main(words) == 2
+    one_line(capsys, message)
+    assert not (tmp_path / "a.yaml").exists()
+
+
+def test_where_somebody_stands_is_told(tmp_path, capsys):
+    lens = tmp_path / "calib_results.txt"
+    lens.write_text(LENS)
+    words = ["calibrate", "pose", str(lens), "--height", "2.5", "--stand", "1,0", "--out", str(tmp_path / "a.yaml")]
+    assert main(words) == 0
+    line = capsys.readouterr().out.splitlines()[0]
+    assert line.startswith("1.7 m tall at 1,0: upright ")
+    # At +x the head points to the right: a quarter of a turn clockwise.
+    assert float(line.split("rotated ")[1].split(" ")[0].split(",")[4]) == pytest.approx(90, abs=0.2)
 
 
 def test_a_calibration_is_scaled_on_request(room, tmp_path):
@@ -186,7 +292,10 @@ def test_lenses_are_converted_with_a_residual(tmp_path, capsys):
     assert (
         main(["calibrate", "convert", str(tmp_path / "l.yaml"), "--to", "ocam", "--out", str(tmp_path / "b.txt")]) == 0
     )
-    assert "l.yaml as Scaramuzza's model: 0." in capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("l.yaml as Scaramuzza's model: 0.")
+    # What was written is read again: its digits are fewer than a number's in memory.
+    assert 0 < float(lines[1].removeprefix("that as ocam: ").split(" ")[0]) < 1e-6
 
 
 def test_a_pose_from_height_and_from_points(tmp_path, capsys):

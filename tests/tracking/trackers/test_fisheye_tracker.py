@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from tsuiseki.tracking.trackers.fisheye import (
+    PRUNED,
     FisheyeSettings,
     FisheyeTracker,
     FloorDetections,
@@ -98,6 +101,49 @@ def test_a_short_flicker_is_nobody_at_fifteen_frames():
     for frame in range(10):
         tracker.update(floor_detections([[0, 0]] if frame == 4 else []))
     assert tracker.tracks() == []
+
+
+def held_after(frames, people, every=None):
+    """Bytes that a tracker holds after ``frames`` of people who are hidden in every twentieth, and of a flicker."""
+    features = np.eye(64)
+    tracker = FisheyeTracker(15.0)
+    tracemalloc.start()
+    for frame in range(frames):
+        here = people if frame % 20 else 0
+        places = [[3.0 * k, 0.3 * np.sin(frame / 9)] for k in range(here)]
+        # It stands elsewhere in every frame, and so is never confirmed.
+        tracker.update(floor_detections([*places, [50.0, 4.0 * (frame % 7)]], features[[*range(here), 63]]))
+        if every is not None and frame % every == 0:
+            tracker.forget()
+    held = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    return held
+
+
+def test_memory_grows_with_the_result_alone():
+    # Frames after which what was never confirmed has just been dropped.
+    few, many = PRUNED + 1, 2 * PRUNED + 1
+    # Fourteen numbers of three boxes are 336 bytes, and four arrays and the lists they are in have some 800 bytes a
+    # frame of their own; the features of four detections alone would be 2048.
+    assert (held_after(many, 3) - held_after(few, 3)) / PRUNED < 1500
+    assert held_after(many, 0) - held_after(few, 0) < 2000
+    assert held_after(many, 3, every=50) - held_after(few, 3, every=50) < 2000
+
+
+def test_ids_go_on_after_what_was_is_forgotten():
+    whole, parts = FisheyeTracker(15.0), FisheyeTracker(15.0)
+    seen = []
+    for frame, each in enumerate(crossing(15)):
+        whole.update(each)
+        parts.update(each)
+        if frame % 25 == 24:
+            seen += parts.tracks()
+            parts.forget()
+    seen += parts.tracks()
+    for track in whole.tracks():
+        mine = [t for t in seen if t.track.id == track.track.id]
+        assert np.concatenate([t.track.frames for t in mine]).tolist() == track.track.frames.tolist()
+        assert np.array_equal(np.concatenate([t.places for t in mine]), track.places)
 
 
 def test_weak_detections_go_on_but_do_not_start():

@@ -39,7 +39,13 @@ def convert(
         else [(f"{file.name} as Scaramuzza's model", read), (f"that as {to}", written)]
     )
     for name, residuals in steps:
-        print(f"{name}: {np.sqrt(np.mean(residuals**2)):.4f} px rms, {residuals.max():.4f} px at most over the image")
+        mean = float(np.sqrt(np.mean(residuals**2)))
+        print(f"{name}: {_pixels(mean)} px rms, {_pixels(residuals.max())} px at most over the image")
     if len(lens.inverse):
-        print(f"its inverse polynomial: {inverse_error(lens):.4f} px at most from the exact root")
+        print(f"its inverse polynomial: {_pixels(inverse_error(lens))} px at most from the exact root")
     print(f"{lens.width}x{lens.height}: {output.out}")
+
+
+def _pixels(length: float) -> str:
+    """Four decimals, or the order of magnitude where these would all be 0."""
+    return f"{length:.4f}" if length >= 1e-4 or length == 0 else f"{length:.0e}"

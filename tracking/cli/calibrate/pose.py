@@ -16,6 +16,8 @@ def pose(
     output: OutputFile = CAMERA_FILE,
     floor: tuple[float, float, float, float] | None = None,
     name: str = "camera1",
+    stand: tuple[float, float] | None = None,
+    person_height: float = 1.7,
 ) -> None:
     """Where a camera of known lens hangs over the floor, written as cameras.yaml.
 
@@ -26,12 +28,18 @@ def pose(
         out: the camera file to write.
         floor: X1,Y1,X2,Y2 of the floor that people stand on, metres; by default 10 m about the camera.
         name: of the camera.
+        stand: X,Y on the floor, metres, where somebody stands: also print the upright and the rotated box that the
+            model of a person has there, to compare with a picture.
+        person_height: of the model of a person, metres.
     """
     from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, write_floor_cameras
-    from tsuiseki.tracking.pipelines.calibration.points import floor_about
+    from tsuiseki.tracking.pipelines.calibration.points import floor_about, standing
 
     camera, lines = place.camera(file)
-    placed = CameraOverFloor(name, camera, floor_about(camera, floor), rate.frame_rate)
+    area = floor_about(camera, floor)
+    if stand is not None:
+        lines.append(standing(camera, area, stand, person_height))
+    placed = CameraOverFloor(name, camera, area, rate.frame_rate)
     output.write(output.out, lambda path: write_floor_cameras(path, [placed]))
     x, y, z = (camera.position.round(6) + 0.0).tolist()
     print("\n".join([*lines, f"{name}: at {x:.3f}, {y:.3f}, {z:.3f} m: {output.out}"]))

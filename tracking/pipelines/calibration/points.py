@@ -10,6 +10,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.calibration import Calibration, calibrate_camera, locate_camera
 from tsuiseki.tracking.cameras.files import read_intrinsics
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
+from tsuiseki.tracking.cameras.person_model import PersonModel, stand
 from tsuiseki.tracking.cameras.pose import Camera, locate_over_floor
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
@@ -79,6 +80,23 @@ def locate_from_points(camera: Camera, file: Path) -> tuple[Camera, list[str]]:
     lines = [f"  line {line}: {pixels:.3f} px, {metres:.3f} m" for line, pixels, metres in rows]
     root_mean_square = np.sqrt(np.mean(fit.residuals**2))
     return placed, [f"{root_mean_square:.3f} px rms over {len(lines)} points", *lines]
+
+
+def standing(
+    camera: PinholeCamera | OmnidirectionalCamera, floor: FloatArray, place: tuple[float, float], height: float
+) -> str:
+    """A line with the boxes of somebody of a ``height`` in metres who stands at ``place``, x and y in metres.
+
+    Raises:
+        RequestError: see `stand`.
+    """
+    upright, rotated = stand(camera, np.array(place), floor, PersonModel(height=height))
+    corners = ",".join(f"{value:.1f}" for value in upright)
+    turned = ",".join(f"{value:.1f}" for value in (*rotated[:4], np.degrees(rotated[4])))
+    return (
+        f"{height:g} m tall at {place[0]:g},{place[1]:g}: upright {corners} (x1,y1,x2,y2), rotated {turned} "
+        "(cx,cy,w,h,degrees clockwise)"
+    )
 
 
 def floor_about(

@@ -83,7 +83,8 @@ def open_ceiling(
         needs_images: refuse a sequence that is text only.
 
     Raises:
-        RequestError: the numbers differ, there are no images, or a calibration is of another size.
+        RequestError: the numbers differ, there are no images, a calibration is of another size, or one of several
+            sources is live.
     """
     placed = read_floor_cameras(cameras)
     if len(sources) != len(placed):
@@ -93,6 +94,8 @@ def open_ceiling(
     views = []
     for text, entry in zip(sources, placed, strict=True):
         opened = open_source(text)
+        if opened.live and len(sources) > 1:
+            raise RequestError(f"{opened.name} is live and never ends; track each live source in a run of its own")
         if needs_images and not opened.has_images:
             raise RequestError(f"{opened.name} has no images; give `detections`, and none for `appearance`")
         fitted = _fitted(entry, opened, resize)
@@ -102,14 +105,21 @@ def open_ceiling(
     return views
 
 
+def _image_size(source: Source) -> tuple[int, int] | None:
+    """Width and height of a source's images, of a live one of its first; None for text that does not say."""
+    if isinstance(source, ImageFolder):
+        return source.size if min(source.size) > 0 else None
+    height, width = next(iter(source.frames())).image.shape[:2]
+    return width, height
+
+
 def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraOverFloor:
     """The camera for the source's images."""
-    if not source.has_images or source.live:
-        return placed
-    height, width = next(iter(source.frames())).image.shape[:2]
+    size = _image_size(source)
     have = placed.camera.width, placed.camera.height
-    if have == (width, height):
+    if size is None or size == have:
         return placed
+    width, height = size
     if resize == "no":
         raise RequestError(
             f"{placed.name}: expected images of {have[0]}x{have[1]} as calibrated, got {width}x{height} in "

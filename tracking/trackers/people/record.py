@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ class Record:
     """The boxes of all tracks of a video, frame by frame.
 
     A track gets a running number when it starts and an id, counted from 1, when it is confirmed; its boxes from before
-    belong to it. What is never confirmed never becomes a track.
+    belong to it. What is never confirmed never becomes a track. Beside a box there may be more columns.
     """
 
     def __init__(self) -> None:
@@ -37,6 +38,8 @@ class Record:
         self._numbers: list[IntArray] = []
         self._boxes: list[FloatArray] = []
         self._scores: list[FloatArray] = []
+        self._columns: tuple[list[Any], ...] = (self._frames, self._numbers, self._boxes, self._scores)
+        self._pruned = 0
 
     def start(self, count: int) -> IntArray:
         """Numbers of ``count`` new tracks."""
@@ -54,11 +57,29 @@ class Record:
 
     def forget(self) -> None:
         """Drop the boxes so far; numbers and ids go on."""
-        for kept in (self._frames, self._numbers, self._boxes, self._scores):
+        for kept in self._columns:
             kept.clear()
+        self._pruned = 0
+
+    def prune(self, live: IntArray) -> None:
+        """Drop the boxes of tracks that have no id and, not being among the numbers ``live``, never get one.
+
+        It goes through what was added since it was last called.
+        """
+        wanted = np.zeros(self._started, dtype=np.bool_)
+        wanted[[*self._ids, *live.tolist()]] = True
+        begin = self._pruned
+        rows = list(zip(*(kept[begin:] for kept in self._columns), strict=True))
+        for kept in self._columns:
+            del kept[begin:]
+        for frame, numbers, boxes, scores in rows:
+            which = wanted[numbers]
+            if which.any():
+                self.append(frame, numbers[which], boxes[which], scores[which])
+        self._pruned = len(self._frames)
 
     def append(self, frame: int, numbers: IntArray, boxes: FloatArray, scores: FloatArray) -> None:
-        """Add the ``(K, 4)`` boxes of the K tracks that were seen in a frame, and scores, 0 for those not known."""
+        """Add the ``(K, 4 + …)`` boxes of the K tracks seen in a frame, and scores, 0 for those not known."""
         self._frames.append(frame)
         self._numbers.append(numbers)
         self._boxes.append(boxes)
@@ -66,6 +87,10 @@ class Record:
 
     def tracks(self) -> list[Track]:
         """The confirmed tracks, by id."""
+        return [Track(*part) for part in self.parts()]
+
+    def parts(self) -> list[tuple[int, IntArray, FloatArray, FloatArray]]:
+        """Id, ``(T,)`` frames, ``(T, 4 + …)`` boxes and ``(T,)`` scores of the confirmed tracks, by id."""
         if not self._ids or not self._numbers:
             return []
         lookup = np.zeros(self._started, dtype=np.int64)
@@ -78,4 +103,4 @@ class Record:
             return []
         boxes, scores = np.concatenate(self._boxes), np.concatenate(self._scores)
         tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
-        return [Track(int(ids[rows[0]]), frames[rows], boxes[rows], scores[rows]) for rows in tracks]
+        return [(int(ids[rows[0]]), frames[rows], boxes[rows], scores[rows]) for rows in tracks]

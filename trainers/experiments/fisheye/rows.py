@@ -148,6 +148,7 @@ OVERLAP = {"min_iou": (0.01, 0.03, 0.1, 0.2, 0.3), "walk": (0.1, 0.3, 1.0, 3.0)}
 IMAGE = {"position_gate": (0.7, 0.99), "reach": (1.0, 2.0, 4.0, 8.0), "walk": (0.1, 0.3)}
 BIAS = {"bias": (-5.0, -3.0, -1.0, 1.0)}
 COSTS = {"appearance": (2.0, 4.0, 8.0, 16.0), "neutral": (0.1, 0.2, 0.3, 0.5), **BIAS}
+PACE = {"pace": (0.3, 0.6, 1.2)}
 PLANE = {"reach": (2.0, 4.0, 8.0), "pace": (0.3, 1.0, 3.0), "size": (0.15, 0.3, 0.6), **BIAS}
 ROWS: tuple[Row, ...] = (
     Row("baseline", "image", "none", _hungarian(True, False), LOOKS),
@@ -163,8 +164,8 @@ ROWS: tuple[Row, ...] = (
     Row("flow: SORT", "none", "image", _image_flow, PLANE),
     Row("flow: DeepSORT", "image", "image", _image_flow, {**PLANE, "appearance": (4.0, 8.0, 16.0)}),
     Row("flow: rectification", "upright", "none", _floor_flow(False), COSTS),
-    Row("flow: world", "none", "world", _floor_flow(True), {"pace": (0.3, 0.6, 1.2), "noise": (0.15, 0.3, 0.6), **BIAS}),
-    Row("flow: both", "upright", "world", _floor_flow(True), {"pace": (0.3, 0.6, 1.2), **COSTS}),
+    Row("flow: world", "none", "world", _floor_flow(True), {**PACE, "noise": (0.15, 0.3, 0.6), **BIAS}),
+    Row("flow: both", "upright", "world", _floor_flow(True), {**PACE, **COSTS}),
 )  # fmt: skip
 
 
