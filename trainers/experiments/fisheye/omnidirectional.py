@@ -163,7 +163,7 @@ def _selected(bench: Bench, validation: Sequence[Observed]) -> tuple[float, dict
     by_name = {row.name: row for row in ROWS}
     trial = by_name["world"]
     least = max(LEAST_SCORES, key=lambda s: select(trial, validation, s)[1])
-    chosen, motas = {}, {}
+    chosen, motas = dict[str, Choice](), dict[str, float]()
     for row in bench.watch.over(ROWS, "settings", len(ROWS)):
         if row.like:
             chosen[row.name], motas[row.name] = chosen[row.like], motas[row.like]
