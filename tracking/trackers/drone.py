@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.association.action_cost import ActionCost
+from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.association.flow.flow_window import FlowCosts
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.association.score_calibration import DetectionCost
@@ -72,14 +73,21 @@ class DroneTracker:
         settings: of the flow and of what is reported.
         frame_rate: frames a second.
         size: width and height of the image, so that leaving it is told from being missed; None where not known.
+        changes: by how much costs learnt on whole tracks differ from the settings'; by default not at all.
     """
 
     def __init__(
-        self, settings: DroneSettings | None = None, frame_rate: float = 25.0, size: tuple[int, int] | None = None
+        self,
+        settings: DroneSettings | None = None,
+        frame_rate: float = 25.0,
+        size: tuple[int, int] | None = None,
+        changes: CostChanges | None = None,
     ) -> None:
         self.settings = settings or DroneSettings()
         self._path = CameraPath()
-        self._flow = FlowTracker(self.settings.flow, frame_rate=frame_rate, size=size, camera=self._path)
+        self._flow = FlowTracker(
+            self.settings.flow, frame_rate=frame_rate, size=size, camera=self._path, changes=changes
+        )
         self._frame_rate = frame_rate
 
     def update(self, detections: Detections, motion: CameraStep | None = None) -> None:

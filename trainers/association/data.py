@@ -12,14 +12,20 @@ import numpy as np
 from torch.utils.data import DataLoader, Dataset
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.trackers.drone import DRONE_FLOW
 from tsuiseki.tracking.trackers.people.flow import FlowSettings
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, sequence_graphs, window
-from tsuiseki.trainers.association.videos import described, detected_videos, stretch
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
+from tsuiseki.trainers.association.labelled_flow import window
+from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
+from tsuiseki.trainers.association.videos import acting, described, detected_videos, stretch
 from tsuiseki.trainers.association.window_appearance import WindowCrops, crops_of
 from tsuiseki.trainers.association.window_detector import WindowFrames, frames_of
 
+TrackerName = Literal["people", "drone"]
+FLOWS: dict[TrackerName, FlowSettings] = {"people": FlowSettings(), "drone": DRONE_FLOW}
 # A link that costs more by default is none that training could still make worth taking.
 DEAREST = 12.0
 
@@ -132,6 +138,8 @@ class AssociationData(lightning.LightningDataModule):
         score_threshold: it keeps what scores at least this, from 0 to 1; lower where its heads are to learn.
         heads: the windows hold their images, for the detector's heads, which learn with the costs.
         appearance: exported network that describes the detections for the tracker; with it the windows hold crops.
+        tracker: whose costs the training starts from, and who takes what it learns: track ``people`` or ``drone``.
+        action: exported action streams, which say what people do; costs of ``drone`` alone have a price for it.
         seconds: length of a window.
         windows: steps of an epoch.
         seed: of windows and of simulated detections.
@@ -148,6 +156,8 @@ class AssociationData(lightning.LightningDataModule):
         score_threshold: float = 0.3,
         heads: bool = False,
         appearance: Path | None = None,
+        tracker: TrackerName = "people",
+        action: list[Path] | None = None,
         seconds: float = 2.0,
         windows: int = 40,
         seed: int = 0,
@@ -160,7 +170,10 @@ class AssociationData(lightning.LightningDataModule):
         if heads and detector is None:
             raise RequestError("expected --data.detector ONNX with --data.heads, for its heads to learn; got none")
         self.train, self.validation, self.held_back, self.frames = train, validation, held_back, frames
+        if action and tracker != "drone":
+            raise RequestError("expected --data.tracker drone with --data.action, for people have no price of actions")
         self.detections, self.detector, self.appearance = detections, detector, appearance
+        self.settings, self.action = FLOWS[tracker], action or []
         self.score_threshold, self.heads = score_threshold, heads
         self.images = WindowImages()
         self.seconds, self.windows, self.seed = seconds, windows, seed
@@ -185,13 +198,19 @@ class AssociationData(lightning.LightningDataModule):
             None if look is None else (look.model.card.input_height, look.model.card.input_width),
             detector.model.card if detector is not None and self.heads else None,
         )
-        videos = [described(video, look) for video in detected_videos(self.train, find, self.frames, self.seed)]
+        recognise = ActionRecogniser(self.action) if self.action else None
+
+        def seen(folders: list[Path], frames: tuple[int, int] | None) -> list[DetectedVideo]:
+            found = detected_videos(folders, find, frames, self.seed)
+            return [acting(described(video, look), recognise) for video in found]
+
+        videos = seen(self.train, self.frames)
         if self.validation is None:
             held = [stretch(video, 1 - self.held_back, 1.0) for video in videos]
             videos = [stretch(video, 0.0, 1 - self.held_back) for video in videos]
         else:
-            held = [described(video, look) for video in detected_videos(self.validation, find, None, self.seed)]
-        self.learnt, self.held = graphs_of(videos), graphs_of(held, check=False)
+            held = seen(self.validation, None)
+        self.learnt, self.held = graphs_of(videos, self.settings), graphs_of(held, self.settings, check=False)
 
     def train_dataloader(self) -> DataLoader[TrainingWindow]:
         """Windows at random places, others in every epoch."""

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +21,10 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import AssociationData, TrainingWindow
-from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, LossName, Problem, Spread, cheapest
+from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, LossName, Problem, cheapest
 from tsuiseki.trainers.association.graphs import Graph
 from tsuiseki.trainers.association.losses_beside import contrast_within, finite, link_cross_entropy
+from tsuiseki.trainers.association.solving import Solvers
 from tsuiseki.trainers.association.starting import detector_of, heads_only, network_of, siamese_of
 from tsuiseki.trainers.association.window_appearance import distances, repriced
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss, rescored, score_logits
@@ -119,7 +117,7 @@ class AssociationTraining(lightning.LightningModule):
         self.epsilon_last, self.joins, self.pairwise = epsilon_last, joins, pairwise
         self.learning_rate, self.weight_decay = learning_rate, weight_decay
         self.warmup_steps, self.final_share = warmup_steps, final_share
-        self.processes, self.seed = processes or os.cpu_count() or 1, seed
+        self.solvers, self.seed = Solvers(processes), seed
         self.siamese: AppearanceTraining | None = None
         self._siamese_made_of: dict[str, Any] = {}
         self.appearance_rate, self.contrast, self.link_cost = appearance_rate, contrast, LinkCost()
@@ -134,7 +132,6 @@ class AssociationTraining(lightning.LightningModule):
         self.started_from = start
         if start is not None:
             self.network.load_state_dict(network_of(start, self.network))
-        self._pool: Executor | None = None
         self._counts = Counts()
 
     def transfer_batch_to_device(
@@ -147,8 +144,10 @@ class AssociationTraining(lightning.LightningModule):
     def setup(self, stage: str) -> None:
         """Take mean and deviation of the features from what is learnt from; a checkpoint has its own."""
         data = getattr(self.trainer, "datamodule", None)
-        if stage == "fit" and isinstance(data, AssociationData) and self.started_from is None:
-            self.standardise(data.learnt)
+        if isinstance(data, AssociationData):
+            self.link_cost = data.settings.costs.link
+            if stage == "fit" and self.started_from is None:
+                self.standardise(data.learnt)
 
     def standardise(self, graphs: Sequence[Any]) -> None:
         """Take mean and deviation of the features from the networks of sequences."""
@@ -229,7 +228,7 @@ class AssociationTraining(lightning.LightningModule):
         """The loss of the flow of a window with detections, a detection; and all others, by their weights."""
         graph, tracklets, seen = batch.detections, batch.tracklets, self.seen(batch)
         costs = self.costs(batch, seen)
-        objective = loss(costs.double(), graph.arcs(self.weights), rng, self._spread) / len(graph)
+        objective = loss(costs.double(), graph.arcs(self.weights), rng, self.solvers.spread) / len(graph)
         others = objective.new_zeros(())
         if seen.features is not None and self.contrast:
             others = others + self.contrast * contrast_within(seen.features, graph)
@@ -238,7 +237,7 @@ class AssociationTraining(lightning.LightningModule):
         if self.pairwise:
             others = others + self.pairwise * link_cross_entropy(costs, graph)
         if self.joins and len(tracklets.tail):
-            joined = loss(self.join_costs(tracklets).double(), tracklets.arcs(self.weights), rng, self._spread)
+            joined = loss(self.join_costs(tracklets).double(), tracklets.arcs(self.weights), rng, self.solvers.spread)
             others = others + self.joins * joined / len(tracklets)
         return objective, others
 
@@ -295,29 +294,13 @@ class AssociationTraining(lightning.LightningModule):
 
     def on_fit_end(self) -> None:
         """Let the processes go."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        self.solvers.close()
 
     def _annealed(self) -> FlowLoss:
         if self.epsilon_last is None:
             return self.loss
         steps = max(int(self.trainer.estimated_stepping_batches), 1)
         return self.loss.annealed(min(self.global_step / steps, 1.0), self.epsilon_last)
-
-    @property
-    def _spread(self) -> Spread:
-        """How the solver is asked several things: in processes, where there are any."""
-        if self.processes == 1:
-            return map
-        if self._pool is None:
-            self._pool = ProcessPoolExecutor(self.processes, get_context("spawn"))
-        pool = self._pool
-
-        def spread(function: Callable[[Problem], FloatArray], items: Iterable[Problem]) -> Iterable[FloatArray]:
-            return pool.map(function, items)
-
-        return spread
 
     def _tensor(self, values: FloatArray) -> Tensor:
         return torch.as_tensor(values, dtype=torch.float32, device=self.device)

@@ -12,12 +12,13 @@ import numpy as np
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.mot_sequence import Sequence as VideoSequence
 from tsuiseki.tracking.formats.mot_sequence import find_sequences, list_images
-from tsuiseki.tracking.types import Detections, IntArray
+from tsuiseki.tracking.types import Detections, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.experiments.association.oracle import owners_of
@@ -75,15 +76,33 @@ def described(video: DetectedVideo, appearance: Appearance | None) -> DetectedVi
     """
     if appearance is None:
         return video
-    if len(video.images) < len(video.detections):
-        raise RequestError(
-            f"{video.name}: expected an image a frame in img1/ for the appearance, got {len(video.images)}"
-        )
+    _check_images(video, "the appearance")
     detections = [
         found.with_features(appearance.describe(read_image(path), found.boxes))
         for found, path in zip(video.detections, video.images, strict=False)
     ]
     return replace(video, detections=detections)
+
+
+def acting(video: DetectedVideo, recognise: ActionRecogniser | None) -> DetectedVideo:
+    """The sequence with what people do, by the mean of all streams.
+
+    Raises:
+        RequestError: it has no images.
+    """
+    if recognise is None:
+        return video
+    _check_images(video, "the actions")
+    detections, images = [], list[ImageArray]()
+    for found, path in zip(video.detections, video.images, strict=False):
+        images = [*images, read_image(path)][-1 - recognise.history :]
+        detections.append(replace(found, actions=averaged(recognise.recognise(images, found.boxes))))
+    return replace(video, detections=detections)
+
+
+def _check_images(video: DetectedVideo, what: str) -> None:
+    if len(video.images) < len(video.detections):
+        raise RequestError(f"{video.name}: expected an image a frame in img1/ for {what}, got {len(video.images)}")
 
 
 def check_video(video: DetectedVideo) -> None:

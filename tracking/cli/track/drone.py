@@ -21,6 +21,7 @@ def drone(
     method: DroneMethod = "flow-maf",
     actions: list[Path] | None = None,
     tracks: Path | None = None,
+    affinity: Path | None = None,
     keep_camera_motion: bool = False,
     threshold: float = 0.4,
     cache: Path | None = None,
@@ -42,6 +43,8 @@ def drone(
             method flow, which names no actions but along given --tracks.
         tracks: MOTChallenge tracks (gt.txt, tracks.txt) or an Okutama-Action label file that are right already; only
             actions are named.
+        affinity: costs learnt on whole tracks as ONNX (train association with --data.tracker drone); by default those
+            of --drone.
         keep_camera_motion: compare places as they are in the pictures, not as if the camera had stood still.
         threshold: an action is named where its probability is above, from 0 to 1.
         cache: folder that keeps what the networks say; a second run on the same video with other settings of method
@@ -51,12 +54,14 @@ def drone(
         bridging: correlation filters follow people whom the detector misses for a few frames where an option of it is
             given, such as --bridging.most_frames 5: more people are found, and more of nobody.
     """
+    from tsuiseki.tracking.association.flow.cost_network import CostNetwork
     from tsuiseki.tracking.cli.track.drone_run import follow, write_result
     from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
     from tsuiseki.tracking.pipelines.drone.models import DroneModels
 
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
+    changes = None if affinity is None else CostNetwork(affinity, finding.threads)
     source = video.open(images=True, replayable=True)
     models = DroneModels.choose(
         source,
@@ -70,7 +75,7 @@ def drone(
     )
     with output.run() as run:
         kept = None if cache is None else (video.source, cache)
-        found = follow(run, source, models, method, drone, kept)
+        found = follow(run, source, models, method, drone, kept, changes)
         if found.facts:
             run.facts["flow"] = dict(found.facts)
             if unknown := found.facts["camera_unknown"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.cli.options import Video
 from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.formats.drone.acting_tracks import write_acting_tracks
@@ -26,6 +27,7 @@ def follow(
     method: DroneMethod,
     settings: DroneSettings,
     cache: tuple[str, Path] | None = None,
+    changes: CostChanges | None = None,
 ) -> DroneResult:
     """Track a video.
 
@@ -36,9 +38,10 @@ def follow(
         method: how people are linked.
         settings: of the tracker.
         cache: the name of the source, and the folder that keeps what the models say of it.
+        changes: by how much learnt costs differ from the settings'.
     """
     steps = run.steps(_observations(run, source, models, cache), total=frames_expected(source))
-    return link(steps, source, models, method, settings, run.times)
+    return link(steps, source, models, method, settings, run.times, changes)
 
 
 def _observations(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.association.action_cost import ActionCost
+from tsuiseki.tracking.association.flow.cost_network import CostChanges, CostNetwork
 from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.action import averaged
@@ -43,6 +44,7 @@ def track_drone(
     detector: DetectorLike | None = None,
     appearance: AppearanceLike | None = None,
     actions: Sequence[str | Path] | None = None,
+    affinity: str | Path | None = None,
     frames: str | None = None,
     settings: DroneSettings | None = None,
     bridging: BridgingSettings | None = None,
@@ -62,6 +64,7 @@ def track_drone(
         appearance: an exported network's file, an `Appearance`, or a function from crops to rows; by default the
             shipped one; ``"none"`` does without.
         actions: files of exported action streams; by default the shipped ones. Not used by ``flow``.
+        affinity: file of costs learnt on whole tracks; by default those of the settings.
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         settings: of flow, alternation and output.
         bridging: how correlation filters follow people whom the detector misses for a few frames; None does without.
@@ -84,8 +87,9 @@ def track_drone(
     streams = None if actions is None else [Path(path) for path in actions]
     models = DroneModels.choose(opened, method, finding, appearance, streams, bridging=bridging)
     times = StageTimes()
+    changes = None if affinity is None else CostNetwork(affinity, threads)
     observations = observe(opened.frames(), models.observers, times)
-    return link(observations, opened, models, method, settings, times)
+    return link(observations, opened, models, method, settings, times, changes)
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,7 @@ def link(
     method: DroneMethod,
     settings: DroneSettings,
     times: StageTimes,
+    changes: CostChanges | None = None,
 ) -> DroneResult:
     """The people of a video out of what was observed in its frames.
 
@@ -133,6 +138,7 @@ def link(
         method: how people are linked.
         settings: of the tracker.
         times: gets the seconds of linking.
+        changes: by how much learnt costs differ from the settings'; by default not at all.
 
     Raises:
         RunError: there is no frame.
@@ -140,7 +146,8 @@ def link(
     if models.given is not None:
         return _named(observations, models, models.given, settings, source.frame_rate)
     size = getattr(source, "size", None)
-    tracker = DroneTracker(suited(settings, method), source.frame_rate, size if size and min(size) > 0 else None)
+    size = size if size and min(size) > 0 else None
+    tracker = DroneTracker(suited(settings, method), source.frame_rate, size, changes)
     log = FrameLog()
     for one in observations:
         log.add(one.frame, one.detections)

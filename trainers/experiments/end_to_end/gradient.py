@@ -11,7 +11,9 @@ from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.data import affordable
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_network
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, cheapest
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, sequence_graphs, window
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
+from tsuiseki.trainers.association.labelled_flow import window
+from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.fitting import Fit
-from tsuiseki.trainers.association.graphs import sequence_graphs
+from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.experiments.association.runs import Result, clip_sums
 from tsuiseki.trainers.experiments.association.sequences import DATA_SETS, find_clips
 from tsuiseki.trainers.experiments.end_to_end import given

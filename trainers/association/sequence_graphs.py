@@ -1,0 +1,183 @@
+"""The flow networks of labelled sequences, as the tracker builds them, with the labelled flow x* of both levels.
+
+The tracker runs over the given detections; at its last round the links it has priced, their features and their costs
+by default are kept. So the network learns on exactly what it will be asked, second level included: the tracklets found
+and the joins of their ends form a network of the same kind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.flow.cost_network import CostChanges
+from tsuiseki.tracking.association.flow.evidence import (
+    DETECTION_FEATURES,
+    JOIN_FEATURES,
+    detection_evidence,
+    link_evidence,
+)
+from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, mean_features, priced
+from tsuiseki.tracking.association.flow.flow_window import FlowWindow
+from tsuiseki.tracking.association.flow.seen import Seen
+from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
+from tsuiseki.tracking.association.tracklets.joining import Ends, evidence_of_joins, join_parts
+from tsuiseki.tracking.trackers.people.flow import FlowSettings
+from tsuiseki.tracking.trackers.people.flow_input import FlowInput
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
+from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, next_of_owner, short_runs, taken_out
+from tsuiseki.trainers.experiments.association.oracle import IGNORED, NOBODY, owners_of
+
+# Scores nearer to 0 and 1 count as this; a video that trusts all scores alike still lets a little gradient through.
+CERTAIN, FLATTEST = 1e-6, 0.1
+
+
+def sequence_graphs(
+    video: DetectedVideo, settings: FlowSettings | None = None, changes: CostChanges | None = None
+) -> Graphs:
+    """The networks of both levels of a sequence, at the tracker's costs by default.
+
+    Args:
+        video: the sequence.
+        settings: of the tracker.
+        changes: learnt costs with which the tracker finds the tracks along which links are priced; by default none.
+    """
+    settings = settings or FlowSettings()
+    preparing = FlowInput(settings.input, settings.costs.link.motion, video.frame_rate, video.size)
+    seen, scores = preparing.rows(list(video.detections) or [Detections.empty()])
+    settings = replace(settings, costs=preparing.flow_costs(settings.costs))
+    probability = preparing.calibration(scores)
+    observation = settings.input.detection(probability, video.frame_rate)
+    logit = np.log(probability / (1 - probability))
+    window = FlowWindow(settings.costs, video.frame_rate, video.size, changes=changes)
+    window.add(seen)
+    if len(seen):
+        change = window.learnt(logit, observation)
+        window.solve(observation + change[:, 0], change[:, 1], change[:, 2])
+    owners = owners_of(seen.frames, seen.image, video.truth)
+    labels = window.labels() if len(seen) else np.empty(0, np.int64)
+    parts = _link_parts(seen, window, labels, settings)
+    graph = _detection_graph(video, seen, owners, labels, parts, observation, logit, settings)
+    kept = owners != IGNORED
+    lost = _links_to_make(seen.frames, owners) - int(graph.labelled[3 * len(graph) :].sum()) if kept.any() else 0
+    return Graphs(graph, _tracklet_graph(video, seen, owners, labels, settings), max(lost, 0))
+
+
+def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
+    """All links that the tracker considers, at the prices along its tracks without learnt changes."""
+    found: list[LinkParts] = []
+
+    def keep(_: Seen, parts: LinkParts) -> FloatArray:
+        found.append(parts)
+        return np.zeros(len(parts.i))
+
+    tails, heads = (np.searchsorted(seen.numbers, part) for part in (window.links.tail, window.links.head))
+    past, future = beliefs_along(labels, seen.measured, settings.costs.link.motion)
+    averaged = settings.costs.rounds.averaged
+    means = None if seen.features is None else mean_features(seen, labels, seen.features, averaged)
+    cost, hidden = settings.costs.link, window.links.hidden
+    priced(seen, tails, heads, past, future, cost, np.inf, None, means, hidden, keep, labels=labels)
+    return found[0]
+
+
+def _detection_graph(
+    video: DetectedVideo,
+    seen: Seen,
+    owners: IntArray,
+    tracks: IntArray,
+    parts: LinkParts,
+    observation: FloatArray,
+    logit: FloatArray,
+    settings: FlowSettings,
+) -> Graph:
+    costs = settings.costs
+    features = detection_evidence(seen, observation, logit)
+    links = link_evidence(seen, parts, costs.link.motion)
+    graph = Graph(
+        video.name,
+        video.frame_rate,
+        seen.frames,
+        owners,
+        seen.image,
+        tracks,
+        np.concatenate([observation, np.full(len(seen), costs.entry), np.full(len(seen), costs.exit), parts.cost]),
+        np.zeros(3 * len(seen), dtype=np.bool_),
+        features,
+        parts.i,
+        parts.j,
+        links,
+        np.zeros(3 * len(seen) + len(parts.i)),
+        video.truth.select(video.truth.evaluated).frames,
+        tuple(video.images),
+        _origin(video, seen, logit, settings) if video.anchors else None,
+    )
+    graph = labelled(taken_out(graph, owners == IGNORED))
+    short = short_runs(graph, settings.fewest(video.frame_rate))
+    return labelled(taken_out(graph, short))
+
+
+def _origin(video: DetectedVideo, seen: Seen, logit: FloatArray, settings: FlowSettings) -> Origin:
+    """The anchors and scores of the detections that the tracker took, which leaves out duplicates."""
+    anchors, scores = np.empty(len(seen), dtype=np.int64), np.empty(len(seen))
+    for frame in np.unique(seen.frames):
+        here, found = np.flatnonzero(seen.frames == frame), video.detections[frame]
+        which = (seen.image[here, None] == found.boxes[None]).all(axis=2).argmax(axis=1)
+        anchors[here], scores[here] = video.anchors[frame][which], found.scores[which]
+    given = np.clip(scores, CERTAIN, 1 - CERTAIN)
+    given = np.log(given / (1 - given))
+    spread = float(((given - given.mean()) ** 2).sum()) if len(given) else 0.0
+    slope = float(((given - given.mean()) * logit).sum()) / spread if spread > 0 else 0.0
+    detection = settings.input.detection
+    low, high = detection(np.array([0.4, 0.6]), video.frame_rate)
+    price = float(high - low) / (2 * np.log(1.5))
+    return Origin(anchors, given, max(slope, FLATTEST), price, video.truth)
+
+
+def _tracklet_graph(
+    video: DetectedVideo, seen: Seen, owners: IntArray, labels: IntArray, settings: FlowSettings
+) -> Graph:
+    """Tracklets in place of detections, joins of their ends in place of links; an owner has half of one."""
+    ends = Ends.of(labels)
+    count, joining = len(ends.track), settings.join
+    none = np.empty(0, dtype=np.int64)
+    i, j, cost, rows = none, none, np.empty(0), np.empty((0, len(JOIN_FEATURES)))
+    if count and joining is not None:
+        link = replace(settings.costs.link, miss=joining.miss)
+        before, after, parts = join_parts(seen, labels, ends, None, link, joining)
+        near = np.flatnonzero(parts.cost < 3 * joining.limit)
+        i, j = np.searchsorted(ends.track, before[near]), np.searchsorted(ends.track, after[near])
+        cost = parts.cost[near] - joining.limit
+        rows = evidence_of_joins(seen, labels, ends, parts, link)[near]
+    majority = np.array([_majority(owners[labels == track]) for track in ends.track], dtype=np.int64)
+    starts = seen.frames[ends.first] if count else none
+    return labelled(
+        Graph(
+            f"{video.name}, tracklets",
+            video.frame_rate,
+            starts,
+            majority,
+            seen.image[ends.first] if count else np.empty((0, 4)),
+            np.arange(count),
+            np.concatenate([np.full(count, -ALWAYS), np.zeros(2 * count), cost]),
+            np.ones(3 * count, dtype=np.bool_),
+            np.empty((count, len(DETECTION_FEATURES))),
+            i,
+            j,
+            rows,
+            np.zeros(3 * count + len(i)),
+            none,
+        ),
+        all_used=True,
+    )
+
+
+def _majority(owners: IntArray) -> int:
+    values, counts = np.unique(owners, return_counts=True)
+    best = int(counts.argmax())
+    return int(values[best]) if 2 * counts[best] >= len(owners) else NOBODY
+
+
+def _links_to_make(frames: IntArray, owners: IntArray) -> int:
+    return int((next_of_owner(frames, owners) >= 0).sum())
