@@ -83,12 +83,21 @@ def tracked(clip: Clip, changes: CostChanges | None) -> FloatArray:
 
 
 def lost_links(clip: Clip) -> list[int]:
-    """Links that the labels have, those that the tracker does not consider, and right ones that its flow takes."""
+    """What becomes of the links of the labels at the tracker's own costs, before tracklets are joined.
+
+    Returns:
+        All; those that the tracker does not consider; those that its flow takes; of those considered and not taken,
+        those with an end that the flow does not use; and links that it takes and that are not of one person.
+    """
     graphs = graphs_of_clip(clip)
-    graph = graphs.detections
-    links = graph.labelled[3 * len(graph) :]
-    flow = cheapest(Problem(graph.costs, graph.tail, graph.head))[3 * len(graph) :]
-    return [int(links.sum()) + graphs.lost, graphs.lost, int((links * flow).sum())]
+    graph, count = graphs.detections, len(graphs.detections)
+    flow = cheapest(Problem(graph.costs, graph.tail, graph.head)) > 0
+    used, taken = flow[:count], flow[3 * count :]
+    right = graph.labelled[3 * count :] > 0
+    one_person = (graph.owners[graph.tail] == graph.owners[graph.head]) & (graph.owners[graph.tail] >= 0)
+    unused = right & ~taken & ~(used[graph.tail] & used[graph.head])
+    counted = (right & taken, unused, taken & ~one_person)
+    return [int(right.sum()) + graphs.lost, graphs.lost, *(int(part.sum()) for part in counted)]
 
 
 def _table(clip: Clip, tracker: FlowTracker) -> FloatArray:

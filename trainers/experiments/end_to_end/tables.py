@@ -37,12 +37,11 @@ def gain_table(title: str, results: Sequence[Result], bases: Sequence[str]) -> T
 
 
 def limit_table(title: str, names: Sequence[str], limits: Sequence[Sequence[int]]) -> Table:
-    """How many links of the labels the tracker considers, and how many its flow takes."""
-    rows = [
-        [name, str(a), str(b), f"{b / max(a, 1):.2%}", str(c)] for name, (a, b, c) in zip(names, limits, strict=True)
-    ]
-    columns = (f"{title}: links of the labels", "all", "not in the graph", "share", "taken by default")
-    return Table("", columns, rows)
+    """What becomes of the links of the labels by default, see `lost_links`."""
+    every = [*zip(names, limits, strict=True), ("all", [sum(column) for column in zip(*limits, strict=True)])]
+    columns = ("all", "not in the graph", "taken", "not taken, an end unused", "wrong links taken")
+    rows = [[name, *map(str, counts)] for name, counts in every]
+    return Table("", (f"{title}: links of the labels, default", *columns), rows)
 
 
 def _gains(ours: FloatArray, theirs: FloatArray) -> list[str]:

@@ -18,7 +18,7 @@ from tsuiseki.trainers.experiments.end_to_end import given
 from tsuiseki.trainers.experiments.end_to_end.folds import Learner, learnt_rows
 from tsuiseki.trainers.experiments.end_to_end.gradient import crossing, draw_gradient, gradient_of, trained_on_crossings
 from tsuiseki.trainers.experiments.end_to_end.pairwise import fit_pairs
-from tsuiseki.trainers.experiments.end_to_end.runs import learnt_tables
+from tsuiseki.trainers.experiments.end_to_end.runs import graphs_of_clip, learnt_tables, lost_links
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
 from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.store import Store
@@ -76,6 +76,15 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
     assert main([*words, "--out", str(tmp_path / "two")]) == 0
     assert sorted(path.name for path in (tmp_path / "cache").rglob("*.json")) == entries
     assert json.loads((tmp_path / "two" / "results.json").read_text()) == found
+
+
+def test_what_becomes_of_the_links_of_the_labels(data: Path) -> None:
+    (clip,) = find_clips(data, next(one for one in DATA_SETS if one.key == "mot17"))
+    every, lost, taken, unused, wrong = lost_links(clip)
+    assert 0 < taken <= every - lost - unused
+    assert min(lost, unused, wrong) >= 0
+    graph = graphs_of_clip(clip).detections
+    assert every == int(graph.labelled[3 * len(graph) :].sum()) + lost
 
 
 def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: Path) -> None:
