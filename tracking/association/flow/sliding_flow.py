@@ -235,19 +235,22 @@ def solve_in_windows(graph: FlowGraph, inflow: BoolArray | None = None, detectio
     """The same as `solve`, in a time that grows with the length of the video and not faster.
 
     The matching of a long video has long augmenting paths. So detections come a few thousand at a time, those that the
-    following ones cannot change are decided, and the others stay.
+    following ones cannot change are decided, and the others stay. Where transitions reach over more detections than
+    that, as in crowds of thousands, as many come at a time as they reach over: fewer would decide nothing.
 
     Args:
         graph: the network; each transition leads to a detection further on.
         inflow: ``(N,)`` see `solve`.
-        detections: that come at a time, at least 1; a network of up to eight times as many is solved at once.
+        detections: that come at a time at least, from 1 on; a network of up to eight times as many is solved at once.
     """
     count = len(graph)
+    overlap = max(int((graph.head - graph.tail).max(initial=1)) + 1, 2)
+    detections = max(detections, overlap)
     if count <= AT_ONCE * detections:
         return solve(graph, inflow)
     inflow = np.zeros(count, dtype=np.bool_) if inflow is None else inflow
     saving = float(graph.entry.max() - min(graph.transition.min(initial=0.0), 0.0))
-    flow = SlidingFlow(max(int((graph.head - graph.tail).max(initial=1)) + 1, 2), saving)
+    flow = SlidingFlow(overlap, saving)
     order = np.argsort(graph.head, kind="stable")
     used, follower = np.zeros(count, dtype=np.bool_), np.full(count, -1, dtype=np.int64)
     for start in range(0, count, detections):

@@ -248,7 +248,8 @@ class DelayedFlow:
         self._scores, self._owner = self._scores[kept], self._owner[kept]
         self.input.camera.forget(min(first, int(self.window.seen.frames.min(initial=first))))
         if self.input.path is not None:
-            self.input.path.forget(len(self.input.camera))
+            # Others may follow the same path, and have yet to ask how the camera came to the newest frame.
+            self.input.path.forget(self._frame - 1)
 
 
 def mean_of(sums: FloatArray) -> FloatArray:

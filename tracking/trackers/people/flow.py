@@ -136,6 +136,7 @@ class FlowTracker:
         """Take the detections of the next frame; with a delay, the people of the frame so long before."""
         found = as_detections(detections)
         self._given += len(found)
+        self._flow.input.meet()
         return self._flow.update(found)
 
     def tracks(self) -> list[Track]:

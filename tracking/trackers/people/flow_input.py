@@ -20,7 +20,7 @@ from tsuiseki.tracking.association.rows import DetectionRows, rows_of
 from tsuiseki.tracking.association.score_calibration import DetectionCost, ScoreCalibration
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, MotionNoise
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep, CameraTrajectory
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 
@@ -66,7 +66,7 @@ class FlowInput:
         noise: of measurements.
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
-        path: the camera's motion from images; None takes the boxes.
+        path: the camera's motion from images, of which several may read; None takes the boxes.
         observation: learnt prices of scores, taken for their calibration; None lets the video calibrate them.
         camera: the trajectory so far.
         calibration: of the scores so far.
@@ -93,10 +93,20 @@ class FlowInput:
         self.speed = TypicalSpeed(memory=self.settings.detection.memory)
         self.stride = Stride()
         self._shifts: list[float] = []
+        # Steps to frames whose detections have not come to `rows` yet.
+        self._steps: list[CameraStep] = []
+        self._met = 0
+
+    def meet(self) -> None:
+        """Ask the images how the camera came to the next frame; its detections may come to `rows` much later."""
+        if self.path is not None:
+            self._steps.append(self.path.step(self._met))
+            self._met += 1
 
     def copy(self) -> FlowInput:
         """A copy that goes on by itself."""
         other = copy(self)
+        other._steps = [*self._steps]
         other.camera, other.calibration, other.speed = self.camera.copy(), copy(self.calibration), copy(self.speed)
         other.stride = copy(self.stride)
         return other
@@ -174,7 +184,7 @@ class FlowInput:
     def _follow_camera(self, rows: DetectionRows, first: int, count: int) -> None:
         """Extend the trajectory by ``count`` frames from ``first`` on."""
         if self.path is not None:
-            self._follow_images(self.path, rows, first, count)
+            self._follow_images(rows, count)
             return
         if self.settings.camera is None:
             for _ in range(count):
@@ -186,15 +196,17 @@ class FlowInput:
         for index in range(1, count + 1):
             self._append_step(steps, index, self.settings.camera)
 
-    def _follow_images(self, path: CameraPath, rows: DetectionRows, first: int, count: int) -> None:
-        """The same by what the images say."""
+    def _follow_images(self, rows: DetectionRows, count: int) -> None:
+        """The same by what the images said."""
         height = float(np.median(sizes(rows.boxes).max(axis=1))) if len(rows) else 1.0
-        for frame in range(first, first + count):
-            step = path.step(frame)
+        while len(self._steps) < count:
+            self.meet()
+        steps, self._steps = self._steps[:count], self._steps[count:]
+        for step in steps:
             known = np.isfinite(step.deviation)
             self.camera.append(step.similarity, step.deviation / height if known else self.settings.lost)
             if not known:
-                self.camera.unknown.append(frame)
+                self.camera.unknown.append(len(self.camera) - 1)
 
     def _append_step(self, steps: Steps, index: int, settings: CameraFromBoxes) -> None:
         shift, support = float(steps.shift[index]), float(steps.support[index])

@@ -133,6 +133,27 @@ def test_windows_cost_as_much_as_all_at_once(monkeypatch: pytest.MonkeyPatch, se
     assert solve_in_windows(graph, None, 10).cost == pytest.approx(solve(graph).cost, abs=2 * len(graph) / SCALE)
 
 
+def test_a_crowd_comes_by_as_many_as_a_transition_reaches_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    people, frames = 200, 24
+    tail = np.concatenate([np.arange(people * (frames - gap)) for gap in (1, 2, 3)])
+    head = tail + np.repeat([1, 2, 3], [people * (frames - gap) for gap in (1, 2, 3)]) * people
+    count = people * frames
+    costs = np.full(count, -2.0), np.full(count, 3.0), np.full(count, 3.0)
+    graph = FlowGraph(*costs, tail, head, 0.1 * (head - tail) / people)
+    solved: list[int] = []
+
+    def counted(part: FlowGraph, inflow: np.ndarray) -> FlowSolution:
+        solved.append(len(part))
+        return solve(part, inflow)
+
+    monkeypatch.setattr("tsuiseki.tracking.association.flow.sliding_flow.solve", counted)
+    monkeypatch.setattr("tsuiseki.tracking.association.flow.sliding_flow.AT_ONCE", 1)
+    ours = solve_in_windows(graph, None, detections=50)
+    assert len(solved) <= 10
+    assert max(solved) <= 4 * 3 * people
+    np.testing.assert_array_equal(ours.follower, solve(graph).follower)
+
+
 def test_memory_does_not_grow_with_the_video() -> None:
     frames, graph = _walkers(600, 5, seed=0)
     flow = SlidingFlow(overlap=4, most_saving=3.0)

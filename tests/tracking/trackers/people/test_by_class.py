@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.trackers.people.by_class import ByClass
 from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.trackers.people.sort import Sort
@@ -61,3 +63,28 @@ def test_frames_after_the_last_classes_have_no_detection() -> None:
     tracker.update([])
     with pytest.raises(ValueError, match="expected 0 detections in frame 2, got 1"):
         tracker.update([[0, 0, 40, 100, 0.9]])
+
+
+def test_all_classes_follow_one_moving_camera_and_answer_late() -> None:
+    video, classes = crossing(60)
+    shift = np.array([[1.0, 0.0, 3.0], [0.0, 1.0, 0.0]])
+
+    def answers(wanted: list[int]) -> tuple[ByClass, list[int]]:
+        path, told = CameraPath(), []
+        tracker = ByClass(lambda: FlowTracker(frame_rate=30.0, camera=path, delay=0.3), classes, wanted)
+        for frame, found in enumerate(video):
+            path.follow(CameraStep(shift))
+            moved = Detections(found.boxes + np.array([3.0 * frame, 0, 3.0 * frame, 0]), found.scores)
+            people = tracker.update(moved)
+            told.append(0 if people is None else len(people.ids))
+            if frame == 40:  # asking what is known so far changes nothing
+                tracker.tracks()
+        return tracker, told
+
+    both, told = answers([1, 4])
+    apart = [answers([number])[0].tracks()[0] for number in (1, 4)]
+    assert max(told) == 2
+    for track in both.tracks():
+        same = apart[0 if both.class_of(track.id) == 1 else 1]
+        np.testing.assert_array_equal(same.frames, track.frames)
+        np.testing.assert_allclose(same.boxes, track.boxes)
