@@ -14,7 +14,7 @@ frames are estimated at once.
 
 Fewer than four pairs that agree are too few: one person who walks looks like a camera that turns. The camera is then
 taken to stand still. If it was moving just before, it is taken to move as these few pairs say. Either way the step
-counts as unknown.
+counts as unknown, and is in doubt: links over it reach further.
 """
 
 from __future__ import annotations
@@ -48,6 +48,14 @@ class CameraFromBoxes:
     ridge: float = 0.5
     least: float = 4.0
     moving: float = 0.3
+
+    def doubt(self, support: float, frame_rate: float) -> float:
+        """Standard deviation of a step that fewer pairs than ``least`` agree with, in heights of a box.
+
+        By so much a pair may differ and still agree, over the root of how many do; of less than one it is not known
+        how many would.
+        """
+        return self.tolerance / frame_rate / max(support, 0.25) ** 0.5
 
 
 @dataclass(frozen=True)

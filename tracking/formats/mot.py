@@ -29,6 +29,8 @@ from tsuiseki.tracking.types.labels import GroundTruth
 PEDESTRIAN = 1
 DISTRACTORS = (2, 7, 8, 12)
 MOT20_DISTRACTORS = (2, 6, 7, 8, 12)
+# Fewer scores tell no two scales apart.
+FEWEST_OF_A_SCALE = 20
 
 
 def read_ground_truth(path: str | Path) -> GroundTruth:
@@ -78,9 +80,10 @@ def read_detections(
 
     What can be mended is, and an `InputWarning` says so: rows out of the order of the frames are sorted; a heading,
     boxes without an area, detections that stand in the file twice, and those after the end of the video are left out.
+    Scores of two scales are taken as they are, and told.
 
     Args:
-        path: rows ``frame, -1, x, y, width, height, score, …``.
+        path: rows ``frame, -1, x, y, width, height, score, …``; without the score it is not known, NaN.
         length: number of frames of the video; by default up to the last frame that has a detection.
         score_range: smallest and largest score to expect; by default any finite number.
 
@@ -100,7 +103,9 @@ def read_classed_detections(
     `read_detections`.
     """
     path = Path(path)
-    rows, lines = read_rows(path, {7, 8, 9, 10}, "detections", flat=True)
+    rows, lines = read_rows(path, {6, 7, 8, 9, 10}, "detections", flat=True)
+    if rows.shape[1] == 6:  # boxes without scores
+        rows = np.column_stack([rows, np.full(len(rows), np.nan)])
     if np.any(np.diff(rows[:, 0]) < 0):
         warnings.warn(f"{path}: its rows are not in the order of the frames; sorted", InputWarning, stacklevel=3)
         order = np.argsort(rows[:, 0], kind="stable")
@@ -108,6 +113,7 @@ def read_classed_detections(
     if score_range is not None:
         _refuse_scores_outside(path, rows[:, 6], lines, score_range)
     rows = rows[_used(path, rows, lines, length)]
+    _tell_two_scales(path, rows[:, 6])
     frames, boxes, scores = rows[:, 0].astype(np.int64) - 1, boxes_of(rows), rows[:, 6]
     classes = rows[:, 7].astype(np.int64) if rows.shape[1] > 7 else np.full(len(rows), -1)
     last = int(frames[-1]) + 1 if len(frames) else 0
@@ -126,6 +132,22 @@ def _refuse_scores_outside(path: Path, scores: FloatArray, lines: IntArray, scor
         )
 
 
+def _tell_two_scales(path: Path, scores: FloatArray) -> None:
+    """Warn of scores of which some are shares and others percentages, such as those of two detectors."""
+    known = scores[~np.isnan(scores)]
+    if len(known) < FEWEST_OF_A_SCALE or known.min() < 0:
+        return
+    shares, percent = known[(known > 0.1) & (known <= 1)], known[known >= 10]
+    between = np.mean((known > 1) & (known < 5))
+    if min(len(shares), len(percent)) > 0.05 * len(known) and between < 0.01:
+        warnings.warn(
+            f"{path}: {len(shares)} scores in [0.1, 1] and {len(percent)} from 10 to {percent.max():g} look like two "
+            "scales, and are compared as they are; bring them to one, or people of the lower one count for less",
+            InputWarning,
+            stacklevel=3,
+        )
+
+
 def _used(path: Path, rows: FloatArray, lines: IntArray, length: int | None) -> BoolArray:
     """``(N,)`` the detections that are of use; what is left out is told."""
     if length is not None and rows[0, 0] > length:
@@ -133,8 +155,10 @@ def _used(path: Path, rows: FloatArray, lines: IntArray, length: int | None) -> 
             f"{path}:{lines[0]}: detection for frame {rows[0, 0]:g}, but the video has {length} frames; "
             "are these the detections of another video?"
         )
+    # All but the id; a score that is missing is missing in both.
+    told_of = np.nan_to_num(np.delete(rows[:, :8], 1, axis=1))
     again = np.ones(len(rows), dtype=np.bool_)
-    again[np.unique(np.column_stack([rows[:, 0], rows[:, 2:8]]), axis=0, return_index=True)[1]] = False
+    again[np.unique(told_of, axis=0, return_index=True)[1]] = False
     flat = (rows[:, 4:6] == 0).any(axis=1)
     late = np.zeros(len(rows), np.bool_) if length is None else rows[:, 0] > length
     for which, what in (

@@ -36,7 +36,7 @@ def read_rows(path: Path, columns: set[int], what: str, flat: bool = False) -> t
     lines = np.arange(first, first + len(text))
     cells = [line.rstrip(", ").split(",") for line in text]
     width = len(cells[0])
-    allowed = " or ".join(str(n) for n in sorted(columns))
+    allowed = f"{min(columns)} to {max(columns)}" if len(columns) > 2 else " or ".join(map(str, sorted(columns)))
     for number, row in zip(lines.tolist(), cells, strict=True):
         if len(row) != width or len(row) not in columns:
             raise RequestError(f"{path}:{number}: expected {allowed} numbers separated by commas, got {len(row)}")

@@ -93,6 +93,21 @@ def test_classes_are_tracked_apart(text_only: Path, tmp_path: Path, capsys: pyte
     assert [int(row[0]) for row in rows] == [t for t in range(5, 31) if t != 20]
 
 
+def test_the_flow_of_each_class_tells_what_it_found(
+    text_only: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = text_only / "det.txt"
+    false = [f"{t},-1,{700 + 61 * t % 300},1,40,100,0.4,3,-1,-1" for t in range(1, 41)]
+    file.write_text(file.read_text() + "\n".join([*false, *false[::-1]]) + "\n")
+    words = ["track", "people", str(text_only), "--detections", str(file), "--fps", "10"]
+    assert main([*words, "--classes", "1,3", "--out", str(tmp_path / "o")]) == 0
+    flows = json.loads((tmp_path / "o" / "run.json").read_text())["facts"]["flow"]
+    assert {number: facts["detections"] for number, facts in flows.items()} == {"1": 39, "3": 79}
+    assert flows["1"]["detections_rejected"] == 0
+    assert flows["3"]["detections_rejected"] >= 40
+    assert "class 3: 40 of 79 detections belong to no track" in capsys.readouterr().out
+
+
 def test_what_a_sequence_does_not_say_is_told(
     text_only: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -245,3 +245,30 @@ def test_real_sequences_are_read(data_folder):
     truth = read_ground_truth(sequence.ground_truth_path)
     found = read_detections(sequence.detections_path, sequence.length)
     assert (sequence.length, len(sequence.images), len(truth), sum(map(len, found))) == (400, 400, 2396, 2252)
+
+
+def test_boxes_may_have_no_score(tmp_path):
+    file = tmp_path / "det.txt"
+    file.write_text("1,-1,10,20,30,60\n1,-1,10,20,30,60\n2,-1,11,20,30,60\n")
+    with pytest.warns(InputWarning, match="1 detection.*repeated"):
+        found = read_detections(file)
+    assert [len(one) for one in found] == [1, 1]
+    assert all(np.isnan(one.scores).all() for one in found)
+
+
+@pytest.mark.parametrize(
+    ("scores", "told"),
+    [
+        ([0.4, 0.7, 0.9, 30.0, 60.0, 97.0], True),
+        ([0.4, 0.7, 0.9, 0.5, 0.6, 0.97], False),
+        ([0.5, 3.0, 4.0, 30.0, 60.0, 97.0], False),
+        ([-2.0, 0.7, 0.9, 12.0, 14.0, 20.0], False),
+    ],
+)
+def test_scores_of_two_scales_are_told(tmp_path, recwarn, scores, told):
+    file = tmp_path / "det.txt"
+    rows = [f"{t + 1},-1,{100 * k},20,30,60,{score}" for t in range(10) for k, score in enumerate(scores)]
+    file.write_text("\n".join(rows))
+    found = read_detections(file)
+    assert [one.scores.tolist() for one in found] == [scores] * 10
+    assert any("two scales" in str(warning.message) for warning in recwarn) == told

@@ -36,12 +36,14 @@ class CameraTrajectory:
         source: what the steps are estimated from.
 
     Attributes:
-        unknown: frames whose step nothing told; the camera is taken to stand still there.
+        unknown: frames whose step too little told; where nothing did, the camera is taken to stand still.
+        lost: those of them that a moving camera came to.
     """
 
     def __init__(self, source: Literal["boxes", "images"] = "boxes") -> None:
         self.source = source
         self.unknown: list[int] = []
+        self.lost: list[int] = []
         self._first = 0
         self._to_now: list[FloatArray] = []
         self._variance: list[float] = []
@@ -52,7 +54,8 @@ class CameraTrajectory:
     def copy(self) -> CameraTrajectory:
         """A copy that goes on by itself."""
         other = CameraTrajectory(self.source)
-        other.unknown, other._to_now, other._variance = [*self.unknown], [*self._to_now], [*self._variance]
+        other.unknown, other.lost = [*self.unknown], [*self.lost]
+        other._to_now, other._variance = [*self._to_now], [*self._variance]
         other._first = self._first
         return other
 
@@ -63,16 +66,22 @@ class CameraTrajectory:
             del self._to_now[:count], self._variance[:count]
             self._first += count
 
-    def append(self, step: FloatArray | None, deviation: float = 0.0) -> None:
+    def append(
+        self, step: FloatArray | None, deviation: float = 0.0, *, known: bool = True, moving: bool = False
+    ) -> None:
         """Add a frame.
 
         Args:
             step: ``(2, 3)`` similarity, where pixels of the frame before lie in this one; None where nothing tells.
             deviation: standard deviation of the place of a box after the step, in heights of the box.
+            known: whether enough tells the step; never where it is None.
+            moving: whether the camera moved until then.
         """
         before = self._to_now[-1] if self._to_now else STILL
-        if step is None and self._to_now:
+        if (step is None or not known) and self._to_now:
             self.unknown.append(len(self))
+            if moving:
+                self.lost.append(len(self))
         still = step is None or np.array_equal(step, STILL[:2])
         self._to_now.append(before if step is None or still else np.vstack([step, STILL[2]]) @ before)
         self._variance.append((self._variance[-1] if self._variance else 0.0) + deviation**2)
@@ -112,12 +121,13 @@ def move_boxes(boxes: FloatArray, similarities: FloatArray) -> FloatArray:
     return np.concatenate([moved - half, moved + half], axis=1)
 
 
-def said_of_camera(unknown: Sequence[int]) -> str:
-    """One line on the frames, counted from 1, of which nothing tells how the camera moved there; at least one.
+def said_of_camera(unknown: Sequence[int], source: Literal["boxes", "images"] = "images") -> str:
+    """One line on the frames, counted from 1, of which too little tells how the camera moved there; at least one.
 
     >>> said_of_camera([13, 87])
     'how the camera moved into frames 13, 87 is not known; links over them reach further'
     """
     which = ", ".join(map(str, unknown[:5])) + (f" and {len(unknown) - 5} more" if len(unknown) > 5 else "")
     frames = "frame" if len(unknown) == 1 else "frames"
-    return f"how the camera moved into {frames} {which} is not known; links over them reach further"
+    told = "is not known" if source == "images" else "is not known from the few boxes there"
+    return f"how the camera moved into {frames} {which} {told}; links over them reach further"

@@ -116,15 +116,28 @@ def facts_of(inputs: PeopleInputs, tracker: PeopleTracker) -> tuple[dict[str, An
     lines: list[str] = []
     if isinstance(tracker, FlowTracker):
         facts["flow"] = tracker.facts()
-        if inputs.camera is not None and tracker.camera.unknown:
-            lines.append(said_of_camera([frame + 1 for frame in tracker.camera.unknown]))
-        if tracker.duplicates:
-            boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
-            lines.append(f"{boxes} left out that lay on another")
-        rejected, given = tracker.rejected
-        if 2 * rejected > given:
-            lines.append(f"{rejected} of {given} detections belong to no track: too rarely found again")
+        lines += _said_of_flow(tracker)
+    elif isinstance(tracker, ByClass):
+        flows = {number: one for number, one in tracker.trackers.items() if isinstance(one, FlowTracker)}
+        if flows:
+            facts["flow"] = {str(number): one.facts() for number, one in flows.items()}
+        lines += [f"class {number}: {line}" for number, one in flows.items() for line in _said_of_flow(one)]
     if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:
         facts["view"] = inputs.detect.summary
         lines.append(f"looked at {inputs.detect.summary}; --view says how many")
     return facts, lines
+
+
+def _said_of_flow(tracker: FlowTracker) -> list[str]:
+    """What of the facts of a flow is worth a line."""
+    lines = []
+    camera = tracker.camera
+    if lost := camera.unknown if camera.source == "images" else camera.lost:
+        lines.append(said_of_camera([frame + 1 for frame in lost], camera.source))
+    if tracker.duplicates:
+        boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
+        lines.append(f"{boxes} left out that lay on another")
+    rejected, given = tracker.rejected
+    if 2 * rejected > given:
+        lines.append(f"{rejected} of {given} detections belong to no track: too rarely found again")
+    return lines

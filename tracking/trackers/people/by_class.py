@@ -21,6 +21,10 @@ class ByClass:
             frames after the last of them have no detection.
         wanted: the classes to track; detections of others are passed over.
 
+    Attributes:
+        wanted: each once.
+        trackers: by class.
+
     >>> from tsuiseki.tracking.trackers.people.sort import Sort
     >>> tracker = ByClass(Sort, [np.array([1, 2])] * 4, [1, 2])
     >>> for _ in range(4):
@@ -32,7 +36,7 @@ class ByClass:
     def __init__(self, make: Callable[[], PeopleTracker], classes: Sequence[IntArray], wanted: Sequence[int]) -> None:
         self.wanted = tuple(dict.fromkeys(wanted))
         self._classes = classes
-        self._trackers = {number: make() for number in self.wanted}
+        self.trackers = {number: make() for number in self.wanted}
         self._ids: dict[tuple[int, int], int] = {}
         self._frame = 0
 
@@ -43,7 +47,7 @@ class ByClass:
         if len(found) != len(classes):
             raise ValueError(f"expected {len(classes)} detections in frame {self._frame}, got {len(found)}")
         self._frame += 1
-        answers = [self._renumbered(n, t.update(found.select(classes == n))) for n, t in self._trackers.items()]
+        answers = [self._renumbered(n, t.update(found.select(classes == n))) for n, t in self.trackers.items()]
         known = [answer for answer in answers if answer is not None]
         if len(known) < len(answers) or len({answer.frame for answer in known}) != 1:
             return None
@@ -56,7 +60,7 @@ class ByClass:
         """The tracks of all classes, by id."""
         found = [
             replace(track, id=self._id(number, track.id))
-            for number, tracker in self._trackers.items()
+            for number, tracker in self.trackers.items()
             for track in tracker.tracks()
         ]
         return sorted(found, key=lambda track: track.id)

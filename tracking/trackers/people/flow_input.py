@@ -204,9 +204,8 @@ class FlowInput:
         steps, self._steps = self._steps[:count], self._steps[count:]
         for step in steps:
             known = np.isfinite(step.deviation)
-            self.camera.append(step.similarity, step.deviation / height if known else self.settings.lost)
-            if not known:
-                self.camera.unknown.append(len(self.camera) - 1)
+            deviation = step.deviation / height if known else self.settings.lost
+            self.camera.append(step.similarity, deviation, known=known, moving=not known)
 
     def _append_step(self, steps: Steps, index: int, settings: CameraFromBoxes) -> None:
         shift, support = float(steps.shift[index]), float(steps.support[index])
@@ -216,10 +215,10 @@ class FlowInput:
             self._shifts = [*self._shifts, shift][-round(max(self.frame_rate, 2)) :]
             self.camera.append(steps.similarity[index])
         elif moving and support > 0:
-            self.camera.append(steps.similarity[index])
-            self.camera.unknown.append(len(self.camera) - 1)
+            doubt = settings.doubt(support, self.frame_rate)
+            self.camera.append(steps.similarity[index], doubt, known=False, moving=True)
         else:
-            self.camera.append(None, usual if moving else STILL)
+            self.camera.append(None, usual if moving else STILL, moving=moving)
 
     def _usual_shift(self) -> float:
         """By how much the camera moved from frame to frame over the last second, heights of a box."""
