@@ -19,6 +19,7 @@ counts as unknown, and is in doubt: links over it reach further.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +56,7 @@ class CameraFromBoxes:
         By so much a pair may differ and still agree, over the root of how many do; of less than one it is not known
         how many would.
         """
-        return self.tolerance / frame_rate / max(support, 0.25) ** 0.5
+        return self.tolerance / frame_rate / math.sqrt(max(support, 0.25))
 
 
 @dataclass(frozen=True)
