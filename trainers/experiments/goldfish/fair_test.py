@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from tsuiseki.trainers.experiments.intervals import interval
 from tsuiseki.trainers.experiments.store import Store
 
 PARTICLES = (25, 50, 100)
-WIDTHS = (1.0, 1.3, 1.7, 2.2)
+WIDTHS = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6)
 SPREAD = 10.0
 """``sigma_d`` of (7), pixels squared: a contour that is 5 pixels off is then clearly worse than one that fits."""
 FLOOR = -20.0
@@ -40,8 +41,8 @@ FLOOR = -20.0
 FARTHEST = 28.0
 """Largest error of the position that a frame counts, half a fish, pixels; tuned by the mean of this."""
 # Fish of the clips, and seeds of their scenes: apart from each other and from those of section 5.
-LEARNING, DEVELOPMENT, TEST = (2, 3, 2), (2, 2, 3) * 2, (2, 3, 2) * 6
-SEEDS = {"learning": 4_000_000, "development": 5_000_000, "test": 6_000_000}
+LEARNING, DEVELOPMENT, TEST = (2, 3, 2), (2, 2, 3) * 2, (2, 3, 2) * 8
+SEEDS = {"learning": 4_000_000, "development": 5_000_000, "test": 7_000_000}
 LEARNING_PARTICLES = 3000
 NATS = (
     "learnt from",
@@ -103,6 +104,17 @@ ARMS: Mapping[str, tuple[str, Callable[[Learnt], BodyFixedVelocity]]] = {
     "conditional": ("conditional: + velocity and bend", conditional),
 }
 
+COMPARED = (
+    ("C", "B"),
+    ("C lag", "B lag"),
+    ("B lag", "B"),
+    ("C lag", "C"),
+    ("conditional", "C lag"),
+    ("conditional", "B"),
+)
+SHOWN = (("survival", 100, 1), ("error", 1, 2), ("evidence", 1, 2))
+"""Of a row: the field, its factor and its digits."""
+
 
 def reproduce(
     bench: Bench,
@@ -115,13 +127,14 @@ def reproduce(
     """Whether few particles gain by drawing changes of shape and motion together, as the goldfish paper does.
 
     Generates 3 clips to learn from, 3 to choose each arm's widening on and 6 to test on. DIR gets results.json and
-    tables.md: nats of a step, then survival, position error, log-evidence and effective sample size of the arms.
+    tables.md: nats of a step, then survival, position error, log-evidence and effective sample size of the arms, each
+    as wide as suits it, and all equally wide.
 
     Args:
         bench: where it works.
         particles: numbers of them.
         seeds: of the particles.
-        clips: test clips, from 2 to 18.
+        clips: test clips, from 2 to 24.
         development: clips to choose the widening on, from 1 to 6.
         minutes: begin no new run after so many; run it again to go on.
 
@@ -143,27 +156,55 @@ def reproduce(
     wide = _wide_steps(bench.store, folders["learning"])
     nats = learnt_densities(steps, wide, [learn_exactly([folder])[0] for folder in test])
     asked = [(name, number) for name in ARMS for number in particles]
-    results: dict[tuple[str, int], tuple[float, list[Row]]] = {}
-    for name, number in bench.watch.over(asked, "arms", len(asked)):
+    runs = _Runs(bench.store, learnt, folders["development"], test, seeds)
+    tuned: dict[tuple[str, int], FloatArray] = {}
+    own: Results = {}
+    equal: Results = {}
+    work = [(step, *arm) for step in ("own", "equal") for arm in asked]
+    for step, name, number in bench.watch.over(work, "arms", len(work)):
         if time.monotonic() - started > 60 * minutes:
-            break
-        tuning = {
-            width: [
-                bench.store.recall(run_arm, folder, name, learnt, number, width, 100)
-                for folder in folders["development"]
-            ]
-            for width in WIDTHS
-        }
-        width = min(WIDTHS, key=lambda one: float(np.mean([row.error for row in tuning[one]])))
-        rows = [
-            _mean([bench.store.recall(run_arm, folder, name, learnt, number, width, seed) for seed in range(seeds)])
-            for folder in test
-        ]
-        results[name, number] = width, rows
-    if len(results) < len(asked):
-        line = f"{len(results)} of {len(asked)} arms are done; run the same command again to go on"
-        return Outcome(notes=[line], finished=False)
-    return _outcome(nats, results, seeds)
+            line = f"{len(own) + len(equal)} of {len(work)} runs are done; run the same command again to go on"
+            return Outcome(notes=[line], finished=False)
+        if step == "own":
+            tuned[name, number] = runs.development_errors(name, number)
+            own[name, number] = runs.tested(name, number, _least(tuned[name, number]))
+        else:
+            common = _least(np.mean([tuned[arm, number] for arm in ARMS], axis=0))
+            equal[name, number] = runs.tested(name, number, common)
+    return _outcome(nats, tuned, own, equal, seeds)
+
+
+Results: TypeAlias = dict[tuple[str, int], tuple[float, list[Row]]]
+"""By arm and number of particles: the width, and a row for each test clip."""
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """What the arms are run on."""
+
+    store: Store
+    learnt: Learnt
+    development: Sequence[Path]
+    test: Sequence[Path]
+    seeds: int
+
+    def development_errors(self, name: str, number: int) -> FloatArray:
+        """``(W,)`` mean error of the position on the development clips, for each of `WIDTHS`."""
+        rows = [[self._row(folder, name, number, width, 100) for folder in self.development] for width in WIDTHS]
+        return np.array([np.mean([row.error for row in of_width]) for of_width in rows])
+
+    def tested(self, name: str, number: int, width: float) -> tuple[float, list[Row]]:
+        """The width, and the mean over the seeds on each test clip."""
+        seeds = range(self.seeds)
+        return width, [_mean([self._row(folder, name, number, width, seed) for seed in seeds]) for folder in self.test]
+
+    def _row(self, folder: Path, name: str, number: int, width: float, seed: int) -> Row:
+        return self.store.recall(run_arm, folder, name, self.learnt, number, width, seed)
+
+
+def _least(errors: FloatArray) -> float:
+    """The width of the least error."""
+    return WIDTHS[int(np.argmin(errors))]
 
 
 def learn_exactly(folders: Sequence[Path]) -> tuple[Steps, Learnt]:
@@ -241,40 +282,66 @@ def _mean(rows: Sequence[Row]) -> Row:
 
 
 def _outcome(
-    nats: Sequence[Sequence[str]], results: Mapping[tuple[str, int], tuple[float, list[Row]]], seeds: int
+    nats: Sequence[Sequence[str]],
+    tuned: Mapping[tuple[str, int], FloatArray],
+    own: Results,
+    equal: Results,
+    seeds: int,
 ) -> Outcome:
+    clips = len(next(iter(own.values()))[1])
+    values = {
+        "nats": [list(row) for row in nats],
+        "tuned": [
+            {"arm": name, "particles": number, "widths": list(WIDTHS), "error": errors.tolist()}
+            for (name, number), errors in tuned.items()
+        ],
+        "arms": _values(own),
+        "equally_wide": _values(equal),
+    }
+    tables = [
+        Table("Nats of a step of the test clips", NATS, nats),
+        _arms_table("Arms, each as wide as it was best on the development clips", own),
+        _differences_table("Differences, each arm with its own width", own),
+        _arms_table("Arms, all equally wide", equal),
+        _differences_table("Differences, all equally wide", equal),
+    ]
+    note = f"{clips} test clips, {seeds} seeds; 95 % by Student's t over clips; sigma_d {SPREAD:g}"
+    return Outcome(values, tables, notes=[note])
+
+
+def _values(results: Results) -> list[dict[str, object]]:
+    return [
+        {
+            "arm": name,
+            "particles": number,
+            "widened": width,
+            **{key: [getattr(row, key) for row in rows] for key in Row.__dataclass_fields__},
+        }
+        for (name, number), (width, rows) in results.items()
+    ]
+
+
+def _arms_table(title: str, results: Results) -> Table:
     columns = ["arm", "particles", "widened", "survival, %", "error, px", "log-evidence", "effective, %"]
-    lines, differences, values = [], [], []
+    lines = []
     for (name, number), (width, rows) in results.items():
         parts = {key: np.array([getattr(row, key) for row in rows]) for key in Row.__dataclass_fields__}
-        values.append({"arm": name, "particles": number, "widened": width, **{k: v.tolist() for k, v in parts.items()}})
-        shown = [_shown(parts["survival"], 100, 1), _shown(parts["error"], 1, 2), _shown(parts["evidence"], 1, 2)]
+        shown = [_shown(parts[key], factor, digits) for key, factor, digits in SHOWN]
         lines.append([ARMS[name][0], str(number), f"{width:g}", *shown, f"{100 * parts['effective'].mean():.0f}"])
-    for first, second in (
-        ("C", "B"),
-        ("C lag", "B lag"),
-        ("B lag", "B"),
-        ("C lag", "C"),
-        ("conditional", "C lag"),
-        ("conditional", "B"),
-    ):
+    return Table(title, columns, lines)
+
+
+def _differences_table(title: str, results: Results) -> Table:
+    lines = []
+    for first, second in COMPARED:
         for number in dict.fromkeys(number for _, number in results):
             one, two = results[first, number][1], results[second, number][1]
             cells = []
-            for key, factor, digits in (("survival", 100, 1), ("error", 1, 2), ("evidence", 1, 2)):
+            for key, factor, digits in SHOWN:
                 gap = np.array([getattr(a, key) - getattr(b, key) for a, b in zip(one, two, strict=True)])
                 cells.append(_shown(gap, factor, digits, sign="+"))
-            differences.append([f"{first} − {second}", str(number), *cells])
-    clips = len(next(iter(results.values()))[1])
-    return Outcome(
-        {"nats": [list(row) for row in nats], "arms": values},
-        [
-            Table("Nats of a step of the test clips", NATS, nats),
-            Table("Arms", columns, lines),
-            Table("Differences", ["arms", "particles", "survival, %", "error, px", "log-evidence"], differences),
-        ],
-        notes=[f"{clips} test clips, {seeds} seeds; 95 % by Student's t over clips; sigma_d {SPREAD:g}"],
-    )
+            lines.append([f"{first} − {second}", str(number), *cells])
+    return Table(title, ["arms", "particles", "survival, %", "error, px", "log-evidence"], lines)
 
 
 def _shown(values: FloatArray, factor: float, digits: int, sign: str = "") -> str:
