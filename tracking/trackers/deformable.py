@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.bodies.body import Body
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import Proposal, bootstrap, each_frame
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, draw
 from tsuiseki.tracking.filters.particles.annealed import Annealed
@@ -65,17 +66,19 @@ class DeformableSettings:
     def __post_init__(self) -> None:
         for name, least in (("particles", 1), ("margin", 0), ("patience", 0)):
             if getattr(self, name) < least:
-                raise ValueError(f"expected {name} from {least}, got {getattr(self, name)}")
+                raise RequestError(f"`{name}`: expected a whole number from {least}, got {getattr(self, name)}")
         if self.layers not in (1, 2):
-            raise ValueError(f"expected 1 or 2 layers, got {self.layers}")
+            raise RequestError(f"`layers`: expected 1 or 2, got {self.layers}")
         if self.smooth < 1 or self.smooth % 2 == 0:
-            raise ValueError(f"expected smooth to be an odd number of pixels, got {self.smooth}")
-        if not (0 < self.spread < np.inf and 0 <= self.hidden_cost < np.inf):
-            raise ValueError(
-                f"expected a spread above 0 and a hidden_cost from 0, got {self.spread:g} and {self.hidden_cost:g}"
-            )
+            raise RequestError(f"`smooth`: expected an odd number of pixels, got {self.smooth}")
+        if not 0 < self.spread < np.inf:
+            raise RequestError(f"`spread`: expected squared pixels above 0, got {self.spread:g}")
+        if not 0 <= self.hidden_cost < np.inf:
+            raise RequestError(f"`hidden_cost`: expected a number from 0, got {self.hidden_cost:g}")
         if not 0 < self.searching_beyond <= FARTHEST:
-            raise ValueError(f"expected searching_beyond in (0, {FARTHEST:g}], got {self.searching_beyond:g}")
+            raise RequestError(
+                f"`searching_beyond`: expected pixels above 0, at most {FARTHEST:g}, got {self.searching_beyond:g}"
+            )
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import pytest
 
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity, Noise, RandomWalk
 from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
 from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS
@@ -161,7 +162,10 @@ def test_the_mask_of_contours_covers_them_and_their_margin():
     assert mask[200, 240] == 0
 
 
-@pytest.mark.parametrize("bad", [{"particles": 0}, {"searching_beyond": 0.0}, {"patience": -1}])
-def test_impossible_settings_are_refused(bad):
-    with pytest.raises(ValueError, match="expected"):
+@pytest.mark.parametrize(
+    "bad",
+    [{"particles": 0}, {"searching_beyond": 0.0}, {"patience": -1}, {"smooth": 4}, {"spread": 0.0}, {"layers": 3}],
+)
+def test_impossible_settings_are_refused_by_name(bad):
+    with pytest.raises(RequestError, match=f"`{next(iter(bad))}`: expected"):
         DeformableSettings(**bad)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.trackers.animals.heading import head_signs, heads, stretches_of
 from tsuiseki.tracking.trackers.animals.identity import exchanged_after_contacts
 from tsuiseki.tracking.trackers.animals.pose import AnimalPose
@@ -47,14 +48,15 @@ class AnimalSettings:
     evidence: float = 4.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.smallest < 1 or not -0.5 <= self.forward <= 0.5:
-            raise ValueError(
-                f"expected smallest in (0, 1) and forward in [-0.5, 0.5], got {self.smallest:g} and {self.forward:g}"
-            )
+        if not 0 < self.smallest < 1:
+            raise RequestError(f"`smallest`: expected a share between 0 and 1, got {self.smallest:g}")
+        if not -0.5 <= self.forward <= 0.5:
+            raise RequestError(f"`forward`: expected -0.5 to 0.5 lengths, got {self.forward:g}")
         if self.area is not None and not 0 < self.area < np.inf:
-            raise ValueError(f"expected an area above 0, got {self.area:g}")
-        if not (self.shortest >= 0 and self.evidence >= 0):
-            raise ValueError(f"expected shortest and evidence from 0, got {self.shortest:g} and {self.evidence:g}")
+            raise RequestError(f"`area`: expected pixels above 0, got {self.area:g}")
+        for name in ("shortest", "evidence"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise RequestError(f"`{name}`: expected a number from 0, got {getattr(self, name):g}")
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,10 @@
 """Place, axis and size of an animal from the pixels that show it.
 
 Legs, and wings that are held out, are fainter than the body: the axis is that of the *core*, the pixels with at least
-half of the animal's own contrast. The place and the length are those of the pixels along that axis, no farther from it
-than the core is wide, so that a tail as faint as a wing counts and a wing held out does not.
+half of the animal's own contrast. The length is that of the pixels along that axis, no farther from it than the core is
+wide, so that a tail as faint as a wing counts and a wing held out does not. Where a body ends is soft: behind it lie
+folded wings, a tail, a shadow, each of its own contrast. So the middle is the mean of the middles that the body has at
+all levels of contrast from the faintest pixel to the core.
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ BAND = 1.25
 """Half the width of the band along the axis, in half widths of the core."""
 # Quantiles of the pixels along the axis between which the length lies.
 ENDS = (0.01, 0.99)
+LEVELS = 9
+"""Levels of contrast at which the middle is taken."""
 FEWEST = 8
 
 
@@ -106,8 +110,8 @@ def pose_of(pixels: FloatArray, contrast: FloatArray, touched: Expected | None =
     band = np.abs((pixels - middle) @ across) <= BAND * half
     weight, along_body = contrast[band], (pixels[band] - middle) @ along
     low, high = np.quantile(along_body, ENDS)
-    centre, length = float(along_body.mean()), float(high - low) + 1.0
-    away = along_body - centre
+    centre, length = _middle(along_body, weight, CORE * np.quantile(contrast, PEAK)), float(high - low) + 1.0
+    away = along_body - along_body.mean()
     asymmetry = np.array([np.average(away, weights=weight), np.mean(away**3) / length**2]) / length
     if touched is not None:
         same = np.cos(touched.axis) * along[0] + np.sin(touched.axis) * along[1] >= 0
@@ -124,3 +128,12 @@ def pose_of(pixels: FloatArray, contrast: FloatArray, touched: Expected | None =
         asymmetry=asymmetry,
         contact=touched is not None,
     )
+
+
+def _middle(along: FloatArray, contrast: FloatArray, core: float) -> float:
+    """The mean of the middles between both ends, over levels of contrast from the faintest pixel to ``core``."""
+    order = np.argsort(along)
+    along, contrast = along[order], contrast[order]
+    parts = [along[contrast >= level] for level in np.linspace(contrast.min(), core, LEVELS)]
+    ends = [part[[round(end * (len(part) - 1)) for end in ENDS]] for part in parts if len(part) >= FEWEST]
+    return float(np.mean(ends)) if ends else float(along.mean())

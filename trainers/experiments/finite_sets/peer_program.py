@@ -2,7 +2,8 @@
 
     python peer_program.py < job.json > result.json
 
-A job is ``{"model": {…}, "scans": [[[x, y], …], …]}`` with the model's numbers; the result is ``{"version": …, "found":
+A job is ``{"model": {…}, "scans": [[[x, y], …], …]}`` with the model's numbers, ``leave`` "gone" where the filters are
+told that a target which leaves the region has ended; the result is ``{"version": …, "found":
 {filter: {"rows": [[scan, id, x, y], …], "milliseconds": [one a scan]}}}``. Nothing of Tsuiseki is imported here.
 """
 
@@ -16,6 +17,7 @@ import warnings
 from importlib import metadata
 
 import numpy as np
+from scipy.stats import norm
 
 SLOWEST = 120.0
 """Seconds after which a filter is given up on; its rows end there."""
@@ -86,6 +88,19 @@ def births(model, cells):
     return [(np.array([x, 0.0, y, 0.0]), covariance) for x, y in places]
 
 
+def stays(model, means, covariances):
+    """Probability that targets ``(N, 4)`` still lie in the region a scan later, each axis by itself; 1 if not told."""
+    if model["leave"] != "gone":
+        return np.ones(len(means))
+    gain = model["acceleration"] * np.kron(np.eye(2), [[0.5], [1.0]])
+    move = np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]])
+    after = np.array(means, dtype=float).reshape(-1, 4) @ move.T
+    spread = move @ np.array(covariances, dtype=float).reshape(-1, 4, 4) @ move.T + gain @ gain.T
+    middle, deviation = after[:, ::2], np.sqrt(np.diagonal(spread, axis1=1, axis2=2)[:, ::2])
+    half = 0.5 * model["side"]
+    return np.prod(norm.cdf((half - middle) / deviation) - norm.cdf((-half - middle) / deviation), axis=1)
+
+
 def gm_phd(model):
     """Stone Soup's Gaussian-mixture PHD filter with one wide birth component; targets by weight, ids by tags."""
     from stonesoup.hypothesiser.distance import DistanceHypothesiser
@@ -120,7 +135,12 @@ def gm_phd(model):
             for mean, covariance in new
         ]
         found = {Detection(z[:, None], timestamp=now, measurement_model=sensor) for z in scan}
-        components = [*state["components"], *born]
+        kept = state["components"]
+        for one, share in zip(
+            kept, stays(model, [c.state_vector[:, 0] for c in kept], [c.covar for c in kept]), strict=True
+        ):
+            one.weight = one.weight * share
+        components = [*kept, *born]
         updated = updater.update(hypothesiser.hypothesise(components, found, now))
         state["components"] = list(reducer.reduce(updated))
         shown = [c for c in state["components"] if c.weight > 0.5 and c.tag != "birth"]
@@ -163,6 +183,10 @@ def jpda(model):
 
     def step(number, scan):
         now = moment(number)
+        if model["leave"] == "gone":
+            half = 0.5 * model["side"]
+            out = [t for t in tracks if max(abs(t.state_vector[0, 0]), abs(t.state_vector[2, 0])) > half]
+            tracks.difference_update(out)
         found = {Detection(z[:, None], timestamp=now, measurement_model=sensor) for z in scan}
         used = set()
         for track, hypotheses in associator.associate(tracks, found, now).items():
@@ -214,11 +238,23 @@ def lmb(model):
     )
 
     def step(number, scan):
+        if model["leave"] == "gone":
+            chosen.set_tracks([lmb_track_that_stays(model, track) for track in chosen.get_tracks()])
         estimate = chosen.step([np.asarray(z) for z in scan], number)
         names = [number_of((t.label.birth_time, t.label.birth_location)) for t in estimate.tracks]
         return [(name, t.mean[0], t.mean[2]) for name, t in zip(names, estimate.tracks, strict=True)]
 
     return step
+
+
+def lmb_track_that_stays(model, track):
+    """The track with the existence and the weights that are left of it if what leaves the region has ended."""
+    import multisensor_lmb_filters_rs as rs
+
+    weights = np.array(track.w) * stays(model, track.mu, track.sigma)
+    total = max(float(weights.sum()), 1e-12)
+    means, covariances = np.array(track.mu).tolist(), np.array(track.sigma).tolist()
+    return rs._TrackData(track.label, track.existence * total, means, covariances, (weights / total).tolist())
 
 
 NUMBERS = {}

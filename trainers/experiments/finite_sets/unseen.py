@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from tsuiseki.tracking.trackers.measurements import Lag, MeasurementMethod, Meas
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.told_filter import told_filter
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import STANDARD_PLACES, UnseenSettings, unseen_scenario
+from tsuiseki.trainers.experiments.intervals import interval
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 
 PROGRAM = Path(__file__).with_name("peer_program.py")
@@ -30,8 +32,9 @@ METHODS: Mapping[str, tuple[MeasurementMethod, Lag]] = {
     "labelled, a scan later": ("labelled", 1),
     "phd": ("phd", 0),
 }
-FIRST_SEED = 300
-"""Of the scenarios: nothing else draws from it on."""
+TELLING: Mapping[Literal["unseen", "gone"], str] = {"unseen": "", "gone": ", told of exits"}
+FIRST_SEED = 700
+"""Of the scenarios: nothing was scored on them before."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,8 @@ def reproduce(
 ) -> Outcome:
     """The labelled and the PHD filter on new scenarios, births anywhere or at known places, beside peers.
 
-    DIR gets results.json and tables.md.
+    A target that leaves the region has ended. Every filter is run twice: not told so, and told. What any of them shows
+    outside the region is dropped. DIR gets results.json and tables.md.
 
     Args:
         bench: where it works.
@@ -78,20 +82,25 @@ def reproduce(
     rows: dict[tuple[str, str], list[UnseenRun]] = {}
     jobs = [(kind, number) for number in range(seed, seed + seeds) for kind in KINDS]
     for kind, number in bench.watch.over(jobs, "scenarios", len(jobs)):
-        settings = replace(KINDS[kind], clutter=clutter)
-        for name, (method, lag) in METHODS.items():
-            run = bench.store.recall(run_ours, settings, number, method, particles, lag)
-            rows.setdefault((kind, name), []).append(run)
-        rows.setdefault((kind, TOLD), []).append(bench.store.recall(run_told, settings, number))
-        if found is not None:
-            for name, run in bench.store.recall(run_peers, found, PROGRAM, settings, number).items():
-                rows.setdefault((kind, name), []).append(run)
+        plain = replace(KINDS[kind], clutter=clutter)
+        for leave, suffix in TELLING.items():
+            settings = replace(plain, leave=leave)
+            for name, (method, lag) in METHODS.items():
+                run = bench.store.recall(run_ours, settings, number, method, particles, lag)
+                rows.setdefault((kind, name + suffix), []).append(run)
+            if found is not None:
+                for name, run in bench.store.recall(run_peers, found, PROGRAM, settings, number).items():
+                    rows.setdefault((kind, name + suffix), []).append(run)
+        rows.setdefault((kind, TOLD), []).append(bench.store.recall(run_told, plain, number))
     version = f"; peers: {found.version}" if found else ""
     note = f"{seeds} scenarios of each kind from seed {seed}, clutter {clutter:g}; ± is the standard error{version}."
     values = [
         {"births": kind, "filter": name, "runs": [asdict(run) for run in runs]} for (kind, name), runs in rows.items()
     ]
-    return Outcome(values, [_table(kind, rows) for kind in KINDS], notes=[note])
+    tables = [_table(kind, rows) for kind in KINDS]
+    if found is not None:
+        tables.append(_differences(rows))
+    return Outcome(values, tables, notes=[note])
 
 
 def run_ours(settings: UnseenSettings, seed: int, method: MeasurementMethod, particles: int, lag: Lag = 0) -> UnseenRun:
@@ -108,7 +117,7 @@ def run_ours(settings: UnseenSettings, seed: int, method: MeasurementMethod, par
         for track in tracker.tracks()
         for scan, place in zip(track.scans, track.positions, strict=True)
     ]
-    return _scored(scenario.truth, rows, [1e3 * each for each in seconds])
+    return _scored(scenario.truth, _inside(settings, rows), [1e3 * each for each in seconds])
 
 
 def run_told(settings: UnseenSettings, seed: int) -> UnseenRun:
@@ -118,7 +127,7 @@ def run_told(settings: UnseenSettings, seed: int) -> UnseenRun:
 
 
 def run_peers(peer: Peer, program: Path, settings: UnseenSettings, seed: int) -> dict[str, UnseenRun]:
-    """Every filter of the peer's environment. What they show outside the region, where no target can be, is dropped.
+    """Every filter of the peer's environment.
 
     Args:
         peer: which.
@@ -126,13 +135,19 @@ def run_peers(peer: Peer, program: Path, settings: UnseenSettings, seed: int) ->
         settings: of the scenario.
         seed: likewise.
     """
-    scenario, half = unseen_scenario(settings, seed), 0.5 * settings.side
+    scenario = unseen_scenario(settings, seed)
     job = {"model": asdict(settings), "scans": [scan.measurements.tolist() for scan in scenario.scans]}
     found = peer.answer(program, job)["found"]
-    inside = {
-        name: [row for row in one["rows"] if max(abs(row[2]), abs(row[3])) <= half] for name, one in found.items()
+    return {
+        name: _scored(scenario.truth, _inside(settings, one["rows"]), one["milliseconds"])
+        for name, one in found.items()
     }
-    return {name: _scored(scenario.truth, inside[name], one["milliseconds"]) for name, one in found.items()}
+
+
+def _inside(settings: UnseenSettings, rows: Sequence[Sequence[float]]) -> list[Sequence[float]]:
+    """Rows scan, id, x, y of places in the region: no target can be outside."""
+    half = 0.5 * settings.side
+    return [row for row in rows if max(abs(row[2]), abs(row[3])) <= half]
 
 
 def _scored(truth: PointTracks, rows: Sequence[Sequence[float]], milliseconds: Sequence[float]) -> UnseenRun:
@@ -162,3 +177,21 @@ def _table(kind: str, rows: Mapping[tuple[str, str], Sequence[UnseenRun]]) -> Ta
             (name, f"{first.mean():.2f} ± {error:.2f}", *(f"{m:.2f}" for m in means), f"{switches:.1f}", f"{time_:.2f}")
         )
     return Table("", columns, lines)
+
+
+def _differences(rows: Mapping[tuple[str, str], Sequence[UnseenRun]]) -> Table:
+    """OSPA of the labelled filter less that of each peer that is told as much, paired by scenario."""
+    suffixes = sorted(TELLING.values(), key=len, reverse=True)
+    ours = {*(name + suffix for name in METHODS for suffix in suffixes), TOLD}
+    lines = []
+    for (kind, name), runs in rows.items():
+        if name in ours:
+            continue
+        suffix = next(one for one in suffixes if name.endswith(one))
+        gaps = [
+            mine.scores.ospa1 - other.scores.ospa1
+            for mine, other in zip(rows[kind, "labelled" + suffix], runs, strict=True)
+        ]
+        mean, low, high = interval(np.array(gaps)) if len(gaps) > 1 else (gaps[0], float("nan"), float("nan"))
+        lines.append((f"births {kind}", name, f"{mean:+.2f} [{low:+.2f}, {high:+.2f}]"))
+    return Table("Labelled less each peer that is told as much", ("", "peer", "OSPA p=1, 95 %"), lines)

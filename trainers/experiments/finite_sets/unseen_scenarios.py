@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class UnseenSettings:
         speed: deviation of a new target's velocity.
         places: ``(x, y)`` where all new targets appear, known to the filters; by default anywhere.
         place_spread: their deviation about a place.
+        leave: ``gone`` tells the filters that a target which leaves the region has ended, as it has.
     """
 
     clutter: float = 10.0
@@ -50,6 +52,7 @@ class UnseenSettings:
     speed: float = 10.0
     places: tuple[tuple[float, float], ...] = ()
     place_spread: float = 10.0
+    leave: Literal["gone", "unseen"] = "unseen"
 
     @property
     def model(self) -> SensingModel:
@@ -58,7 +61,7 @@ class UnseenSettings:
         return SensingModel(
             SensorSettings("linear", (self.deviation,)), (MotionSettings("constant-velocity", self.acceleration),),
             detection=self.detection, survival=self.survival, clutter=self.clutter,
-            region=((-half, half), (-half, half)), leave="gone",
+            region=((-half, half), (-half, half)), leave=self.leave,
             births=BirthSettings(self.births, self.speed, self._places()),
         )  # fmt: skip
 

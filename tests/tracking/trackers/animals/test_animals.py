@@ -193,9 +193,23 @@ def test_a_wing_held_out_moves_neither_axis_nor_place():
     assert abs(np.sin(held.axis - alone.axis)) < 0.01
 
 
+def test_a_wing_folded_behind_the_body_moves_its_middle_by_its_own_contrast_only():
+    y, x = np.mgrid[-20:21, -60:41]
+    body = (x / 30) ** 2 + (y / 9) ** 2 <= 1
+    wing = (x > -50) & (x < 0) & (abs(y) < 6) & ~body
+    points = lambda mask: np.stack([x[mask], y[mask]], axis=1).astype(float)  # noqa: E731
+    # The outline's middle is at (30 - 49) / 2. Levels go in steps of 10 from the faintest pixel, 20, to the core, 100.
+    for contrast, levels in ((25.0, 1), (65.0, 5), (100.0, 9)):
+        values = np.where(body, 200.0, contrast)
+        values[20, 60] = 20.0
+        found = pose_of(points(body | wing), values[body | wing])
+        np.testing.assert_allclose(abs(found.place[0]), 9.5 * levels / 9, atol=0.6)
+
+
 def test_wrong_settings_are_refused():
-    with pytest.raises(ValueError, match="smallest in"):
-        AnimalSettings(smallest=1.0)
+    for name, value in (("smallest", 1.0), ("forward", 0.6), ("area", 0.0), ("shortest", -1.0), ("evidence", -1.0)):
+        with pytest.raises(RequestError, match=f"`{name}`: expected"):
+            AnimalSettings(**{name: value})
     with pytest.raises(RequestError, match="at least one frame"):
         learn_background([])
     background = learn_background([scene([])])
