@@ -176,6 +176,7 @@ COMMANDS: Tree = {
             "end-to-end": Experiment("costs learnt through the flow", "end_to_end.end_to_end"),
             "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
             "stereo-sphere": Experiment("a ball in space from two cameras", "sphere.stereo_sphere"),
+            "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere.measured_points"),
             "multiview-drone": Experiment("a drone in space from measured pixels", "sphere.multiview_drone"),
         },
     ),

@@ -46,7 +46,7 @@ def track_sphere_points(
         files: a CSV for each camera (`tracking.formats.space.ball_points`), in the order of the cameras.
         cameras: ``cameras.yaml`` with one entry per file, each with its frame_rate.
         start: ``(3,)`` the ball at first, metres; by default where two cameras that see it say.
-        settings: see `SphereSettings`; the likelihood is not used.
+        settings: see `SphereSettings`; no preset and no likelihood, for there is no image.
         deviation: standard deviation of a measured pixel along x and y.
         radius: of the ball, metres, for its bounces.
         seed: of all random numbers.
@@ -75,6 +75,11 @@ def sphere_points_run(
         RequestError: something of this cannot be used; the message says what and why.
     """
     settings = settings or SphereSettings()
+    for name, expected in (("preset", "extended"), ("likelihood", "contour")):
+        if getattr(settings, name) != expected:
+            raise RequestError(
+                f"`{name}`: expected none with `points`, which have no image to weigh; got {getattr(settings, name)}"
+            )
     placed = read_cameras(Path(cameras))
     if len(files) != len(placed) or len(files) < 2:
         raise RequestError(

@@ -10,16 +10,20 @@ from typing import Literal, TypeAlias
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity, RandomWalk
 from tsuiseki.tracking.likelihoods.printed_contour import (
     DividedContourLikelihood,
     MinMaxWeights,
     PrintedContourLikelihood,
 )
 from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
+from tsuiseki.tracking.pipelines.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.types import ImageArray
 
-WALK, FLIGHT = RandomWalk(0.12), ConstantVelocity(0.8)
+RADIUS, SMALL = 0.10, 0.02
+"""Of the ball, metres; seen from 4 m it is 35 pixels across, the small one 7."""
+PAPER, OURS = SphereSettings(preset="paper"), SphereSettings()
+WALK, FLIGHT = chosen_motion(PAPER, RADIUS), chosen_motion(OURS, RADIUS)
+"""Of `track sphere --preset paper` and of `track sphere`; with them the rows are what the command runs."""
 PARTICLES = (50, 100, 200, 500, 1000, 2000)
 CAMERAS = (2, 3, 4, 6)
 COVERED = (0, 5, 10, 20, 40)
@@ -60,6 +64,7 @@ class Configuration:
         stages: of weighing in a step.
         camera_error: turns each camera so far that the middle of its image moves by so many pixels.
         radius_error: of the radius that the tracker is told, over the true one.
+        ball: radius of the film's ball, metres.
         exposure, defocus, readout: of the film, `CarriedBallSettings`.
         late: seconds by which camera 2 takes its frames later than camera 1.
     """
@@ -68,22 +73,23 @@ class Configuration:
     name: str
     likelihood: LikelihoodName = "contour"
     motion: Motion = WALK
-    particles: int = 500
+    particles: int = OURS.particles
     cameras: int = 2
     covered: int = 0
     notices: bool = True
     stages: int = 2
     camera_error: float = 0.0
     radius_error: float = 0.0
+    ball: float = RADIUS
     exposure: float = 0.0
     defocus: float = 0.0
     readout: float = 0.0
     late: float = 0.0
 
     @property
-    def of_film(self) -> tuple[float, float, float, float]:
+    def of_film(self) -> tuple[float, float, float, float, float]:
         """What the film itself depends on."""
-        return self.exposure, self.defocus, self.readout, self.late
+        return self.ball, self.exposure, self.defocus, self.readout, self.late
 
 
 def configurations() -> list[Configuration]:
@@ -95,8 +101,8 @@ def paper_and_additions() -> list[Configuration]:
     """Section 3 of the paper as printed, and one addition after the other up to what `track sphere` does."""
     at_once = partial(Configuration, "section 3", notices=False, stages=1)
     return [
-        at_once("background, as printed (2.2.1)", "background"),
-        at_once("contour, as printed (2.2.2), weights over their sum", "printed"),
+        at_once("background, as printed (2.2.1): `--preset paper --likelihood background`", "background"),
+        at_once("contour, as printed (2.2.2), weights over their sum: `--preset paper`", "printed"),
         at_once("contour, as printed, weights from least 0 to greatest 1", "printed, scaled"),
         at_once("(not in the paper: its sum to the fourth power)", "printed, fourth power"),
         at_once("+ r0 on the true ellipse", "ellipse"),
@@ -115,6 +121,7 @@ def disturbed() -> list[Configuration]:
         *((f"cameras turned by {p:g} px", {"camera_error": p}) for p in (1.0, 2.0, 5.0)),
         *((f"radius {100 * r:+.0f} %", {"radius_error": r}) for r in (-0.05, 0.05, 0.1)),
         *((f"out of focus, {s:g} px", {"defocus": s}) for s in (2.0, 4.0)),
+        ("a ball of 7 px across", {"ball": SMALL}),
         ("smeared, exposure 1/15 s", {"exposure": 1 / 15}),
         ("rolling shutter, 1/30 s", {"readout": 1 / 30}),
         *((f"camera 2 late by 1/{n} s", {"late": 1 / n}) for n in (60, 30, 15)),

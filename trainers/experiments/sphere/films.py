@@ -25,7 +25,7 @@ from tsuiseki.tracking.filters.particles.views import Covering
 from tsuiseki.tracking.trackers.sphere.sphere import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.experiment import Watch
-from tsuiseki.trainers.experiments.sphere.configurations import FIRST_COVERED, LIKELIHOODS, Configuration
+from tsuiseki.trainers.experiments.sphere.configurations import FIRST_COVERED, LIKELIHOODS, OURS, Configuration
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class _Run:
         self.rng = np.random.default_rng((seed, 4))
         # The paper measures where the ball is at the start.
         self.state: SphereState = self.tracker.start_at(
-            scene.truth[0], 0.02, row.particles, row.cameras, self.rng, float(scene.times[0])
+            scene.truth[0], OURS.spread, row.particles, row.cameras, self.rng, float(scene.times[0])
         )
         self.hidden = range(FIRST_COVERED, FIRST_COVERED + row.covered)
         self.points: list[FloatArray] = []

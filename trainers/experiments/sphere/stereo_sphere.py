@@ -6,11 +6,13 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, backgrounds, film, make_scene
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.intervals import interval
 from tsuiseki.trainers.experiments.sphere.configurations import Configuration, Group, configurations
 from tsuiseki.trainers.experiments.sphere.films import FilmErrors, over_seeds, run_film
 from tsuiseki.trainers.experiments.sphere.plots import Results, errors_figure, paths_figure, pictures_figure
@@ -19,7 +21,7 @@ from tsuiseki.trainers.experiments.sphere.plots import Results, errors_figure, p
 PAPER = {"background": (0.200, 0.295, 0.0990), "contour": (0.0320, 0.0488, 0.0103)}
 # The paper's own numbers stand below the row that is their method.
 PAPER_BELOW = {"background": "background", "printed, scaled": "contour"}
-COLUMNS = ("to position: mean", "max", "sd", "to path: mean", "max", "sd")
+COLUMNS = ("to position: mean, 95 % over films", "max", "sd", "to path: mean, 95 %", "max", "sd")
 NOT_THE_PAPERS = ("–", "–", "–")
 PAPER_FRAME = 20
 """The frame of figures 2 and 5, counted from 1."""
@@ -59,17 +61,18 @@ def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: Group | Non
         [_values(row, films) for row, films in results.items()],
         tables,
         _plots(results, frames, seed),
-        notes=[f"Errors in cm over {seeds} films: mean over films of mean and sd, greatest max."],
+        notes=[f"Errors in cm over {seeds} films: mean over films of mean and sd, greatest max; 95 % by Student's t."],
     )
 
 
 def _film_settings(rows: Sequence[Configuration], frames: int) -> CarriedBallSettings:
-    exposure, defocus, readout, late = rows[0].of_film
+    ball, exposure, defocus, readout, late = rows[0].of_film
     cameras = max(row.cameras for row in rows)
     lateness = (0.0, late, *[0.0] * (cameras - 2)) if late else ()
     return CarriedBallSettings(
-        cameras=cameras, frames=frames, exposure=exposure, defocus=defocus, readout=readout, lateness=lateness
-    )
+        cameras=cameras, frames=frames, radius=ball, exposure=exposure, defocus=defocus, readout=readout,
+        lateness=lateness,
+    )  # fmt: skip
 
 
 def _values(row: Configuration, films: Mapping[int, FilmErrors]) -> dict[str, object]:
@@ -88,8 +91,12 @@ def _group_table(group: str, results: Results) -> Table:
     for row, films in results.items():
         if row.group != group:
             continue
-        values = [100 * v for s in over_seeds(films) for v in (s.mean, s.maximum, s.deviation)]
-        lines.append((row.name, *(f"{v:.2f}" for v in values)))
+        cells = []
+        for pooled, name in zip(over_seeds(films), ("to_position", "to_path"), strict=True):
+            mean, low, high = interval(100 * np.array([getattr(one, name).mean for one in films.values()]))
+            between = f" [{low:.2f}, {high:.2f}]" if len(films) > 1 else ""
+            cells += [f"{mean:.2f}{between}", f"{100 * pooled.maximum:.2f}", f"{100 * pooled.deviation:.2f}"]
+        lines.append((row.name, *cells))
         paper = PAPER_BELOW.get(row.likelihood) if group == "section 3" else None
         if paper is not None:
             lines.append((f"{paper}, the paper's film", *NOT_THE_PAPERS, *(f"{100 * v:.2f}" for v in PAPER[paper])))

@@ -107,6 +107,8 @@ def test_wrong_requests_get_one_line(throw: Path, tmp_path: Path, capsys: pytest
     for words, reason in (
         (["--points", str(throw / "a.csv")], "--points: expected at least two files and one camera for each, got 1"),
         (["--points", files, "--overlay"], "--points: expected no videos"),
+        (["--points", files, "--preset", "paper"], "--preset: expected none with --points"),
+        (["--points", files, "--likelihood", "background"], "--likelihood: expected none with --points"),
         (["--points", files, "--deviation", "0"], "expected a --deviation above 0"),
         ([], "--radius: expected the ball's radius"),
     ):
