@@ -168,6 +168,7 @@ COMMANDS: Tree = {
             ),
             "drone-crowd": Experiment("where what people do tells them apart", "drone.crowd"),
             "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "finite_sets.unseen"),
+            "phd-motions": Experiment("targets that are calm and agile by turns", "finite_sets.motions"),
             "blobs": Experiment("coloured objects, beside components and SORT", "finite_sets.blobs"),
             "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),
             "association": Experiment(

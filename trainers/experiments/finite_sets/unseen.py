@@ -12,6 +12,7 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.trackers.measurements import Lag, MeasurementMethod, MeasurementTracker
+from tsuiseki.tracking.types.measurements import SensingModel
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.told_filter import told_filter
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import STANDARD_PLACES, UnseenSettings, unseen_scenario
@@ -103,10 +104,17 @@ def reproduce(
     return Outcome(values, tables, notes=[note])
 
 
-def run_ours(settings: UnseenSettings, seed: int, method: MeasurementMethod, particles: int, lag: Lag = 0) -> UnseenRun:
-    """One of ours, as `track points` runs it."""
+def run_ours(
+    settings: UnseenSettings,
+    seed: int,
+    method: MeasurementMethod,
+    particles: int,
+    lag: Lag = 0,
+    model: SensingModel | None = None,
+) -> UnseenRun:
+    """One of ours, as `track points` runs it; ``model`` is by default that of the settings."""
     scenario = unseen_scenario(settings, seed)
-    tracker = MeasurementTracker(settings.model, method, particles, seed=0, lag=lag)
+    tracker = MeasurementTracker(model or settings.model, method, particles, seed=0, lag=lag)
     seconds = []
     for scan in scenario.scans:
         begin = time.process_time()

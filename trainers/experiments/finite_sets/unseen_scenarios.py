@@ -32,6 +32,9 @@ class UnseenSettings:
         survival, detection: probabilities.
         acceleration: standard deviation that the filters are told, constant over each step.
         bends: that of the true paths; 0 for straight ones.
+        agile: deviation of the true acceleration of targets that manoeuvre; above 0 each is calm (``bends``) and
+            agile by turns.
+        switching: changes between the two a second.
         deviation: of a measured coordinate.
         speed: deviation of a new target's velocity.
         places: ``(x, y)`` where all new targets appear, known to the filters; by default anywhere.
@@ -48,6 +51,8 @@ class UnseenSettings:
     detection: float = 0.98
     acceleration: float = 5.0
     bends: float = 5.0
+    agile: float = 0.0
+    switching: float = 0.1
     deviation: float = 10.0
     speed: float = 10.0
     places: tuple[tuple[float, float], ...] = ()
@@ -94,14 +99,19 @@ def unseen_scenario(settings: UnseenSettings, seed: int) -> UnseenScenario:
     """A scenario of its own for each seed. A target that leaves the region is gone."""
     rng, half = np.random.default_rng(seed), 0.5 * settings.side
     states, names, born = np.empty((0, 4)), np.empty(0, dtype=np.int64), 0
+    agile = np.empty(0, dtype=np.bool_)
+    change = 0.5 * (1 - np.exp(-2 * settings.switching))
     frames: list[IntArray] = []
     ids: list[IntArray] = []
     places: list[FloatArray] = []
     scans, sources = [], []
     for k in range(settings.steps):
         alive = rng.random(len(states)) < settings.survival
-        states, names = states[alive], names[alive]
-        noise = settings.bends * rng.standard_normal((len(states), 2))
+        states, names, agile = states[alive], names[alive], agile[alive]
+        noise = rng.standard_normal((len(states), 2))
+        if settings.agile:
+            agile = agile ^ (rng.random(len(states)) < change)
+        noise *= np.where(agile, settings.agile, settings.bends)[:, None]
         states = states + np.stack(
             [states[:, 1] + noise[:, 0] / 2, noise[:, 0], states[:, 3] + noise[:, 1] / 2, noise[:, 1]], axis=1
         )
@@ -112,6 +122,8 @@ def unseen_scenario(settings: UnseenSettings, seed: int) -> UnseenScenario:
         new[:, [1, 3]] = settings.speed * rng.standard_normal((count, 2))
         states = np.concatenate([states[inside], new])
         names = np.concatenate([names[inside], born + 1 + np.arange(count)])
+        starts = rng.random(count) < 0.5 if settings.agile else np.zeros(count, dtype=np.bool_)
+        agile = np.concatenate([agile[inside], starts])
         born += count
         frames.append(np.full(len(states), k, dtype=np.int64))
         ids.append(names)
