@@ -34,6 +34,8 @@ SURROUNDINGS = 0.25
 # A resting animal, or what it never uncovered, is a region of the background from this share of the usual area up to so
 # many times.
 RESTING = (0.05, 3.0)
+# Times that resting animals are looked for, each time with what the animals are known to look like by then.
+ROUNDS = 4
 # Share of the contrast of animals from which a pixel is of a core.
 CORE = 0.5
 
@@ -109,15 +111,17 @@ def learn_background(
         contrast = _found_contrast(ordered)
     back = _quantile(ordered, contrast)
     surroundings = _surroundings(back)
-    least, peak = _noise_and_peak(images, back, surroundings, contrast)
-    level = max(least, share * peak) if threshold is None else threshold
-    core = max(level, CORE * peak)
-    area = usual_area([_difference(image, back, contrast) > core for image in images])
-    resting = _resting(back, surroundings, contrast, core, area)
-    if resting.any():
+    for _ in range(ROUNDS):
+        least, peak = _noise_and_peak(images, back, surroundings, contrast)
+        level = max(least, share * peak) if threshold is None else threshold
+        core = max(level, CORE * peak)
+        area = usual_area([_difference(image, back, contrast) > core for image in images])
+        # One that moves a little shows only what it uncovers; painted over, it tells what the others look like.
+        resting = _resting(back, surroundings, contrast, core, area)
+        if not resting.any():
+            break
         grown = cv2.dilate(_filled_up(resting, _difference(back, surroundings, contrast) > level), np.ones((9, 9)))
         back = np.where(grown[..., None] > 0, surroundings, back)
-        area = usual_area([_difference(image, back, contrast) > core for image in images])
     return Background(np.ascontiguousarray(back), contrast, float(level), float(core), area)
 
 

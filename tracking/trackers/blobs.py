@@ -23,6 +23,8 @@ from tsuiseki.tracking.trackers.estimated_tracks import EstimatedTracks
 from tsuiseki.tracking.types import BoolArray, Estimate, FloatArray, Frame, IntArray, Status, Targets, Track
 
 BlobPreset = Literal["calibrated", "paper", "single"]
+BIRTHS = 0.05
+"""Expected ones a frame with the preset paper, which draws so many times the particles of a target for them (50)."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def region_filter(settings: BlobSettings) -> RegionPhdFilter:
     """The filter of several targets for the preset."""
     motion = second_order((settings.place_noise,) * 2, (settings.size_noise,) * 2, settings.smallest)
     if settings.preset == "paper":
-        births = AnywhereBirths(mass=0.05, count=settings.particles, size=settings.size)
+        births = AnywhereBirths(BIRTHS, max(round(settings.particles * BIRTHS), 1), settings.size)
         equalised = Equalised(as_printed)
         fixed = settings.particles * settings.targets
         return RegionPhdFilter(

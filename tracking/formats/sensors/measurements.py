@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -60,11 +60,14 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
 
 
 def _scans(times: FloatArray, found: FloatArray, spreads: FloatArray, own: bool) -> list[Scan]:
+    """Rows of one time are one scan; ``times`` ascend."""
+    starts = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0)
     seen = ~np.isnan(found[:, 0])
     scans = []
-    for time in np.unique(times):
-        here = seen & (times == time)
-        scans.append(Scan(float(time), found[here], spreads[here] if own else None))
+    for first, last in pairwise([*starts.tolist(), len(times)]):
+        here = slice(first, last)
+        rows = seen[here]
+        scans.append(Scan(float(times[first]), found[here][rows], spreads[here][rows] if own else None))
     return scans
 
 

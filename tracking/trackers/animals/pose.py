@@ -4,7 +4,7 @@ Legs, and wings that are held out, are fainter than the body: the axis is that o
 half of the animal's own contrast. The length is that of the pixels along that axis, no farther from it than the core is
 wide, so that a tail as faint as a wing counts and a wing held out does not. Where a body ends is soft: behind it lie
 folded wings, a tail, a shadow, each of its own contrast. So the middle is the mean of the middles that the body has at
-all levels of contrast from the faintest pixel to the core.
+all levels of contrast from the faintest pixel up to the core.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ BAND = 1.25
 """Half the width of the band along the axis, in half widths of the core."""
 # Quantiles of the pixels along the axis between which the length lies.
 ENDS = (0.01, 0.99)
-LEVELS = 9
+LEVELS = 8
 """Levels of contrast at which the middle is taken."""
 FEWEST = 8
 
@@ -131,9 +131,9 @@ def pose_of(pixels: FloatArray, contrast: FloatArray, touched: Expected | None =
 
 
 def _middle(along: FloatArray, contrast: FloatArray, core: float) -> float:
-    """The mean of the middles between both ends, over levels of contrast from the faintest pixel to ``core``."""
+    """The mean of the middles between both ends, over levels of contrast from the faintest pixel up to ``core``."""
     order = np.argsort(along)
     along, contrast = along[order], contrast[order]
-    parts = [along[contrast >= level] for level in np.linspace(contrast.min(), core, LEVELS)]
+    parts = [along[contrast >= level] for level in np.linspace(contrast.min(), core, LEVELS, endpoint=False)]
     ends = [part[[round(end * (len(part) - 1)) for end in ENDS]] for part in parts if len(part) >= FEWEST]
     return float(np.mean(ends)) if ends else float(along.mean())

@@ -105,6 +105,10 @@ def scenario_model(settings: dict[str, Any], clutter_rate: float) -> PointModel:
     return PointModel(motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume, settings["T"])
 
 
+BIRTHS_ANYWHERE = 0.1
+"""Expected births a step where a scenario names no places."""
+
+
 def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
     """The scenario's places of birth; where it names none, births anywhere, driven by the measurements."""
     if "birth_m" in settings:
@@ -114,7 +118,7 @@ def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
         )
         spread = np.asarray(settings["birth_sd"], dtype=np.float64)
         return MixtureBirths(masses, means, spread, count, scenario_sensor(settings))
-    return anywhere_births(settings, expected=0.1, count=count // 5)
+    return anywhere_births(settings, BIRTHS_ANYWHERE, count=count // 5)
 
 
 def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]:
@@ -122,7 +126,7 @@ def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]
     births = scenario_births(settings, density)
     if isinstance(births, MixtureBirths):
         return replace(births, count=max(round(density * float(np.mean(births.masses))), 1), sensor=None)
-    return replace(births, limit=max(round(density * 0.1), 1)) if isinstance(births, MeasurementBirths) else births
+    return replace(births, limit=max(round(density * BIRTHS_ANYWHERE), 1)) if isinstance(births, MeasurementBirths) else births
 
 
 def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> MeasurementBirths:
