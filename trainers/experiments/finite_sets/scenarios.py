@@ -126,7 +126,9 @@ def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]
     births = scenario_births(settings, density)
     if isinstance(births, MixtureBirths):
         return replace(births, count=max(round(density * float(np.mean(births.masses))), 1), sensor=None)
-    return replace(births, limit=max(round(density * BIRTHS_ANYWHERE), 1)) if isinstance(births, MeasurementBirths) else births
+    if isinstance(births, MeasurementBirths):
+        return replace(births, limit=max(round(density * BIRTHS_ANYWHERE), 1))
+    return births
 
 
 def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> MeasurementBirths:
