@@ -20,7 +20,7 @@ from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
-from tsuiseki.trainers.association.videos import acting, described, detected_videos, stretch
+from tsuiseki.trainers.association.videos import acting, described, detected_videos, filmed, stretch
 from tsuiseki.trainers.association.window_appearance import WindowCrops, crops_of
 from tsuiseki.trainers.association.window_detector import WindowFrames, frames_of
 
@@ -138,7 +138,8 @@ class AssociationData(lightning.LightningDataModule):
         score_threshold: it keeps what scores at least this, from 0 to 1; lower where its heads are to learn.
         heads: the windows hold their images, for the detector's heads, which learn with the costs.
         appearance: exported network that describes the detections for the tracker; with it the windows hold crops.
-        tracker: whose costs the training starts from, and who takes what it learns: track ``people`` or ``drone``.
+        tracker: whose costs the training starts from, and who takes what it learns: track ``people`` or ``drone``,
+            which takes the camera's motion from the images.
         action: exported action streams, which say what people do; costs of ``drone`` alone have a price for it.
         seconds: length of a window.
         windows: steps of an epoch.
@@ -173,7 +174,7 @@ class AssociationData(lightning.LightningDataModule):
         if action and tracker != "drone":
             raise RequestError("expected --data.tracker drone with --data.action, for people have no price of actions")
         self.detections, self.detector, self.appearance = detections, detector, appearance
-        self.settings, self.action = FLOWS[tracker], action or []
+        self.tracker, self.settings, self.action = tracker, FLOWS[tracker], action or []
         self.score_threshold, self.heads = score_threshold, heads
         self.images = WindowImages()
         self.seconds, self.windows, self.seed = seconds, windows, seed
@@ -202,6 +203,7 @@ class AssociationData(lightning.LightningDataModule):
 
         def seen(folders: list[Path], frames: tuple[int, int] | None) -> list[DetectedVideo]:
             found = detected_videos(folders, find, frames, self.seed)
+            found = map(filmed, found) if self.tracker == "drone" else found
             return [acting(described(video, look), recognise) for video in found]
 
         videos = seen(self.train, self.frames)

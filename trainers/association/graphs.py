@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.flow_loss import Arcs, DifferenceWeights
@@ -23,6 +25,7 @@ class DetectedVideo:
         size: width and height of the image; None where not known.
         images: files, one a frame; none where nothing looks at them.
         anchors: of each frame the ``(N,)`` anchors of a detector that its detections come from; none where unknown.
+        camera: its step into each frame, from the images; none takes the boxes.
     """
 
     name: str
@@ -32,6 +35,16 @@ class DetectedVideo:
     size: tuple[int, int] | None
     images: tuple[Path, ...] = ()
     anchors: tuple[IntArray, ...] = ()
+    camera: tuple[CameraStep, ...] = ()
+
+    def path(self) -> CameraPath | None:
+        """Where the frames lie, from the images; None where the boxes have to tell."""
+        if not self.camera:
+            return None
+        path = CameraPath()
+        for step in self.camera:
+            path.follow(step)
+        return path
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def sequence_graphs(
         changes: learnt costs with which the tracker finds the tracks along which links are priced; by default none.
     """
     settings = settings or FlowSettings()
-    preparing = FlowInput(settings.input, settings.costs.link.motion, video.frame_rate, video.size)
+    preparing = FlowInput(settings.input, settings.costs.link.motion, video.frame_rate, video.size, video.path())
     seen, scores = preparing.rows(list(video.detections) or [Detections.empty()])
     settings = replace(settings, costs=preparing.flow_costs(settings.costs))
     probability = preparing.calibration(scores)

@@ -13,6 +13,7 @@ from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.mot import read_detections
@@ -23,6 +24,8 @@ from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.experiments.association.oracle import owners_of
 
+# About what detections of MOT17, MOT15, KITTI and PETS are off their labels: much, but nearly the same in the next frame.
+LIKE_REAL = DetectorFaults(jitter=0.03, steady=0.8)
 # Okutama-Action's videos.
 OTHER_RATE = 30.0
 
@@ -41,7 +44,7 @@ def detected_videos(
         find: det/det.txt, detections drawn from the labels, or a detector that looks at the images.
         frames: first and last frame, 1-based.
         seed: of drawn detections.
-        faults: of drawn detections.
+        faults: of drawn detections; by default `LIKE_REAL`.
 
     Raises:
         RequestError: labels without detections, an id twice in a frame, nobody who counts, or detections that lie on
@@ -59,7 +62,7 @@ def detected_videos(
                 found = _given(folder, labelled.name, sequence, length)
             elif find == "simulated":
                 wide, tall = size or np.ceil(truth.boxes[:, 2:].max(axis=0)).astype(int).tolist()
-                found = simulate_detections(rng, truth, length, wide, tall, faults or DetectorFaults())
+                found = simulate_detections(rng, truth, length, wide, tall, faults or LIKE_REAL)
             else:
                 found, anchors = _detected(labelled.name, sequence, find, frames)
             images = () if sequence is None else sequence.images
@@ -98,6 +101,20 @@ def acting(video: DetectedVideo, recognise: ActionRecogniser | None) -> Detected
         images = [*images, read_image(path)][-1 - recognise.history :]
         detections.append(replace(found, actions=averaged(recognise.recognise(images, found.boxes))))
     return replace(video, detections=detections)
+
+
+def filmed(video: DetectedVideo) -> DetectedVideo:
+    """The sequence with the camera's motion, from its images, as `track drone` takes it.
+
+    Raises:
+        RequestError: it has no images.
+    """
+    _check_images(video, "the camera's motion")
+    path, steps = CameraPath(), []
+    for found, image in zip(video.detections, video.images, strict=False):
+        path.add(read_image(image), found.boxes)
+        steps.append(path.step(len(path) - 1))
+    return replace(video, camera=tuple(steps))
 
 
 def _check_images(video: DetectedVideo, what: str) -> None:
@@ -173,4 +190,5 @@ def between(video: DetectedVideo, first: int, end: int) -> DetectedVideo:
     truth: GroundTruth = video.truth.between(first, end - 1)
     moved = replace(truth, frames=truth.frames - first)
     found, images, anchors = list(video.detections[first:end]), video.images[first:end], video.anchors[first:end]
-    return replace(video, detections=found, truth=moved, images=images, anchors=anchors)
+    camera = video.camera[first:end]
+    return replace(video, detections=found, truth=moved, images=images, anchors=anchors, camera=camera)

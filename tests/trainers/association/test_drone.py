@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from tsuiseki.tracking.trackers.drone import DRONE_FLOW
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.data import AssociationData
 from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.association.videos import between, detected_videos, filmed
 from tsuiseki.trainers.exporting.export_association import export_association
 
 FRAMES = 10
@@ -54,9 +56,24 @@ def test_what_people_do_is_a_feature_of_links_and_joins(clip: Path) -> None:
 def test_the_training_prices_as_the_tracker_it_is_for(clip: Path) -> None:
     data, module = AssociationData([clip], detections="simulated", tracker="drone"), AssociationTraining()
     data.setup("fit")
+    assert module.link_cost != data.settings.costs.link == DRONE_FLOW.costs.link
     costs, count = data.learnt[0].detections.costs, len(data.learnt[0].detections)
     assert set(costs[count : 2 * count]) == {DRONE_FLOW.costs.entry}
-    assert module.link_cost != DRONE_FLOW.costs.link
+
+
+def test_the_camera_is_followed_in_the_images(clip: Path) -> None:
+    (video,) = detected_videos([clip], "simulated")
+    with_images = between(filmed(video), 2, 9)
+    path = with_images.path()
+    assert path is not None
+    assert len(path) == 7
+    assert path.unknown == []
+    assert video.path() is None
+    # The clip's camera hovers: it moves, by little.
+    shift = np.linalg.norm(path.transforms[-1][:, 2])
+    assert 0 < shift < 60
+    with pytest.raises(RequestError, match=r"expected an image a frame in img1/ for the camera's motion, got 0"):
+        filmed(replace(video, images=()))
 
 
 def test_people_have_no_price_of_actions(clip: Path) -> None:

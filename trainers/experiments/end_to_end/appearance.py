@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -11,9 +12,8 @@ import torch
 
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.tracking.preprocessing import crop_boxes
-from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.association.data import WindowImages
+from tsuiseki.trainers.association.data import FLOWS, TrackerName, WindowImages
 from tsuiseki.trainers.association.fitting import Fit, fitted
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.association.training import AssociationTraining
@@ -21,6 +21,7 @@ from tsuiseki.trainers.experiments.end_to_end.pictured import (
     Stretch,
     gap_links,
     graphs_of_video,
+    read_filmed,
     read_stretch,
     sums_of,
     tracks_on,
@@ -30,10 +31,11 @@ from tsuiseki.trainers.networks.appearance import AppearanceTraining
 Way = Literal["as it ships", "its own loss", "through the flow"]
 WAYS: tuple[Way, ...] = ("as it ships", "its own loss", "through the flow")
 STEPS, SECONDS, RATE = 40, 1.5, 0.05
+READ: dict[TrackerName, Callable[[Stretch], DetectedVideo]] = {"people": read_stretch, "drone": read_filmed}
 
 
 def appearance_sums(
-    train: tuple[Stretch, ...], tests: tuple[Stretch, ...], start: Path, way: Way, settings: FlowSettings
+    train: tuple[Stretch, ...], tests: tuple[Stretch, ...], start: Path, way: Way, tracker: TrackerName
 ) -> list[FloatArray]:
     """For each test ``(85,)``: sums of scores, then links over gaps, and those of them that the tracks have.
 
@@ -42,8 +44,9 @@ def appearance_sums(
         tests: what is tracked.
         start: exported Siamese network.
         way: how it is trained on.
-        settings: of the tracker.
+        tracker: whose costs are taken.
     """
+    settings, read = FLOWS[tracker], READ[tracker]
     torch.manual_seed(0)
     module = AssociationTraining(appearance=start, appearance_rate=RATE, contrast=0.3, joins=0.0)
     siamese = module.siamese
@@ -52,12 +55,12 @@ def appearance_sums(
         # The costs stay as they are, so that what is gained is the Siamese network's.
         module.network.requires_grad_(False)
         module.link_cost = settings.costs.link
-        graphs = [graphs_of_video(looked_at(read_stretch(one), siamese), settings) for one in train]
+        graphs = [graphs_of_video(looked_at(read(one), siamese), settings) for one in train]
         fit = Fit(steps=STEPS, seconds=SECONDS, flow=0.0 if way == "its own loss" else 1.0)
         fitted(module, graphs, fit, WindowImages(crops=(siamese.card.input_height, siamese.card.input_width)))
     sums = []
     for one in tests:
-        video = looked_at(read_stretch(one), siamese)
+        video = looked_at(read(one), siamese)
         tracks = tracks_on(video, video.detections, settings)
         sums.append(np.concatenate([sums_of(video, tracks), gap_links(video, tracks)]))
     return sums

@@ -16,7 +16,7 @@ from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.association.data import affordable
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
-from tsuiseki.trainers.association.videos import detected_videos
+from tsuiseki.trainers.association.videos import detected_videos, filmed
 from tsuiseki.trainers.experiments.association.oracle import link_counts
 
 
@@ -41,6 +41,11 @@ def read_stretch(stretch: Stretch, detector: Detector | None = None) -> Detected
     return video
 
 
+def read_filmed(stretch: Stretch) -> DetectedVideo:
+    """As `read_stretch`, with the camera's motion from the images."""
+    return filmed(read_stretch(stretch))
+
+
 def graphs_of_video(video: DetectedVideo, settings: FlowSettings | None = None) -> Graphs:
     """The networks of a stretch at the tracker's own costs."""
     graphs = sequence_graphs(video, settings)
@@ -49,7 +54,7 @@ def graphs_of_video(video: DetectedVideo, settings: FlowSettings | None = None) 
 
 def tracks_on(video: DetectedVideo, found: Sequence[Detections], settings: FlowSettings | None = None) -> list[Track]:
     """The tracks that the flow gives, by default with its own costs."""
-    tracker = FlowTracker(settings, frame_rate=video.frame_rate, size=video.size)
+    tracker = FlowTracker(settings, frame_rate=video.frame_rate, size=video.size, camera=video.path())
     for one in found:
         tracker.update(one)
     return tracker.tracks()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, as_ground_truth, street_frames, write_street
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections, write_ground_truth
+from tsuiseki.trainers.association.videos import LIKE_REAL
 from tsuiseki.trainers.experiments.association.sequences import DataSet
 
 STREETS = DataSet("streets", "generated streets", "streets")
@@ -72,7 +73,7 @@ def write_drones(folder: Path, count: StreetCount, look_alikes: float) -> None:
     )
     for number in range(count.clips):
         home = write_drone(folder / f"drone-{number:02d}", settings, count.seed + number)
-        _write_det(home, settings, np.random.default_rng([count.seed + number, 3]), DetectorFaults(missed=0.1))
+        _write_det(home, settings, np.random.default_rng([count.seed + number, 3]), replace(LIKE_REAL, missed=0.1))
 
 
 def write_pictured(folder: Path, count: StreetCount, look_alikes: float) -> None:
@@ -88,7 +89,7 @@ def write_pictured(folder: Path, count: StreetCount, look_alikes: float) -> None
             frames=count.frames, frame_rate=10.0, people=12, look_alikes=look_alikes, person_height=(40.0, 170.0)
         )
         home = write_street(folder / f"street-{number:02d}", settings, count.seed + number)
-        _write_det(home, settings, np.random.default_rng([count.seed + number, 2]), DetectorFaults(missed=0.1))
+        _write_det(home, settings, np.random.default_rng([count.seed + number, 2]), replace(LIKE_REAL, missed=0.1))
 
 
 def _faults(rng: np.random.Generator) -> DetectorFaults:

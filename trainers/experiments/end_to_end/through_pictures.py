@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.trackers.drone import DRONE_FLOW
-from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.association.data import TrackerName
 from tsuiseki.trainers.experiments.association.runs import Result
 from tsuiseki.trainers.experiments.association.tables import values_of
 from tsuiseki.trainers.experiments.end_to_end import appearance, heads
@@ -44,9 +43,9 @@ def appearance_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, 
     for title, source in sources.items():
         if source is None:
             continue
-        settings = DRONE_FLOW if title.startswith("drone") else FlowSettings()
+        tracker: TrackerName = "drone" if title.startswith("drone") else "people"
         found = {
-            way: np.stack(bench.store.recall(appearance_sums, *source, start, way, settings))
+            way: np.stack(bench.store.recall(appearance_sums, *source, start, way, tracker))
             for way in bench.watch.over(appearance.WAYS, f"appearance, {title}")
         }
         links = {way: sums[:, 83:].sum(axis=0) for way, sums in found.items()}

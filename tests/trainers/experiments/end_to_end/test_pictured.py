@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.trackers.drone import DRONE_FLOW
-from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.association.sequences import find_clips, read_clip
 from tsuiseki.trainers.experiments.end_to_end import appearance, heads
@@ -16,6 +15,7 @@ from tsuiseki.trainers.experiments.end_to_end.pictured import (
     Stretch,
     gap_links,
     graphs_of_video,
+    read_filmed,
     read_stretch,
     tracks_on,
 )
@@ -60,8 +60,8 @@ def test_a_stretch_counts_its_frames_from_its_first(pictured: Path) -> None:
 
 def test_clips_from_a_drone_are_tracked_with_its_settings(tmp_path: Path) -> None:
     write_drones(tmp_path, StreetCount(clips=1, frames=FRAMES, seed=500), 0.0)
-    video = read_stretch(Stretch(tmp_path / "drone-00", 1, FRAMES))
-    assert len(video.images) == FRAMES
+    video = read_filmed(Stretch(tmp_path / "drone-00", 1, FRAMES))
+    assert len(video.images) == len(video.camera) == FRAMES
     assert tracks_on(video, video.detections, DRONE_FLOW)
     assert len(graphs_of_video(video, DRONE_FLOW).detections) > FRAMES
 
@@ -72,7 +72,7 @@ def test_the_siamese_network_before_and_after(pictured: Path, monkeypatch: pytes
     monkeypatch.setattr(appearance, "SECONDS", 0.4)
     every = Stretch(pictured, 1, FRAMES)
     found = {
-        way: appearance.appearance_sums((every,), (every,), shipped("appearance_people"), way, FlowSettings())[0]
+        way: appearance.appearance_sums((every,), (every,), shipped("appearance_people"), way, "people")[0]
         for way in ("as it ships", "through the flow")
     }
     assert all(sums.shape == (85,) and np.isfinite(sums).all() for sums in found.values())
