@@ -24,7 +24,7 @@ from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.experiments.association.oracle import owners_of
 
-# About what detections of MOT17, MOT15, KITTI and PETS are off their labels: much, but nearly the same in the next frame.
+# About what detections of MOT17, MOT15, KITTI and PETS are off their labels: much, and much the same a frame later.
 LIKE_REAL = DetectorFaults(jitter=0.03, steady=0.8)
 # Okutama-Action's videos.
 OTHER_RATE = 30.0
