@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.pipelines.people.methods import PeopleMethod
+from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.choice import choice_table
 from tsuiseki.trainers.experiments.association.online_peers import PACKAGE, PEERS, PROGRAM, peer_tracks
@@ -35,11 +36,11 @@ from tsuiseki.trainers.experiments.association.tables import (
     sequence_table,
     values_of,
 )
-from tsuiseki.trainers.experiments.association.tracks import boxes_alone, method_tracks, observed_only
+from tsuiseki.trainers.experiments.association.tracks import boxes_alone, filled, method_tracks, observed_only
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 
-FLOW, UNFILLED = "flow", "flow, nothing filled in"
+FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
 # Where the settings of our methods come from; the peers' are their package's defaults.
 OURS: dict[PeopleMethod, str] = {
     "sort": "PETS 1–300, TUD, generated",
@@ -51,7 +52,9 @@ RATES = (30.0, 15.0, 10.0, 5.0)
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
 # Seconds after which the flow answers; None is the end.
 DELAYS = (0.5, 1.0, 2.0, 5.0, None)
-PARTS = ("methods", "losses", "rates", "delays", "choice")
+PARTS = ("methods", "losses", "filled", "rates", "delays", "choice")
+# Longest gap that the flow fills, seconds.
+FILL = FlowSettings().fill
 # Recall and precision of the given detections that the data sets' description states.
 KNOWN = {
     "MOT17-02": (0.614, 0.878), "MOT17-05": (0.814, 0.964), "MOT17-10": (0.736, 0.949), "MOT17-13": (0.822, 0.975),
@@ -69,13 +72,13 @@ class Measured:
         described: the data set.
         clips: its sequences.
         results: the rows of its table.
-        flow: our default's tracks, see `table_of`.
+        tracks: of every row, by sequence, see `table_of`.
     """
 
     described: DataSet
     clips: Sequence[Clip]
     results: Sequence[Result]
-    flow: Sequence[FloatArray]
+    tracks: Mapping[str, Sequence[FloatArray]]
 
 
 def reproduce(
@@ -96,9 +99,10 @@ def reproduce(
             over.
         sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, separated by commas.
         parts: methods (all rows, combined and by sequence), losses (the default with one kind of error mended, and the
-            right links over the same detections), rates (mot17 at 30, 15, 10 and 5 frames a second), delays (the flow
-            that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), choice (settings of the flow chosen without
-            each set, from two sets on; not by default), separated by commas.
+            right links over the same detections), filled (the other methods with their gaps of up to 2 seconds filled on
+            straight lines, as the flow fills its own), rates (mot17 at 30, 15, 10 and 5 frames a second), delays (the
+            flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), choice (settings of the flow chosen
+            without each set, from two sets on; not by default), separated by commas.
         peer: python of an environment with the package trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are measured
             beside; by default this one, if it has the package.
         gap: longest gap that the right links bridge in the picture and where the losses are told, seconds.
@@ -116,6 +120,8 @@ def reproduce(
     tables, values = _method_tables(bench, measured) if "methods" in parts else ([], {})
     if "losses" in parts:
         tables += [table for one in measured for table in _loss_tables(bench, one, gap)]
+    if "filled" in parts:
+        tables += [_filled_table(bench, one) for one in measured]
     if "rates" in parts:
         tables += [_rate_table(bench, one) for one in measured if one.described.key == "mot17"]
     if "delays" in parts:
@@ -149,9 +155,8 @@ def _measured(bench: Bench, one: DataSet, clips: Sequence[Clip], environment: Pe
         tracks.setdefault(method, []).append(bench.store.recall(method_tracks, clip, method))
     tracks[UNFILLED] = [observed_only(table) for table in tracks[FLOW]]
     if any(clip.pictures for clip in clips):
-        name = "flow, boxes alone"
-        tracks[name] = [bench.store.recall(boxes_alone, clip, "flow") for clip in clips]
-        settings[name] = OURS["flow"]
+        tracks[BOXES_ALONE] = [bench.store.recall(boxes_alone, clip, "flow") for clip in clips]
+        settings[BOXES_ALONE] = OURS["flow"]
     if environment is not None:
         for name, tables in _peers(bench, environment, one, clips).items():
             tracks[name], settings[name] = tables, "package"
@@ -160,7 +165,7 @@ def _measured(bench: Bench, one: DataSet, clips: Sequence[Clip], environment: Pe
                settings[name])
         for name, each in tracks.items()
     ]  # fmt: skip
-    return Measured(one, clips, results, tracks[FLOW])
+    return Measured(one, clips, results, tracks)
 
 
 def _peers(bench: Bench, environment: Peer, one: DataSet, clips: Sequence[Clip]) -> dict[str, list[FloatArray]]:
@@ -173,6 +178,19 @@ def _peers(bench: Bench, environment: Peer, one: DataSet, clips: Sequence[Clip])
             row = f"{name} (trackers)" + (", probabilities" if logistic else "")
             found[row] = [answer[name] for answer in answers]
     return found
+
+
+def _filled_table(bench: Bench, one: Measured) -> Table:
+    """The online methods with their gaps filled, beside the flow, which fills its own."""
+    rows = [result for result in one.results if result.name == FLOW]
+    for name, tracks in one.tracks.items():
+        if name in (FLOW, UNFILLED, BOXES_ALONE):
+            continue
+        tables = [filled(table, round(FILL * clip.rate)) for clip, table in zip(one.clips, tracks, strict=True)]
+        sums = [bench.store.recall(clip_sums, clip, table) for clip, table in zip(one.clips, tables, strict=True)]
+        settings = next(result.settings for result in one.results if result.name == name)
+        rows.append(Result(name, np.array(sums), settings))
+    return combined_table(f"{one.described.title}, gaps filled", rows, FLOW)
 
 
 def _method_tables(bench: Bench, measured: Sequence[Measured]) -> tuple[list[Table], dict[str, Any]]:
@@ -205,7 +223,7 @@ def _right(bench: Bench, clips: Sequence[Clip], seconds: float, *, filled: bool)
 
 def _loss_tables(bench: Bench, one: Measured, gap: float) -> list[Table]:
     """Where our default loses: each kind of error mended alone, and what the detections allow."""
-    kept = [observed_only(table) for table in one.flow]
+    kept = [observed_only(table) for table in one.tracks[FLOW]]
     rows = [result for result in one.results if result.name == UNFILLED]
     for what in REPAIRS:
         sums = [bench.store.recall(repaired_sums, c, t, what) for c, t in zip(one.clips, kept, strict=True)]

@@ -6,13 +6,16 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
+from tsuiseki.tracking.association.tracklets.interpolation import GapSettings, fill_gaps
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.pipelines.people.methods import PeopleMethod
 from tsuiseki.tracking.pipelines.people.tracking import track_people
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.types import Detections, FloatArray, Track
-from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
+from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of, tracks_of
 
 
 def method_tracks(clip: Clip, method: PeopleMethod, delay: float | None = None) -> FloatArray:
@@ -52,6 +55,12 @@ def without_pictures(
     with tempfile.TemporaryDirectory() as folder:
         write_sequence_info(Path(folder), clip.name, clip.rate, len(found), *clip.size)
         return track_people(folder, method, detections=list(found), delay=delay)
+
+
+def filled(table: FloatArray, longest: int) -> FloatArray:
+    """A result with its gaps of up to so many frames filled on straight lines."""
+    every = GapSettings(longest, support=np.inf, mismatch=np.inf)
+    return table_of([fill_gaps(track, every) for track in tracks_of(table)])
 
 
 def observed_only(table: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ from tsuiseki.trainers.experiments.association.sequences import (
     table_of,
     tracks_of,
 )
-from tsuiseki.trainers.experiments.association.tracks import method_tracks
+from tsuiseki.trainers.experiments.association.tracks import filled, method_tracks
 from tsuiseki.trainers.experiments.peers import find_peer
 
 LENGTH, RATE = 24, 20.0
@@ -80,6 +80,7 @@ def test_every_row_is_measured_and_kept(data: Path, tmp_path: Path, capsys: pyte
         assert row["labelled"] == 2 * 4 * LENGTH
         assert row["false_positives"] < 0.05 * row["labelled"]
     assert values["flow"]["mota"] > values["flow, nothing filled in"]["mota"]
+    assert "MOT17 val-half, gaps filled" in (tmp_path / "out/tables.md").read_text()
     rows = list(csv.DictReader((tmp_path / "out/scores.csv").read_text().splitlines()))
     assert {row["sequence"] for row in rows} == {"ONE", "TWO", "combined"}
     kept = sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.json"))
@@ -127,6 +128,15 @@ def test_peers_are_run_where_they_are_installed(data: Path, tmp_path: Path, stan
     for name in PEERS:
         assert values["sets"]["mot17"][f"{name} (trackers)"]["id_switches"] == 0
         assert values["sets"]["mot17"][f"{name} (trackers)"]["idf1"] > 0.9
+
+
+def test_gaps_of_the_others_can_be_filled_as_the_flow_fills_its_own() -> None:
+    boxes = np.array([[t, 0, t + 20, 50] for t in (0.0, 1, 2, 6, 7, 30)])
+    track = Track(3, np.array([0, 1, 2, 6, 7, 30]), boxes, np.ones(6))
+    (done,) = tracks_of(filled(table_of([track]), longest=5))
+    assert done.frames.tolist() == [*range(8), 30]
+    np.testing.assert_allclose(done.boxes[:8, 0], np.arange(8))
+    assert done.observed.tolist() == [True] * 3 + [False] * 3 + [True] * 3
 
 
 def test_a_python_without_the_peers_is_named(tmp_path: Path) -> None:
