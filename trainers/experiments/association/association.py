@@ -99,7 +99,7 @@ def reproduce(
             over.
         sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, separated by commas.
         parts: methods (all rows, combined and by sequence), losses (the default with one kind of error mended, and the
-            right links over the same detections), filled (the other methods with their gaps of up to 2 seconds filled on
+            right links over the same detections), filled (the other methods, gaps of up to 2 seconds filled on
             straight lines, as the flow fills its own), rates (mot17 at 30, 15, 10 and 5 frames a second), delays (the
             flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), choice (settings of the flow chosen
             without each set, from two sets on; not by default), separated by commas.
