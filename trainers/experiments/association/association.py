@@ -13,6 +13,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.pipelines.people.methods import PeopleMethod
 from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.association.camera import camera_table
 from tsuiseki.trainers.experiments.association.choice import choice_table
 from tsuiseki.trainers.experiments.association.online_peers import PACKAGE, PEERS, PROGRAM, peer_tracks
 from tsuiseki.trainers.experiments.association.oracle import REPAIRS
@@ -52,7 +53,7 @@ RATES = (30.0, 15.0, 10.0, 5.0)
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
 # Seconds after which the flow answers; None is the end.
 DELAYS = (0.5, 1.0, 2.0, 5.0, None)
-PARTS = ("methods", "losses", "filled", "rates", "delays", "choice")
+PARTS = ("methods", "losses", "filled", "rates", "delays", "camera", "choice")
 # Longest gap that the flow fills, seconds.
 FILL = FlowSettings().fill
 # Recall and precision of the given detections that the data sets' description states.
@@ -101,8 +102,9 @@ def reproduce(
         parts: methods (all rows, combined and by sequence), losses (the default with one kind of error mended, and the
             right links over the same detections), filled (the other methods, gaps of up to 2 seconds filled on
             straight lines, as the flow fills its own), rates (mot17 at 30, 15, 10 and 5 frames a second), delays (the
-            flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), choice (settings of the flow chosen
-            without each set, from two sets on; not by default), separated by commas.
+            flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), camera (its motion from boxes, from
+            pictures and from nothing on MOT17-13, where mot/mot17-13-video is there), choice (settings of the flow
+            chosen without each set, from two sets on; not by default), separated by commas.
         peer: python of an environment with the package trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are measured
             beside; by default this one, if it has the package.
         gap: longest gap that the right links bridge in the picture and where the losses are told, seconds.
@@ -126,6 +128,9 @@ def reproduce(
         tables += [_rate_table(bench, one) for one in measured if one.described.key == "mot17"]
     if "delays" in parts:
         tables += [_delay_table(bench, one) for one in measured if one.described.key in ("mot17", "pets")]
+    if "camera" in parts:
+        found = [camera_table(bench, data, one.clips) for one in measured if one.described.key == "mot17"]
+        tables += [table for table in found if table is not None]
     if "choice" in parts and len(there) > 1:
         tables.append(choice_table(bench, there))
     limits = {one.described.title: _right(bench, one.clips, gap, filled=True) for one in measured}

@@ -12,8 +12,10 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types import Track
+from tsuiseki.trainers.experiments.association.camera import followed
 from tsuiseki.trainers.experiments.association.labelled import read_labels
 from tsuiseki.trainers.experiments.association.online_peers import PACKAGE, PEERS, PROGRAM
 from tsuiseki.trainers.experiments.association.sequences import (
@@ -88,6 +90,16 @@ def test_every_row_is_measured_and_kept(data: Path, tmp_path: Path, capsys: pyte
     assert main(words(data, tmp_path, "--sets", "mot17,tud", "--overwrite")) == 0
     assert sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.json")) == kept
     assert (tmp_path / "out/tables.md").read_text() == tables
+
+
+def test_a_camera_is_followed_by_boxes_by_pictures_or_not_at_all(data: Path) -> None:
+    clip = find_clips(data, DATA_SETS[0])[0]
+    pan = CameraStep(np.array([[1.0, 0, 4.0], [0, 1, 0]]))
+    still, right, boxes = (followed(clip, way, [pan] * LENGTH) for way in ("nothing", "pictures", "boxes"))
+    np.testing.assert_array_equal(still.shifts, np.zeros((LENGTH - 1, 2)))
+    np.testing.assert_allclose(right.shifts, [[4.0, 0.0]] * (LENGTH - 1), atol=1e-9)
+    assert boxes.shifts.shape == (LENGTH - 1, 2)
+    assert len(still.unknown) == len(right.unknown) == 0
 
 
 STAND_IN = '''
