@@ -40,7 +40,7 @@ def combined_table(title: str, results: Sequence[Result], ours: str) -> Table:
         apart = ["", ""]
         if result.name != ours:
             found = intervals(base, result)
-            apart = [_interval(found["hota"]), _interval(found["idf1"])]
+            apart = [_interval(found["hota"], len(base.sums)), _interval(found["idf1"], len(base.sums))]
         rows.append([result.name, *_cells(result.sums.sum(axis=0)), *apart, result.settings])
     columns = (title, *HEADINGS, "ours − row: HOTA", "ours − row: IDF1", "settings from")
     return Table("", columns, rows)
@@ -112,5 +112,7 @@ def _share(value: FloatArray) -> str:
     return f"{float(value):.3f}"
 
 
-def _interval(found: Interval) -> str:
+def _interval(found: Interval, sequences: int) -> str:
+    if sequences == 1:
+        return f"{found.difference:+.3f}, one sequence"
     return f"{found.difference:+.3f} [{found.low:+.3f}, {found.high:+.3f}]"
