@@ -49,12 +49,15 @@ from tsuiseki.tracking.pipelines.fisheye.view import CeilingView
 from tsuiseki.tracking.report.floor import corners
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import DEFAULT_FLOW, FisheyeSettings
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.experiments.fisheye.distances import by_ring, rings_of
 
 # Height of the camera over the floor; only the person's share of it matters in the image.
 CAMERA = 3.0
+# Likewise, of the overhead stills.
+OVERHEAD_CAMERA = 2.6
 HEIGHTS = (1.0, 1.35, 1.7)
 RADII = (0.25, 0.35)
 # Of a detection that is tracked: the default of `track fisheye`.
@@ -83,12 +86,17 @@ def main() -> None:
     parser.add_argument("--view", choices=("unrolled", "image"), default="unrolled")
     parser.add_argument("--rings", default="1,4", help="tiles of each ring of unrolled views, separated by commas")
     parser.add_argument("--overhead", type=Path, default=None, help="draw the model over a still into this file")
+    parser.add_argument("--stills", type=Path, default=None, help="draw the detector's boxes over the overhead stills "
+                        "into this folder, from a score of 0.2 on, thick from 0.3")  # fmt: skip
     parser.add_argument("--blank", action="store_true", help="and leave the still out")
     options = parser.parse_args()
     if options.overhead is not None:
         overhead(options.data / "ocam-overhead", options.overhead, blank=options.blank)
         return
     cv2.setNumThreads(1)
+    if options.stills is not None:
+        stills(options.data / "ocam-overhead", options.stills)
+        return
     for path in sorted((options.data / "calibrations").glob("*.txt")):
         lens(path)
     boards(options.data / "ocam-overhead")
@@ -241,6 +249,14 @@ def detected(folder: Path, detector: Callable[[int, int], Detect], tables: dict[
     print(f"{folder.name}: detector AP50 {plain.average_precision:.3f} upright (best F1 {plain.best_f1:.2f} at "
           f"{plain.best_threshold:.2f}), {exact.average_precision:.3f} rotated")  # fmt: skip
     print(f"{folder.name}: rotated AP50 would be {_limits(labels, rotated)}")
+    sizes = {name: _picture(folder, name).shape[:2] for name in labels}
+
+    def ring_of(name: str, pixels: FloatArray) -> IntArray:
+        return rings_of(_generic(*sizes[name][::-1]))(pixels)
+
+    for row in by_ring(labels, rotated, ring_of, LEAST_SCORE):
+        print(f"{folder.name}, {row['ring']} from the axis: {row['boxes']} people, rotated AP50 {row['ap50']:.3f}, "
+              f"recall {row['recall']:.2f} from {LEAST_SCORE:g} on")  # fmt: skip
 
 
 def _limits(labels: Mapping[str, RotatedBoxes], found: Mapping[str, RotatedBoxes]) -> str:
@@ -300,14 +316,38 @@ def _put_right(truth: GroundTruth, labels: Mapping[str, RotatedBoxes]) -> Ground
     return replace(truth, ids=np.array(ids, dtype=np.int64))
 
 
+def _overhead_camera(folder: Path) -> OmnidirectionalCamera:
+    """The camera of the overhead stills, which show more at the sides than was calibrated."""
+    wide = read_lens(folder / "calib_results.txt").resized(1280, 720, "widen")
+    return pose_at(OmnidirectionalCamera(wide, np.eye(3), np.zeros(3)), OVERHEAD_CAMERA)
+
+
+def stills(folder: Path, out: Path) -> None:
+    """The overhead stills with what the shipped detector finds in them."""
+    out.mkdir(parents=True, exist_ok=True)
+    network = Detector(shipped(DETECTORS["unrolled"]), 0.2, threads=1)
+    detector = looking(network, _overhead_camera(folder), "unrolled")
+    for path in sorted((folder / "data").rglob("2016*.jpg")):
+        image = read_image(path)
+        found = detector.detect([image])[0]
+        boxes = _unturned(found.boxes)
+        boxes[:, 4] = 0 if found.angles is None else found.angles
+        drawn = image[:, :, ::-1].copy()
+        for box, score in zip(np.round(corners(boxes)).astype(np.int32), found.scores.tolist(), strict=True):
+            cv2.polylines(drawn, [box], True, (0, 160, 0), 5 if score >= LEAST_SCORE else 1, cv2.LINE_AA)
+            cv2.putText(drawn, f"{score:.2f}", tuple(box[0].tolist()), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (0, 0, 220), 2)
+        cv2.imwrite(str(out / f"{path.stem}.jpg"), drawn)
+        strong = np.round(found.scores[found.scores >= LEAST_SCORE], 2).tolist()
+        print(f"{path.stem}: scores from {LEAST_SCORE:g} on {strong}")
+
+
 def overhead(folder: Path, out: Path, *, blank: bool) -> None:
     """Somebody who stands and somebody on a chair, placed by hand, as cylinders with upright and rotated boxes."""
-    wide = read_lens(folder / "calib_results.txt").resized(1280, 720, "widen")
-    camera = pose_at(OmnidirectionalCamera(wide, np.eye(3), np.zeros(3)), 2.6)
+    camera = _overhead_camera(folder)
     picture = cv2.imread(str(folder / "data" / "12may16" / "2016-05-13-033831.jpg"))
     if blank:
         picture[:] = 250
-        cv2.circle(picture, tuple(np.round(wide.centre).astype(int).tolist()), 500, (235, 235, 235), -1)
+        cv2.circle(picture, tuple(np.round(camera.lens.centre).astype(int).tolist()), 500, (235, 235, 235), -1)
     for place, person in (((-0.31, -0.09), PersonModel(1.72)), ((0.38, 0.05), PersonModel(1.2, 0.28))):
         upright, rotated = stand(camera, np.array(place), np.array([-3.0, -3.0, 3.0, 3.0]), person)
         points = camera.project(person.outline() + np.append(place, 0.0))[0].reshape(4, -1, 2)

@@ -21,8 +21,8 @@ from tsuiseki.tracking.pipelines.fisheye.tracking import DETECTORS, CeilingLook
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments import intervals
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, at_least_one
+from tsuiseki.trainers.experiments.fisheye.distances import detections_by_ring
 from tsuiseki.trainers.experiments.fisheye.observations import (
     STAGES,
     CpuTimes,
@@ -33,7 +33,7 @@ from tsuiseki.trainers.experiments.fisheye.observations import (
 )
 from tsuiseki.trainers.experiments.fisheye.pictures import switch_pictures
 from tsuiseki.trainers.experiments.fisheye.rendered import Sequence as Clip
-from tsuiseki.trainers.experiments.fisheye.rendered import render
+from tsuiseki.trainers.experiments.fisheye.rendered import plan, render
 from tsuiseki.trainers.experiments.fisheye.rows import (
     ROWS,
     Choice,
@@ -43,31 +43,14 @@ from tsuiseki.trainers.experiments.fisheye.rows import (
     select,
     world_errors,
 )
+from tsuiseki.trainers.experiments.fisheye.tables import interval, notes, tables
 
 ROOMS: tuple[Room, ...] = ("large", "small")
 VALIDATION_SEEDS = (900, 901)
 LEAST_SCORES = (0.2, 0.3, 0.4, 0.5, 0.6)
 IMAGE_ROWS = ("baseline", "SORT", "DeepSORT")
-# MOTA of Table 4.3 at 1 and 15 frames a second: large, small, large, small.
-PAPER: dict[str, tuple[float, float, float, float]] = {
-    "baseline": (8.4, 51.0, -3.5, 48.7),
-    "SORT": (-10.5, 24.5, -1.4, 49.9),
-    "DeepSORT": (-4.3, 30.9, 6.0, 52.3),
-    "rectification": (10.2, 51.8, -3.4, 48.5),
-    "world": (8.1, 53.1, -1.1, 49.7),
-    "both": (11.7, 53.3, 6.6, 52.0),
-}
 # By how much both parts beat the best image-space row and DeepSORT at 1 frame a second, points of MOTA.
 MARGINS: dict[Room, tuple[float, float]] = {"large": (3.3, 16.0), "small": (2.3, 22.4)}
-PAPER_STAGES = {"detect": (18.8, 19.9), "look up": (0.3, 0.4), "describe": (64.4, 46.5), "associate": (2.1, 1.0)}
-PAPER_GAINS = {"aligned": 0.011, "oblique": 0.031, "centre": 17.703, "rim": 1.757}
-# Where these people are in an image of 1280x960, by the middle of their upright boxes.
-REGIONS = {
-    "aligned": "aligned, at most 22.5° from the image's axes",
-    "oblique": "oblique, the others",
-    "centre": "centre, at most 200 px from the image's middle",
-    "rim": "rim, 300 to 500 px from it",
-}
 
 
 @dataclass(frozen=True)
@@ -143,6 +126,7 @@ def reproduce(
     }
     values: dict[str, Any] = {
         "seeds": seeds,
+        "validation_seeds": list(VALIDATION_SEEDS),
         "seconds": seconds,
         "fast_seeds": fast_seeds,
         "fast_seconds": fast_seconds,
@@ -151,11 +135,12 @@ def reproduce(
         "rows": {f"{room} {rate} fps": _row_values(each) for (room, rate), each in found.items()},
         "margins": {room: _margins(found[room, 1], room) for room in ROOMS},
         "where": _where(found["large", 1]),
+        "detector": {room: _found_where(found[room, 1], room, calibration, least) for room in ROOMS},
         "milliseconds": {room: _stages(found[room, 1], chosen, least) for room in ROOMS},
     }
     pictures = switch_pictures(found["large", 1].sequences, found["large", 1].tracks, seconds, calibration)
     files = {name: cv2.imencode(".jpg", image[:, :, ::-1])[1].tobytes() for name, image in pictures.items()}
-    return Outcome(values, _tables(values), files=files, notes=_notes(values))
+    return Outcome(values, tables(values), files=files, notes=notes(values))
 
 
 def _selected(bench: Bench, validation: Sequence[Observed]) -> tuple[float, dict[str, Choice], dict[str, float]]:
@@ -212,20 +197,6 @@ def _row_values(found: _Found) -> dict[str, Any]:
     return result
 
 
-def interval(values: Sequence[float]) -> tuple[float, float | None, float | None]:
-    """Mean over rooms and the ends of its 95 % interval by Student's t; no ends where there is one room."""
-    if len(values) == 1:
-        return values[0], None, None
-    return intervals.interval(np.asarray(values, dtype=np.float64))
-
-
-def _shown(found: tuple[float, float | None, float | None], asked: float | None = None) -> str:
-    """An `interval` for a table or a note, and the thesis's value beside it."""
-    mean, low, high = found
-    around = "one room" if low is None or high is None else f"{low:.1f} to {high:.1f}"
-    return f"{mean:.1f} ({around}{'' if asked is None else f', asked {asked:g}'})"
-
-
 def _margins(found: _Found, room: Room) -> dict[str, Any]:
     """By how much both parts beat the best image-space row, chosen over all seeds, and DeepSORT; MOTA and IDF1."""
     rows = {name: _by_seed(found, name) for name in (*IMAGE_ROWS, "both")}
@@ -270,6 +241,12 @@ def _where(found: _Found) -> dict[str, Any]:
     return result
 
 
+def _found_where(found: _Found, room: Room, calibration: Path | None, least: float) -> list[dict[str, Any]]:
+    """The detections by their angle to the camera's axis; all cameras have one lens."""
+    lens = plan(Clip(room, 0, 0, 1, 1, calibration)).cameras[0].lens
+    return detections_by_ring([o for each in found.sequences.values() for o in each], lens, least)
+
+
 def _stages(found: _Found, chosen: Mapping[str, Choice], least: float) -> dict[str, float]:
     """Milliseconds a frame of each stage in the first sequence."""
     observed = next(iter(found.sequences.values()))[0]
@@ -282,53 +259,3 @@ def _stages(found: _Found, chosen: Mapping[str, Choice], least: float) -> dict[s
     result["associate"] = 1000 * times.seconds["associate"] / frames
     result["people"] = observed.persons / frames
     return result
-
-
-def _tables(values: Mapping[str, Any]) -> list[Table]:
-    tables = []
-    for k, (label, rows) in enumerate(values["rows"].items()):
-        column = {"large 1 fps": 0, "small 1 fps": 1, "large 15 fps": 2, "small 15 fps": 3}[label]
-        lines = []
-        for name, row in rows.items():
-            paper = f"{PAPER[name][column]:g}" if name in PAPER else ""
-            world = "" if row["world_error_median"] is None else f"{row['world_error_median']:.2f}"
-            lines.append([name, paper, _shown(interval(row["mota"])), f"{np.mean(row['idf1']):.1f}",
-                          f"{np.mean(row['hota']):.1f}", f"{np.mean(row['id_switches']):.0f}", world])  # fmt: skip
-        title = f"{'Table 4.3: ' if k == 0 else ''}{label}"
-        columns = ("row", "MOTA, thesis", "MOTA", "IDF1", "HOTA", "switches", "world error, m (median)")
-        tables.append(Table(title, columns, lines))
-    lines = [
-        [
-            REGIONS[label],
-            row["row"],
-            row["against"],
-            f"{PAPER_GAINS[label]:g}",
-            _shown(row["interval"]),
-        ]
-        for label, row in values["where"].items()
-    ]
-    tables.append(Table("Table 4.4: points of MOTA gained, large room, 1 fps",
-                        ("people", "row", "against", "thesis", "here"), lines))  # fmt: skip
-    stages = values["milliseconds"]
-    names = [*STAGES, "associate"]
-    lines = [
-        [n, *(f"{v:g}" for v in PAPER_STAGES.get(n, ("", ""))), *(f"{stages[room][n]:.2f}" for room in ROOMS)]
-        if n in PAPER_STAGES else [n, "", "", *(f"{stages[room][n]:.2f}" for room in ROOMS)]
-        for n in names
-    ]  # fmt: skip
-    headings = ("stage", "large, thesis", "small, thesis", "large", "small")
-    tables.append(Table("Table 4.5: milliseconds of the processor a frame", headings, lines))
-    return tables
-
-
-def _notes(values: Mapping[str, Any]) -> list[str]:
-    seeds = " and ".join(map(str, VALIDATION_SEEDS))
-    notes = [f"lowest score {values['least_score']:g}, chosen with all settings on rooms of seeds {seeds}"]
-    for room, margins in values["margins"].items():
-        asked = margins["asked"]
-        for measure in ("mota", "idf1"):
-            for label, least in (("best image row", asked[0]), ("DeepSORT", asked[1])):
-                gain = margins[f"{measure} over {label}"]
-                told = _shown(gain["interval"], least if measure == "mota" else None)
-                notes.append(f"{room}: {measure.upper()} of both over {label} ({gain['row']}): {told}")
-    return notes

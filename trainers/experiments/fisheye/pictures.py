@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.rooms.ceiling import draw_room_frame, view_room
+from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.report.overlay import draw_label, track_colour
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -32,7 +34,7 @@ def switch_pictures(
     for name, switching, keeping in (("prevented.jpg", "DeepSORT", "both"), ("remaining.jpg", "both", None)):
         for seed, each in sequences.items():
             for camera, observed in enumerate(each):
-                theirs, ours = (_named(observed, tracks[row][seed][camera]) for row in ("DeepSORT", "both"))
+                theirs, ours = (named(observed, tracks[row][seed][camera]) for row in ("DeepSORT", "both"))
                 spot = first_switch({"DeepSORT": theirs, "both": ours}[switching], ours if keeping else None)
                 if spot is not None and name not in pictures:
                     clip = Clip("large", seed, camera, seconds, 1, calibration)
@@ -40,8 +42,8 @@ def switch_pictures(
     return pictures
 
 
-def _named(observed: Observed, tracks: Sequence[FloorTrack]) -> Named:
-    """The id that tracks give to each labelled person, by frame and person."""
+def named(observed: Observed, tracks: Sequence[FloorTrack]) -> Named:
+    """The id that tracks give to each labelled person, by frame and person; no box stands for two."""
     found: Named = {}
     for frame in np.unique(observed.truth.frames).tolist():
         rows = np.flatnonzero(observed.truth.frames == frame)
@@ -49,9 +51,8 @@ def _named(observed: Observed, tracks: Sequence[FloorTrack]) -> Named:
         if not here:
             continue
         overlaps = iou_matrix(observed.truth.boxes[rows], np.array([t.track.boxes[k] for t, k in here]))
-        for row, line in zip(rows.tolist(), overlaps, strict=True):
-            if line.max() >= 0.5:
-                found[frame, int(observed.truth.ids[row])] = here[int(line.argmax())][0].track.id
+        for row, column in zip(*assign_overlaps(overlaps, MATCH_OVERLAP), strict=True):
+            found[frame, int(observed.truth.ids[rows[row]])] = here[int(column)][0].track.id
     return found
 
 
