@@ -30,7 +30,7 @@ def rings_of(lens: OmnidirectionalLens) -> Callable[[FloatArray], IntArray]:
 
     def ring_of(pixels: FloatArray) -> IntArray:
         away = np.degrees(np.arccos(np.clip(np.asarray(lens.rays(pixels))[:, 2], -1, 1)))
-        return np.searchsorted(np.array(ANGLES), np.nan_to_num(away, nan=180.0), side="right").astype(np.int64)
+        return np.asarray(np.searchsorted(np.array(ANGLES), np.nan_to_num(away, nan=180.0), side="right"))
 
     return ring_of
 

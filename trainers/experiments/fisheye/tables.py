@@ -80,8 +80,7 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
         for row in rows
     ]  # fmt: skip
     title = f"Detections by angle to the camera's axis, 1 fps; recall and precision from {values['least_score']:g} on"
-    headings = ("room", "angle", "people", "AP50", "recall", "precision")
-    result.append(Table(title, headings, lines))
+    result.append(Table(title, ("room", "angle", "people", "AP50", "recall", "precision"), lines))
     stages = values["milliseconds"]
     names = [*STAGES, "associate"]
     lines = [
