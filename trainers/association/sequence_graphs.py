@@ -18,7 +18,7 @@ from tsuiseki.tracking.association.flow.evidence import (
     detection_evidence,
     link_evidence,
 )
-from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, mean_features, priced
+from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, Pricing, mean_features, priced
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
@@ -78,7 +78,8 @@ def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: Flow
     averaged = settings.costs.rounds.averaged
     means = None if seen.features is None else mean_features(seen, labels, seen.features, averaged)
     cost, hidden = settings.costs.link, window.links.hidden
-    priced(seen, tails, heads, past, future, cost, np.inf, None, means, hidden, keep, labels=labels)
+    by = Pricing(cost, np.inf, change=keep)
+    priced(seen, (tails, heads), (past, future), by, means=means, hidden=hidden, labels=labels)
     return found[0]
 
 

@@ -101,6 +101,23 @@ class LinkParts:
 LinkChange = Callable[[Seen, LinkParts], FloatArray]
 
 
+@dataclass(frozen=True)
+class Pricing:
+    """What the links of a video are priced by.
+
+    Attributes:
+        cost: of links by motion, appearance and actions.
+        dearest: links that cost more are left out.
+        transition: learnt costs of pairs, which speak in place of the appearance; None for none.
+        change: by how much learnt costs of links differ from the default; None for not at all.
+    """
+
+    cost: LinkCost
+    dearest: float
+    transition: TransitionCost | None = None
+    change: LinkChange | None = None
+
+
 def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost) -> Pairs:
     """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
     if len(tails) == 0 or len(heads) == 0:
@@ -140,30 +157,32 @@ def _reach(seen: Seen, tails: IntArray, side: FloatArray, gap: IntArray, cost: L
 
 def priced(
     seen: Seen,
-    i: IntArray,
-    j: IntArray,
-    past: Beliefs,
-    future: Beliefs,
-    cost: LinkCost,
-    dearest: float,
-    transition: TransitionCost | None = None,
+    pairs: Pairs,
+    beliefs: tuple[Beliefs, Beliefs],
+    by: Pricing,
+    *,
     means: tuple[FloatArray, FloatArray] | None = None,
     hidden: FloatArray | None = None,
-    change: LinkChange | None = None,
     mismatch: Mismatch | None = None,
     labels: IntArray | None = None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Which links cost no more than ``dearest``, what they cost, and how much of the person is hidden in between.
+    """Which links do not cost too much, what they cost, and how much of the person is hidden in between.
 
-    Learnt costs of pairs, where there are any, speak in place of the appearance. ``means`` are the mean features of the
-    past and of the future of each detection along its track; without them single detections are compared. ``change``
-    says by how much learnt costs differ from the default, ``mismatch`` how ill the motions go together: by default as
-    along tracks. Actions are averaged along the tracks of ``labels``.
+    Args:
+        seen: the N detections.
+        pairs: ``(P,)`` indices of the earlier, and of the later detections of the links.
+        beliefs: what the past of its track says at each detection, and what the future says.
+        by: what they are priced by.
+        means: ``(N, D)`` mean features of the past, and of the future of each detection along its track; without them
+            single detections are compared.
+        hidden: ``(P,)`` share of the person hidden in between, NaN where not known; by default none is.
+        mismatch: how ill the motions go together; by default as along tracks.
+        labels: ``(N,)`` tracks along which actions are averaged; without them those of single detections count.
 
     Returns:
-        ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden: from ``hidden``, ``(P,)`` with NaN
-        where not known, or computed.
+        ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden.
     """
+    (i, j), (past, future), cost, change = pairs, beliefs, by.cost, by.change
     if mismatch is None:
         mismatch = cost.mismatch_along(seen.measured, past, future, 1 / seen.frame_rate)
     doing = None
@@ -172,7 +191,7 @@ def priced(
         if labels is not None:
             doing = cost.action.means(seen.frames, labels, seen.actions, seen.frame_rate)
     hiding = Hiding.of(seen.frames, seen.image, seen.size)
-    prices = _Prices(seen, cost, dearest, mismatch, hiding, transition, means, doing, labels is not None)
+    prices = _Prices(seen, by, mismatch, hiding, means, doing, labels is not None)
     if hidden is None:
         # A view of one number.
         hidden = np.broadcast_to(np.nan, len(i))
@@ -220,18 +239,16 @@ class _Prices:
     """What is needed to price links, see `priced`; ``doing`` are actions of the earlier and of the later ones."""
 
     seen: Seen
-    cost: LinkCost
-    dearest: float
+    by: Pricing
     mismatch: Mismatch
     hiding: Hiding
-    transition: TransitionCost | None
     means: tuple[FloatArray, FloatArray] | None
     doing: tuple[FloatArray, FloatArray] | None
     along: bool
 
     def __call__(self, i: IntArray, j: IntArray, hidden: FloatArray) -> _Priced:
         """Those of P links that are kept."""
-        seen, cost, one_frame = self.seen, self.cost, 1 / self.seen.frame_rate
+        seen, cost, one_frame = self.seen, self.by.cost, 1 / self.seen.frame_rate
         gap = seen.frames[j] - seen.frames[i]
         seconds = np.asarray(gap * one_frame, dtype=np.float64)
         motion = self.mismatch(i, j, seconds, seen.measured.wander[j] - seen.measured.wander[i])
@@ -244,18 +261,18 @@ class _Prices:
                 else np.clip(1 - inner_products(*self.means, i, j), 0, 2)
             )
             # Learnt costs are right about the gaps that they were learnt on.
-            unlearnt = True if self.transition is None else gap > self._learnt_up_to()
+            unlearnt = True if self.by.transition is None else gap > self._learnt_up_to()
             total += np.where(unlearnt, cost.appearance_cost(distance, averaged=averaged), 0)
-        if self.transition is not None:
+        if self.by.transition is not None:
             learnt = np.flatnonzero(gap <= self._learnt_up_to())
             pairs = pair_features(seen.boxes, seen.features, i[learnt], j[learnt], gap[learnt])
-            total[learnt] += cost.learnt(self.transition(replace(pairs, appearance=distance[learnt])))
+            total[learnt] += cost.learnt(self.by.transition(replace(pairs, appearance=distance[learnt])))
         if cost.action is not None and self.doing is not None:
             averaged = self.along and cost.action.averaged
             action = cost.action(*self.doing, i, j, seconds, averaged=averaged)
             total += action
         # What hides a person is looked at only where it matters.
-        kept = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < self.dearest)
+        kept = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < self.by.dearest)
         covered = hidden[kept]
         asked = np.flatnonzero(np.isnan(covered))
         covered[asked] = self.hiding.between(i[kept[asked]], j[kept[asked]])
@@ -264,7 +281,7 @@ class _Prices:
 
     def _learnt_up_to(self) -> float:
         """Longest gap that the learnt costs speak of, frames."""
-        return float(getattr(self.transition, "window", np.inf))
+        return float(getattr(self.by.transition, "window", np.inf))
 
 
 def near_ends(seen: Seen, labels: IntArray, seconds: float) -> tuple[IntArray, IntArray]:
@@ -309,11 +326,9 @@ def repriced(
     labels: IntArray,
     known: Along,
     changed: Changed,
-    cost: LinkCost,
     settings: RoundSettings,
     free: BoolArray,
-    transition: TransitionCost | None = None,
-    change: LinkChange | None = None,
+    by: Pricing,
 ) -> tuple[Links, Along]:
     """The links with those that the ends of the tracks ask for, at the prices of what is known along the tracks.
 
@@ -325,11 +340,9 @@ def repriced(
         labels: ``(N,)`` track of each detection, -1 for none.
         known: what is known along the tracks.
         changed: where that is new.
-        cost: what links cost.
         settings: which links there are.
         free: ``(N,)`` detections that are not decided yet.
-        transition: learnt costs of pairs.
-        change: by how much learnt costs of links differ from the default.
+        by: what links are priced by.
 
     Returns:
         The links, and what is known, with the ends from and to which links were looked for.
@@ -337,16 +350,16 @@ def repriced(
     means = None if seen.features is None else mean_features(seen, labels, seen.features, settings.averaged)
     tail, head = seen.rows(links.tail), seen.rows(links.head)
     again = changed.past[tail] | changed.future[head] | np.isnan(links.price)
-    if change is not None:
+    if by.change is not None:
         again[:] = True
     ending, beginning = (_mask(ends, len(seen)) & free for ends in near_ends(seen, labels, settings.ends))
     fresh = ending & (changed.past | ~known.ending), beginning & (changed.future | ~known.beginning)
-    more = _fresh_candidates(seen, (ending, beginning), fresh, settings, cost)
+    more = _fresh_candidates(seen, (ending, beginning), fresh, settings, by.cost)
     more = _without(more, tail, head, len(seen))
     i, j = np.append(tail[again], more[0]), np.append(head[again], more[1])
     hidden = np.append(links.hidden[again], np.full(len(more[0]), np.nan))
     kept, price, hidden = priced(
-        seen, i, j, known.past, known.future, cost, settings.dearest, transition, means, hidden, change, None, labels
+        seen, (i, j), (known.past, known.future), by, means=means, hidden=hidden, labels=labels
     )
     old = links.select(~again)
     old.cost[:] += (1 - settings.keep) * (old.price - old.cost)

@@ -11,7 +11,14 @@ from tsuiseki.tracking.association.costs import TransitionCost
 from tsuiseki.tracking.association.flow.along_tracks import Along, followed
 from tsuiseki.tracking.association.flow.cost_network import LARGEST, CostChanges
 from tsuiseki.tracking.association.flow.evidence import detection_evidence, link_evidence
-from tsuiseki.tracking.association.flow.flow_rounds import LinkChange, RoundSettings, candidates, priced, repriced
+from tsuiseki.tracking.association.flow.flow_rounds import (
+    LinkChange,
+    Pricing,
+    RoundSettings,
+    candidates,
+    priced,
+    repriced,
+)
 from tsuiseki.tracking.association.flow.link_cost import MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.flow.links import Links, joined_links
 from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, track_labels
@@ -138,19 +145,14 @@ class FlowWindow:
         fresh = np.flatnonzero(seen.numbers >= new.numbers[0])
         longest = gaps(min(rounds.near, rounds.window), seen.frame_rate)
         i, j = candidates(seen, free, fresh, 1, longest, self.costs.link)
-        link, change = self.costs.link, self._link_change()
+        link = self.costs.link
         alone = Along.alone(seen, link.motion)
         self._known = self._known.and_then(alone.select(seen.numbers >= new.numbers[0]))
         kept, cost, hidden = priced(
             seen,
-            i,
-            j,
-            alone.past,
-            alone.future,
-            link,
-            rounds.dearest,
-            self._transition,
-            change=change,
+            (i, j),
+            (alone.past, alone.future),
+            self._pricing(),
             mismatch=link.mismatch_alone(seen.measured, 1 / seen.frame_rate),
         )
         tail, head = seen.numbers[i[kept]], seen.numbers[j[kept]]
@@ -204,11 +206,9 @@ class FlowWindow:
                 labels,
                 known,
                 changed,
-                costs.link,
                 costs.rounds,
                 free,
-                self._transition,
-                self._link_change(),
+                self._pricing(),
             )
 
     def place_costs(self, boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -315,6 +315,9 @@ class FlowWindow:
         if self.changes is None:
             return np.zeros((int(free.sum()), 3))
         return self.changes.detections(detection_evidence(self._seen, observation, logit)[free])
+
+    def _pricing(self) -> Pricing:
+        return Pricing(self.costs.link, self.costs.rounds.dearest, self._transition, self._link_change())
 
     def _link_change(self) -> LinkChange | None:
         changes = self.changes

@@ -16,7 +16,7 @@ from tsuiseki.tracking.association.flow.evidence import (
     join_evidence,
     link_evidence,
 )
-from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, priced
+from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, Pricing, priced
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
@@ -41,7 +41,8 @@ def parts_of(seen: Seen, i: list[int], j: list[int], cost: LinkCost = COST) -> L
         return np.zeros(len(parts.i))
 
     past, future = beliefs_along(np.full(len(seen), -1), seen.measured, COST.motion)
-    priced(seen, np.array(i, np.int64), np.array(j, np.int64), past, future, cost, np.inf, change=keep)
+    pairs = np.array(i, np.int64), np.array(j, np.int64)
+    priced(seen, pairs, (past, future), Pricing(cost, np.inf, change=keep))
     return found[0]
 
 
