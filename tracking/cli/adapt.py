@@ -164,7 +164,8 @@ def _said_of_links(here: Round) -> str:
     """How what tells people apart was learnt, where it was tried."""
     tried = {
         "appearance separates": (here.links.separation, here.links.separation_learnt, here.links.better_appearance),
-        "identities kept": (here.links.identity, here.links.identity_learnt, here.links.better_costs),
+        "appearance keeps identities": (here.links.followed, here.links.followed_learnt, here.links.better_appearance),
+        "costs keep identities": (here.links.identity, here.links.identity_learnt, here.links.better_costs),
     }
     said = [
         f"; {name} {before:.3f} -> {after:.3f}{'' if taken else ', not taken'}"

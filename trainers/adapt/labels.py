@@ -20,6 +20,7 @@ from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, shared_
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.adapt.foreground import Difference, Foreground
+from tsuiseki.trainers.adapt.label_boxes import detected_boxes, drawn_to_silhouettes
 from tsuiseki.trainers.adapt.settings import LabelSettings
 from tsuiseki.trainers.adapt.silhouettes import (
     covered_share,
@@ -66,8 +67,8 @@ class Labels:
     Attributes:
         people: labels of the kept pictures, by their number: evaluated ones teach, ignored ones do not.
         verdicts: on the tracks.
-        everyone: all tracks, their boxes moved onto silhouettes; in frames of the video.
-        offset: ``(4,)`` by how much boxes were moved, left, top, right and bottom, in widths and heights.
+        everyone: all tracks, their boxes moved as silhouettes usually lie; in frames of the video.
+        offset: ``(4,)`` by how much those were moved, left, top, right and bottom, in widths and heights.
     """
 
     people: GroundTruth
@@ -87,19 +88,24 @@ class Labels:
 
 @dataclass(frozen=True)
 class _Entries:
-    """What tracks say: ``(N,)`` frames, ids and whether the box is an example, ``(N, 4)`` boxes."""
+    """What tracks say: ``(N,)`` frames, ids, whether the box is an example, and was detected; ``(N, 4)`` boxes."""
 
     frames: IntArray
     ids: IntArray
     boxes: FloatArray
     sure: BoolArray
+    seen: BoolArray
+
+    def select(self, which: BoolArray) -> _Entries:
+        """Those at a mask ``(N,)``."""
+        return _Entries(self.frames[which], self.ids[which], self.boxes[which], self.sure[which], self.seen[which])
 
 
 def label(
     watched: Watched,
     foreground: Foreground | None,
     tracks: Sequence[Track],
-    rejected: Sequence[Detections],
+    found: Sequence[Detections],
     settings: LabelSettings,
 ) -> Labels:
     """Choose what to learn from.
@@ -108,7 +114,7 @@ def label(
         watched: the video.
         foreground: of its kept pictures; None where the camera moves.
         tracks: of the video, frames counted as in the video.
-        rejected: detections of each kept picture that belong to no track.
+        found: detections of each kept picture; those that lie on no track are rejected.
         settings: which tracks become labels.
     """
     number_of = {frame: number for number, frame in enumerate(watched.frames)}
@@ -117,14 +123,16 @@ def label(
     explained = explained_boxes(tracks, [v.verdict == TAKEN for v in verdicts])
     verdicts = [_unless_twice(*each) for each in zip(verdicts, tracks, explained, strict=True)]
     offset = _offset(tracks, verdicts, foreground, number_of, settings)
-    moved = [_moved(track, offset, watched.size) for track in tracks]
     unseen = [each & ~track.observed for each, track in zip(explained, tracks, strict=True)]
-    entries = [_entries(*each, settings) for each in zip(moved, tracks, verdicts, unseen, strict=True)]
-    rows = [
-        _rows(number, _at(frame, entries), rejected[number], None if foreground is None else foreground.picture(number))
-        for frame, number in number_of.items()
-    ]
-    return Labels(_joined(rows), tuple(verdicts), tuple(moved), offset)
+    entries = _together([_entries(*each, settings) for each in zip(tracks, verdicts, unseen, strict=True)])
+    rejected = _rejected(watched.frames, found, tracks)
+    rows = []
+    for frame, number in number_of.items():
+        picture = None if foreground is None else foreground.picture(number)
+        here = _placed(entries.select(entries.frames == frame), found[number], picture, offset, settings)
+        rows.append(_rows(number, _inside(here, watched.size), rejected[number], picture))
+    moved = tuple(_moved(track, offset, watched.size) for track in tracks)
+    return Labels(_joined(rows), tuple(verdicts), moved, offset)
 
 
 def _moving(tracks: Sequence[Track], foreground: Foreground | None, number_of: dict[int, int]) -> list[float]:
@@ -189,29 +197,47 @@ def _offset(
 
 def _moved(track: Track, offset: FloatArray, size: tuple[int, int]) -> Track:
     boxes = track.boxes + offset * np.tile(track.boxes[:, 2:] - track.boxes[:, :2], 2)
-    inside = clip_boxes(boxes, *size)
-    seen = ((inside[:, 2:] - inside[:, :2]) >= 2).all(axis=1)
+    seen = _reach_in(boxes, size)
     return Track(track.id, track.frames[seen], boxes[seen], track.scores[seen], track.observed[seen])
 
 
-def _entries(moved: Track, track: Track, verdict: Verdict, unseen: BoolArray, settings: LabelSettings) -> _Entries:
+def _reach_in(boxes: FloatArray, size: tuple[int, int]) -> BoolArray:
+    """``(N,)`` of which boxes more than a line lies in the picture."""
+    inside = clip_boxes(boxes, *size)
+    return np.asarray(((inside[:, 2:] - inside[:, :2]) >= 2).all(axis=1))
+
+
+def _entries(track: Track, verdict: Verdict, unseen: BoolArray, settings: LabelSettings) -> _Entries:
     """What a track says in each frame; nothing, where it is background to learn from."""
     background = verdict.verdict == TWICE or (verdict.verdict == STILL and settings.still == "background")
-    count = 0 if background else len(moved)
-    hidden = np.isin(moved.frames, track.frames[unseen])
-    sure = (verdict.verdict == TAKEN) & ~hidden
-    return _Entries(moved.frames[:count], np.full(count, track.id), moved.boxes[:count], sure[:count])
+    sure = (verdict.verdict == TAKEN) & ~unseen
+    every = _Entries(track.frames, np.full(len(track), track.id), track.boxes, sure, track.observed)
+    return every.select(np.full(len(track), not background))
 
 
-def _at(frame: int, entries: Sequence[_Entries]) -> _Entries:
-    """What all tracks say in one frame."""
-    parts = [(each, each.frames == frame) for each in entries]
+def _together(parts: Sequence[_Entries]) -> _Entries:
+    """What all tracks say."""
     return _Entries(
-        np.concatenate([np.empty(0, np.int64), *(each.frames[here] for each, here in parts)]),
-        np.concatenate([np.empty(0, np.int64), *(each.ids[here] for each, here in parts)]),
-        np.concatenate([np.empty((0, 4)), *(each.boxes[here] for each, here in parts)]),
-        np.concatenate([np.empty(0, np.bool_), *(each.sure[here] for each, here in parts)]),
+        np.concatenate([np.empty(0, np.int64), *(each.frames for each in parts)]),
+        np.concatenate([np.empty(0, np.int64), *(each.ids for each in parts)]),
+        np.concatenate([np.empty((0, 4)), *(each.boxes for each in parts)]),
+        np.concatenate([np.empty(0, np.bool_), *(each.sure for each in parts)]),
+        np.concatenate([np.empty(0, np.bool_), *(each.seen for each in parts)]),
     )
+
+
+def _placed(
+    people: _Entries, found: Detections, picture: Difference | None, offset: FloatArray, settings: LabelSettings
+) -> _Entries:
+    """What tracks say in one frame, each box where its person is in that frame."""
+    boxes = detected_boxes(people.boxes, people.seen, found.boxes)
+    if picture is not None:
+        boxes = drawn_to_silhouettes(boxes, people.seen, picture, offset, settings.onto_silhouettes)
+    return replace(people, boxes=boxes)
+
+
+def _inside(people: _Entries, size: tuple[int, int]) -> _Entries:
+    return people.select(_reach_in(people.boxes, size))
 
 
 def _rows(number: int, people: _Entries, rejected: Detections, picture: Difference | None) -> GroundTruth:
@@ -254,21 +280,8 @@ def _joined(parts: Sequence[GroundTruth]) -> GroundTruth:
     return GroundTruth(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
 
 
-def rejected_detections(
-    watched: Watched, found: Sequence[Detections], tracks: Sequence[Track], first: int
-) -> list[Detections]:
-    """The detections of each kept picture that lie on no track.
-
-    Args:
-        watched: the video.
-        found: detections of every frame from ``first`` on.
-        tracks: of the video.
-        first: frame of the first entry.
-    """
+def _rejected(kept: Sequence[int], found: Sequence[Detections], tracks: Sequence[Track]) -> list[Detections]:
+    """The detections of each kept picture, of frames ``kept``, that lie on no track."""
     frames: IntArray = np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)])
     boxes = np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)])
-    result = []
-    for frame in watched.frames:
-        here = found[frame - first]
-        result.append(here.select(~_on(here.boxes, boxes[frames == frame])))
-    return result
+    return [here.select(~_on(here.boxes, boxes[frames == frame])) for frame, here in zip(kept, found, strict=True)]

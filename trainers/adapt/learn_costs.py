@@ -41,7 +41,7 @@ _BIAS = -0.5
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a video that nothing was learnt from.
+    """A part of a video, to its end.
 
     Attributes:
         watched: the video.
@@ -87,7 +87,7 @@ def fit_costs(samples: list[LabelledDetections], sources: list[Path], out: Path,
 
 
 def identity_kept(
-    stretches: list[Stretch], score_threshold: float, costs: Affinity | None, scores: ScoreCost
+    stretches: list[Stretch], score_threshold: float, costs: Affinity | None, scores: ScoreCost | None
 ) -> float | None:
     """IDF1 of tracks made of every `THINNED`-th frame against those of all frames, the mean over the stretches.
 
@@ -95,7 +95,7 @@ def identity_kept(
         stretches: with people.
         score_threshold: of the detections that are tracked.
         costs: to try; None takes those that the tracks were made with.
-        scores: what detections are worth where neither says so: with frames missing, the video itself cannot tell.
+        scores: what detections are worth where neither says so: with frames missing, the video itself can hardly tell.
 
     Returns:
         None where nobody is there.

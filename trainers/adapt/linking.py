@@ -1,7 +1,8 @@
 """What tells people apart in a round: the appearance network and the prices of links, each kept only where it helps.
 
 Both are learnt on the tracks of the round, without its held-out end, and tried there against what the tracks were made
-with. Appearance is better where it separates people more; costs where identities survive missing frames better.
+with. Costs are better where identities survive missing frames better. So is appearance, in the whole video, and it must
+separate people more in the end: where motion alone tells who is who, a network that separates them more is of no use.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt.examples import between, first_held_out, joined, named
 from tsuiseki.trainers.adapt.find import Found, Models, track
 from tsuiseki.trainers.adapt.foreground import Foreground
-from tsuiseki.trainers.adapt.labels import Labels, label, rejected_detections
+from tsuiseki.trainers.adapt.labels import Labels, label
 from tsuiseki.trainers.adapt.learn_appearance import (
     Projection,
     ProjectionSettings,
@@ -53,24 +54,28 @@ class Seen:
 
 @dataclass(frozen=True)
 class LinkScores:
-    """How what tells people apart does in the held-out ends, before and after learning; None where nobody can say.
+    """How what tells people apart does, before and after learning; None where nobody can say.
 
     Attributes:
-        separation: area under the ROC of appearance: one track against people seen at one time.
+        separation: area under the ROC of appearance in the held-out ends: one track against people seen at one time.
         separation_learnt: likewise, of the network that was learnt.
-        identity: IDF1 of tracks with every other frame missing against those of all frames.
+        identity: IDF1 of tracks with every other frame missing against those of all frames, in the held-out ends.
         identity_learnt: likewise, with the costs that were learnt.
+        followed: IDF1 likewise, in the whole videos, with the appearance that the tracks were made with.
+        followed_learnt: likewise, with the network that was learnt.
     """
 
     separation: float | None = None
     separation_learnt: float | None = None
     identity: float | None = None
     identity_learnt: float | None = None
+    followed: float | None = None
+    followed_learnt: float | None = None
 
     @property
     def better_appearance(self) -> bool:
         """Whether the learnt network is taken."""
-        return _rises(self.separation, self.separation_learnt)
+        return _rises(self.separation, self.separation_learnt) and _rises(self.followed, self.followed_learnt)
 
     @property
     def better_costs(self) -> bool:
@@ -80,8 +85,8 @@ class LinkScores:
 
 def seen_in(watched: Watched, foreground: Foreground | None, found: Found, settings: AdaptSettings) -> Seen:
     """Labels of what was found in a video."""
-    rejected = rejected_detections(watched, found.detections, found.tracks, found.first)
-    return Seen(watched, foreground, found, label(watched, foreground, found.tracks, rejected, settings.labels))
+    kept = [found.detections[frame - found.first] for frame in watched.frames]
+    return Seen(watched, foreground, found, label(watched, foreground, found.tracks, kept, settings.labels))
 
 
 def learn_links(
@@ -100,14 +105,13 @@ def learn_links(
         What is seen then, the models then, and how both did.
     """
     now = list(seen)
-    projection, separations = _appearance(now, settings, seed)
-    scores = LinkScores(*separations)
+    projection, scores = _appearance(now, settings, seed)
     if projection is not None and scores.better_appearance:
         export_projected(models.appearance or shipped("appearance_people"), projection, folder / APPEARANCE)
         models = replace(models, appearance=folder / APPEARANCE)
         now = [_again(each, replace(each.found, detections=_moved(each.found, projection)), settings) for each in now]
     costs, identities = _costs(now, folder, settings, seed)
-    scores = LinkScores(*separations, *identities)
+    scores = replace(scores, identity=identities[0], identity_learnt=identities[1])
     if costs is not None and scores.better_costs:
         models = replace(models, affinity=costs)
         learnt = Affinity(costs, 1)
@@ -115,14 +119,25 @@ def learn_links(
     return now, models, scores
 
 
-def _appearance(
-    seen: Sequence[Seen], settings: AdaptSettings, seed: int
-) -> tuple[Projection | None, tuple[float | None, float | None]]:
-    """The last layer, and how people separate without and with it where nothing was learnt."""
+def _appearance(seen: Sequence[Seen], settings: AdaptSettings, seed: int) -> tuple[Projection | None, LinkScores]:
+    """The last layer, and how people are told apart without and with it."""
     learnt, held_out = _examples(seen, settings)
     projection = learn_projection(joined(learnt), ProjectionSettings(), seed)
     unseen = joined(held_out)
-    return projection, (separation(unseen), None if projection is None else separation(unseen, projection))
+    if projection is None:
+        return None, LinkScores(separation(unseen))
+    followed = [
+        identity_kept([_whole(each, by) for each in seen], settings.score_threshold, None, None)
+        for by in (None, projection)
+    ]
+    scores = LinkScores(separation(unseen), separation(unseen, projection))
+    return projection, replace(scores, followed=followed[0], followed_learnt=followed[1])
+
+
+def _whole(seen: Seen, projection: Projection | None) -> Stretch:
+    """All of a video, its people described with the last layer."""
+    found = seen.found if projection is None else replace(seen.found, detections=_moved(seen.found, projection))
+    return Stretch(seen.watched, found, seen.labels, found.first)
 
 
 def _costs(

@@ -19,7 +19,8 @@ class LabelSettings:
             part of the view: it never moves.
         still: what never moves is background to learn from, or left out of the learning (``ignored``), where people
             may sit through most of the video.
-        onto_silhouettes: share of the way that boxes are moved onto silhouettes, as they usually lie off them.
+        onto_silhouettes: share of the way that boxes are moved onto silhouettes: their own where one can be told, or
+            as boxes usually lie off them.
     """
 
     sure: float = 0.5

@@ -45,7 +45,8 @@ def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[s
 def _tried(links: LinkScores) -> dict[str, Tried | None]:
     return {
         "Appearance": _pair(links.separation, links.separation_learnt, links.better_appearance),
-        "Link costs": _pair(links.identity, links.identity_learnt, links.better_costs),
+        "Identities by appearance": _pair(links.followed, links.followed_learnt, links.better_appearance),
+        "Identities by link costs": _pair(links.identity, links.identity_learnt, links.better_costs),
     }
 
 

@@ -13,7 +13,7 @@ from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
 from tsuiseki.trainers.adapt.foreground import foreground_of
-from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE, label, rejected_detections
+from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE, label
 from tsuiseki.trainers.adapt.settings import LabelSettings
 from tsuiseki.trainers.adapt.watch import Watched, watch
 
@@ -117,13 +117,25 @@ def test_a_moving_camera_has_tracks_alone(watched: Watched) -> None:
     assert (labels.offset == 0).all()
 
 
-def test_rejected_detections_lie_on_no_track(watched: Watched) -> None:
-    found = [Detections(street.people(f), np.array([0.9, 0.2])) for f in range(street.FRAMES)]
-    rejected = rejected_detections(watched, found, [street.track_of(0)], 0)
+def test_detections_on_no_track_teach_nothing(watched: Watched) -> None:
+    """Before a moving camera nobody knows what they are."""
+    found = [Detections(street.people(f), np.array([0.9, 0.2])) for f in watched.frames]
+    people = label(watched, None, [street.track_of(0)], found, LabelSettings()).people
     apart = [n for n, f in enumerate(watched.frames) if abs(street.box_of(0, f)[0] - street.box_of(1, f)[0]) > 14]
     assert len(apart) > 20
     for n in apart:
-        np.testing.assert_allclose(rejected[n].boxes, street.people(watched.frames[n])[1:])
+        ignored = people.boxes[people.ignored & (people.frames == n)]
+        np.testing.assert_allclose(ignored, street.people(watched.frames[n])[1:])
+
+
+def test_labels_are_as_wide_as_detected_in_their_frame(watched: Watched) -> None:
+    """The track has the mean width; every other detection is 2 pixels wider on the right."""
+    wider = [np.array([0, 0, 2.0 * (f % 2), 0]) for f in range(street.FRAMES)]
+    track = street.track_of(0, shift=1 / 14)
+    found = [Detections(street.people(f)[:1] + wider[f], np.array([0.9])) for f in watched.frames]
+    people = label(watched, None, [track], found, LabelSettings()).people
+    for n, frame in enumerate(watched.frames):
+        np.testing.assert_allclose(people.boxes[people.frames == n], street.people(frame)[:1] + wider[frame])
 
 
 def test_labels_are_written_for_training(watched: Watched) -> None:

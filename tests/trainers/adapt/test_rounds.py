@@ -22,7 +22,7 @@ from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
 
 START = Path("start.onnx")
-LINKS = LinkScores(0.8, 0.9, 0.7, 0.6)
+LINKS = LinkScores(0.8, 0.9, 0.7, 0.6, 0.7, 0.8)
 
 
 def seeing(people: int, jitter: float) -> Found:
