@@ -20,8 +20,12 @@ from tsuiseki.trainers.adapt.linking import Seen
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 
 OVERLAPS = (0.5, 0.6, 0.7, 0.8)
-# People of a round, relative to the start: outside, the models have collapsed.
-FEWEST, MOST = 0.6, 1.8
+# People of a round, relative to the start: with fewer the models have collapsed.
+FEWEST = 0.6
+# Before a moving camera nothing says where people are whom nobody tracked, and they are learnt as background.
+FEWEST_MOVING = 0.9
+# Rejected detections, relative to the start, or to a share of the people: with more, anything is a person.
+MOST, ALLOWED = 1.8, 0.25
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,7 @@ class RoundScores:
         detections: a frame, from the threshold on.
         rejected: of them on no taken track, a frame.
         offset: by how much boxes are moved onto silhouettes, mean over the sides in widths and heights.
+        fixed: the camera stands still.
     """
 
     agreement: float
@@ -43,13 +48,14 @@ class RoundScores:
     detections: float
     rejected: float
     offset: float
+    fixed: bool = True
 
     def collapsed(self, start: RoundScores) -> str | None:
         """In what way the models have collapsed since the ``start``; None where they have not."""
-        if self.boxes < FEWEST * start.boxes:
+        if self.boxes < (FEWEST if self.fixed else FEWEST_MOVING) * start.boxes:
             return f"it finds {self.boxes:.1f} people a frame, before {start.boxes:.1f}"
-        if self.boxes > MOST * start.boxes or self.detections > MOST * start.detections:
-            return f"it finds {self.detections:.1f} things a frame, before {start.detections:.1f}"
+        if self.rejected > MOST * max(start.rejected, ALLOWED * self.boxes):
+            return f"it rejects {self.rejected:.1f} detections a frame, before {start.rejected:.1f}"
         return None
 
 
@@ -72,16 +78,32 @@ def agreement(detections: Sequence[Detections], tracks: Sequence[Track], frames:
     return float(np.mean(2 * hits / (found + tracked))) if found + tracked else 0.0
 
 
+def agreement_held_out(
+    seen: Sequence[Seen], detections: Sequence[Sequence[Detections]], settings: AdaptSettings
+) -> float:
+    """`agreement` with the tracks of a round on the held-out frames, the mean over its videos.
+
+    Args:
+        seen: the videos.
+        detections: of each, its held-out frames alone.
+        settings: say what is held out and which scores count.
+    """
+    agreements, weights = [], []
+    for each, found in zip(seen, detections, strict=True):
+        first = first_held_out(each.watched, each.found, settings.held_out)
+        held_out = range(first, each.found.first + each.watched.length)
+        agreements.append(agreement(above(found, settings.score_threshold), each.labels.tracks, held_out))
+        weights.append(len(held_out))
+    return float(np.average(agreements, weights=weights))
+
+
 def round_scores(seen: Sequence[Seen], settings: AdaptSettings) -> RoundScores:
     """How a round did in the videos of a camera."""
-    agreements, weights, people, boxes, detections, rejected, frames, offsets = [], [], 0, 0, 0, 0, 0, []
+    people, boxes, detections, rejected, frames, offsets, ends = 0, 0, 0, 0, 0, [], []
     for each in seen:
         video, found, labels = each.watched, each.found, each.labels
-        first = first_held_out(video, found, settings.held_out)
-        held_out = range(first, found.first + video.length)
         certain = above(found.detections, settings.score_threshold)
-        agreements.append(agreement(certain[first - found.first :], labels.tracks, held_out))
-        weights.append(len(held_out))
+        ends.append(found.detections[first_held_out(video, found, settings.held_out) - found.first :])
         people += len(labels.tracks)
         boxes += sum(map(len, labels.tracks))
         detections += sum(map(len, certain))
@@ -89,10 +111,11 @@ def round_scores(seen: Sequence[Seen], settings: AdaptSettings) -> RoundScores:
         frames += video.length
         offsets.append(float(np.abs(labels.offset).mean()))
     return RoundScores(
-        float(np.average(agreements, weights=weights)),
+        agreement_held_out(seen, ends, settings),
         people,
         boxes / frames,
         detections / frames,
         max(rejected, 0) / frames,
         float(np.mean(offsets)),
+        all(each.foreground is not None for each in seen),
     )

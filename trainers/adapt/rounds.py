@@ -21,13 +21,14 @@ from tsuiseki.tracking.formats.mot import read_detections, write_detections
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.pipelines.people.finding import NONE
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.trainers.adapt.agreement import RoundScores, round_scores
+from tsuiseki.trainers.adapt.agreement import RoundScores, agreement_held_out, round_scores
+from tsuiseki.trainers.adapt.examples import first_held_out
 from tsuiseki.trainers.adapt.find import Models, find
 from tsuiseki.trainers.adapt.foreground import Foreground, foreground_of
 from tsuiseki.trainers.adapt.kept_tracks import read_everyone, write_everyone
 from tsuiseki.trainers.adapt.labels import TAKEN, Verdict
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
-from tsuiseki.trainers.adapt.linking import APPEARANCE, COSTS, LinkScores, learn_links, seen_in
+from tsuiseki.trainers.adapt.linking import APPEARANCE, COSTS, LinkScores, Seen, learn_links, seen_in
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched, refuse_other_sizes, refuse_two_cameras, watch
 from tsuiseki.trainers.exporting.exported_weights import layout_of
@@ -149,6 +150,9 @@ class Adaptation:
 def rounds(adaptation: Adaptation) -> Iterator[Round]:
     """Round 0, which only looks, and those that learn; each as soon as it is finished.
 
+    With a teacher round 0 is what the teacher sees; its agreement is that of the detector that is to learn from it, so
+    that the first round competes with the detector that would be kept otherwise.
+
     Raises:
         RequestError: nobody is followed with confidence, or a file is no such model.
     """
@@ -244,6 +248,9 @@ def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
     links = LinkScores()
     if number:
         seen, models, links = learn_links(seen, models, folder, settings, settings.seed + number)
+    scores = round_scores(seen, settings)
+    if not number and adaptation.teacher is not None:
+        scores = replace(scores, agreement=_before_learning(adaptation, seen))
     for n, each in enumerate(seen):
         before = [Detections.empty()] * each.found.first
         write_detections(folder / f"det-{n}.txt", [*before, *each.found.detections])
@@ -254,7 +261,7 @@ def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
     here = Round(
         number,
         models,
-        round_scores(seen, settings),
+        scores,
         links,
         tuple(each.labels.verdicts for each in seen),
         max(each.found.columns for each in seen),
@@ -262,6 +269,18 @@ def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
     )
     _keep(here)
     return here
+
+
+def _before_learning(adaptation: Adaptation, seen: Sequence[Seen]) -> float:
+    """How well the detector that is to learn agrees with the tracks of its teacher."""
+    settings, detections = adaptation.settings, []
+    for each in seen:
+        first = first_held_out(each.watched, each.found, settings.held_out)
+        end = replace(each.watched, stretch=(first, each.watched.stretch[1]))
+        adaptation.tell(f"round 0: looking at the end of {end.source} with {adaptation.start.name}")
+        found = find(end, Models(adaptation.start), settings.score_threshold, adaptation.camera.view, settings.threads)
+        detections.append(found.detections[first - found.first :])
+    return agreement_held_out(seen, detections, settings)
 
 
 def _settings_of(adaptation: Adaptation, number: int) -> AdaptSettings:

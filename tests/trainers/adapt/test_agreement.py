@@ -41,4 +41,12 @@ def test_collapses_are_told() -> None:
     start = RoundScores(0.8, 12, boxes=6.0, detections=7.0, rejected=1.0, offset=0.05)
     assert replace(start, boxes=5.0).collapsed(start) is None
     assert "finds 3.0 people" in str(replace(start, boxes=3.0).collapsed(start))
-    assert "finds 20.0 things" in str(replace(start, detections=20.0).collapsed(start))
+    assert "finds 5.0 people" in str(replace(start, boxes=5.0, fixed=False).collapsed(start))
+    assert "rejects 4.0 detections" in str(replace(start, rejected=4.0).collapsed(start))
+
+
+def test_more_people_are_no_collapse() -> None:
+    """Five times as many who are followed, and some more that are not; nothing but the latter is one."""
+    start = RoundScores(0.5, 3, boxes=2.0, detections=3.0, rejected=1.0, offset=0.05)
+    assert replace(start, boxes=10.0, detections=13.0, rejected=3.0).collapsed(start) is None
+    assert "rejects 11.0 detections" in str(replace(start, detections=13.0, rejected=11.0).collapsed(start))

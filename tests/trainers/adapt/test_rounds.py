@@ -21,7 +21,7 @@ from tsuiseki.trainers.adapt.rounds import Adaptation, Camera, best_of, open_cam
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
 
-START = Path("start.onnx")
+START, TEACHER = Path("start.onnx"), Path("teacher.onnx")
 LINKS = LinkScores(0.8, 0.9, 0.7, 0.6, 0.7, 0.8)
 
 
@@ -76,6 +76,32 @@ def test_a_collapse_stops_and_is_not_kept(adaptation: Callable[[list[Found]], Ad
     assert len(finished) == 2
     assert "people a frame" in str(finished[1].scores.collapsed(finished[0].scores))
     assert best_of(finished).number == 0
+
+
+def test_twice_the_people_are_kept(adaptation: Callable[[list[Found]], Adaptation]) -> None:
+    finished = list(rounds(adaptation([seeing(1, 3.0), seeing(2, 0.5)])))
+    assert finished[1].scores.boxes == pytest.approx(2 * finished[0].scores.boxes)
+    assert best_of(finished).number == 1
+
+
+def test_a_round_competes_with_the_start_and_not_with_its_teacher(
+    adaptation: Callable[[list[Found]], Adaptation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The teacher's boxes are its tracks', the learnt ones nearly; those of the start lie far off."""
+    for start, best in ((seeing(2, 2.5), 1), (seeing(2, 0.0), 0)):
+        given = replace(adaptation([seeing(2, 0.0), seeing(2, 1.0)]), teacher=TEACHER)
+        look = module.find
+
+        def find(watched: Watched, models: Models, *rest: Any, start: Found = start, look: Any = look) -> Found:
+            if models.detector == START:
+                return start
+            return look(watched, Models(START) if models.detector == TEACHER else models, *rest)
+
+        monkeypatch.setattr(module, "find", find)
+        finished = list(rounds(replace(given, work=given.work / str(best))))
+        assert finished[0].models.detector == TEACHER
+        assert finished[0].scores.agreement < 1 or not best
+        assert best_of(finished).number == best
 
 
 def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[Found]], Adaptation]) -> None:
