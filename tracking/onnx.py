@@ -10,6 +10,7 @@ import dataclasses
 import json
 import os
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -115,7 +116,7 @@ def open_session(path: str | Path, threads: int = 0) -> onnxruntime.InferenceSes
     """
     path = Path(path)
     if not path.is_file():
-        raise RequestError(f"expected an ONNX file at {path}, found none; export one with `tsuiseki export`")
+        raise RequestError(f"expected an ONNX file at {path}, found none; check the path, or export one")
     options = onnxruntime.SessionOptions()
     # By itself onnxruntime would bind its threads to cores, where other work of this program may be.
     options.intra_op_num_threads = cores_of(threads)
@@ -130,7 +131,32 @@ def open_session(path: str | Path, threads: int = 0) -> onnxruntime.InferenceSes
                 f"{path}: its {what} {newer.group(2)} is newer than onnxruntime {onnxruntime.__version__} "
                 "reads; export it with a lower opset, such as 17"
             ) from error
-        raise RequestError(f"{path} is not a readable ONNX model; export it again with `tsuiseki export`") from error
+        raise RequestError(
+            f"{path} is not a readable ONNX model; export it again; onnxruntime says: {_reason(error)}"
+        ) from error
+
+
+def run_session(
+    session: onnxruntime.InferenceSession,
+    path: Path,
+    inputs: Mapping[str, NDArray[Any]],
+    outputs: Sequence[str] | None = None,
+) -> list[NDArray[Any]]:
+    """The named outputs of a network of others for ``inputs`` by name; by default all, in the order of the file.
+
+    Raises:
+        RequestError: the network cannot work on them; with onnxruntime's reason, in one line.
+    """
+    try:
+        found: list[NDArray[Any]] = session.run(outputs, dict(inputs))
+    except Exception as error:
+        raise RequestError(f"{path}: the network refuses its input; onnxruntime says: {_reason(error)}") from error
+    return found
+
+
+def _reason(error: Exception) -> str:
+    """What onnxruntime says, in one line of bearable length."""
+    return " ".join(str(error).split())[:160]
 
 
 def has_card(session: onnxruntime.InferenceSession) -> bool:

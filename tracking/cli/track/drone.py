@@ -55,6 +55,7 @@ def drone(
             given, such as --bridging.most_frames 5: more people are found, and more of nobody.
     """
     from tsuiseki.tracking.association.flow.cost_network import CostNetwork
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.cli.track.drone_run import follow, write_result
     from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
     from tsuiseki.tracking.pipelines.drone.models import DroneModels
@@ -75,11 +76,13 @@ def drone(
     )
     with output.run() as run:
         kept = None if cache is None else (video.source, cache)
+        tell_reading(run, models.observers.detect)
         found = follow(run, source, models, method, drone, kept, changes)
         if found.facts:
             run.facts["flow"] = dict(found.facts)
             if unknown := found.facts["camera_unknown"]:
                 print(said_of_camera(unknown))
+        tell_blank(models.observers.detect)
         write_result(run, found, source, threshold, video=video)
         who = "person" if len(found.people) == 1 else "people"
         run.done(f"{len(found.people)} {who} in {run.count} frames: {output.out / 'tracks.txt'}")

@@ -77,6 +77,7 @@ def fisheye(
         detector_options: what the file of another project's detector does not tell.
     """
     from tsuiseki.tracking.cameras.person_model import PersonModel
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.features.networks.exported import Detect, open_appearance, open_detector
     from tsuiseki.tracking.pipelines.fisheye.tracking import (
         DETECTORS,
@@ -95,6 +96,7 @@ def fisheye(
     needs_images = detections is None or network is not None or overlay
     views = open_ceiling(source, cameras, resize, needs_images=needs_images)
     found: list[Detect | list[Detections]] = []
+    detector: Detect | None = None
     if detections is None:
         path = finding.detector or shipped(DETECTORS[view])
         detector = open_detector(path, finding.score_threshold, threads=finding.threads, options=detector_options)
@@ -105,6 +107,7 @@ def fisheye(
     describe = None if network is None else open_appearance(network, finding.threads)
     done = []
     with output.run() as run:
+        tell_reading(run, detector)
         for each, detect in zip(views, found, strict=True):
             if run.interrupted:
                 break
@@ -116,6 +119,7 @@ def fisheye(
             tracks = link_on_floor(watched, each.rate, method, hungarian, flow, run.times)
             done.append(_written(run, each, tracks, "" if len(views) == 1 else f"{name}/", overlay))
             run.facts[name] = {"people": len(tracks), "frames": run.count - before, "frame_rate": each.rate}
+        tell_blank(detector)
         settings = {name: str(value) for name, value in output.given.settings.items()}
         page = floor_page(done, run.times.seconds, settings)
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))

@@ -15,6 +15,7 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
     Args:
         seed: of random numbers; kept in run.json, for the methods here draw none.
     """
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.pipelines.people.files import facts_of, opened
@@ -26,6 +27,7 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
     inputs, tracker, class_of = opened(source, finding, linking, output.seed)
     log = FrameLog()
     with output.run() as run:
+        tell_reading(run, inputs.detect)
         frames = run.frames(source, record=video.overlay)
         for index, found in run.steps(inputs.found(frames, run.times), total=frames_expected(source)):
             log.add(index, found)
@@ -37,6 +39,7 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
         run.facts |= facts
         for line in lines:
             print(line)
+        tell_blank(inputs.detect)
         run.columns = log.columns(tracks)
         run.write("tracks.txt", lambda path: write_tracks(path, tracks, class_of))
         drawn = video.draw(run, source, lambda path, again: write_overlay(path, again, tracks, source.frame_rate))

@@ -14,8 +14,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.features.networks.foreign_options import LayoutName
+from tsuiseki.tracking.features.networks.foreign_options import LayoutName, ScoreKind
 from tsuiseki.tracking.features.networks.image_input import IMAGENET, ImageInput
+from tsuiseki.tracking.features.networks.score_kinds import as_probabilities
 from tsuiseki.tracking.types import FloatArray
 
 STRIDES, MORE_STRIDES = (8, 16, 32), (8, 16, 32, 64)
@@ -35,6 +36,7 @@ class Layout:
         input: what the family wants its pictures to be, unless the user says otherwise.
         suppressed: the network itself drops doubles.
         outputs: how many there are.
+        paired: boxes are one output and class values the other, which `with_probabilities` must have been through.
     """
 
     description: str
@@ -43,6 +45,7 @@ class Layout:
     input: ImageInput
     suppressed: bool = False
     outputs: int = 1
+    paired: bool = False
 
 
 def read_yolov8(outputs: Outputs, size: Size, person: int) -> Boxes:
@@ -50,6 +53,11 @@ def read_yolov8(outputs: Outputs, size: Size, person: int) -> Boxes:
     del size
     rows = outputs[0].astype(np.float64).T
     return _corners(rows[:, :4]), rows[:, 4 + person]
+
+
+def read_yolov8_rows(outputs: Outputs, size: Size, person: int) -> Boxes:
+    """``(N, 4 + C)``: as `read_yolov8`, a row a box."""
+    return read_yolov8([outputs[0].T], size, person)
 
 
 def read_yolov5(outputs: Outputs, size: Size, person: int) -> Boxes:
@@ -82,15 +90,15 @@ def read_rtdetr_joined(outputs: Outputs, size: Size, person: int) -> Boxes:
 
 
 def read_detr(outputs: Outputs, size: Size, person: int) -> Boxes:
-    """``(N, 4)`` centres and sides as shares of the input, and ``(N, C)`` logits or scores of the classes."""
+    """``(N, 4)`` centres and sides as shares of the input, and ``(N, C)`` probabilities of the classes."""
     boxes, classes = paired(outputs)
-    return _corners(boxes.astype(np.float64) * _sides(size)), _probabilities(classes)[:, person]
+    return _corners(boxes.astype(np.float64) * _sides(size)), classes[:, person].astype(np.float64)
 
 
 def read_corners(outputs: Outputs, size: Size, person: int) -> Boxes:
-    """``(N, 4)`` corners as shares of the input, and ``(N, C)`` logits or scores of the classes."""
+    """``(N, 4)`` corners as shares of the input, and ``(N, C)`` probabilities of the classes."""
     boxes, classes = paired(outputs)
-    return boxes.astype(np.float64) * _sides(size), _probabilities(classes)[:, person]
+    return boxes.astype(np.float64) * _sides(size), classes[:, person].astype(np.float64)
 
 
 def read_torchvision(outputs: Outputs, size: Size, person: int) -> Boxes:
@@ -129,6 +137,12 @@ def paired(outputs: Outputs) -> tuple[NDArray[Any], NDArray[Any]]:
     return (second, first) if first.shape[-1] != 4 else (first, second)
 
 
+def with_probabilities(outputs: Outputs, kind: ScoreKind) -> Outputs:
+    """Two outputs, boxes first, with probabilities instead of class values."""
+    boxes, classes = paired(outputs)
+    return boxes, as_probabilities(classes, kind)
+
+
 def labelled(outputs: Outputs) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Boxes, classes and scores of three outputs: the one of four columns, the one of integers, the other."""
     boxes = next(x for x in outputs if x.ndim == 2 and x.shape[-1] == 4)
@@ -144,14 +158,6 @@ def _sides(size: Size) -> FloatArray:
     return np.array([size[1], size[0]] * 2, dtype=np.float64)
 
 
-def _probabilities(classes: NDArray[Any]) -> FloatArray:
-    """Scores as they are, logits through a sigmoid: what leaves [0, 1] is no probability."""
-    values = classes.astype(np.float64)
-    if values.size and (values.min() < 0 or values.max() > 1):
-        return np.asarray(1 / (1 + np.exp(-np.clip(values, -60, 60))))
-    return values
-
-
 def _untold(outputs: Outputs) -> None:
     """These outputs do not tell how many classes there are."""
     del outputs
@@ -161,7 +167,11 @@ _YOLO = ImageInput()
 _PLAIN = ImageInput("stretch")
 LAYOUTS: Mapping[LayoutName, Layout] = {
     "yolov8": Layout("(1, 4+C, N)", read_yolov8, lambda o: o[0].shape[0] - 4, _YOLO),
+    "yolov8-rows": Layout("(1, N, 4+C), a box a cell, in pixels", read_yolov8_rows, lambda o: o[0].shape[1] - 4, _YOLO),
     "yolov5": Layout("(1, N, 5+C), three boxes a cell", read_yolov5, lambda o: o[0].shape[1] - 5, _YOLO),
+    "yolov6": Layout(
+        "(1, N, 5+C), a box a cell, in pixels, column 5 all ones", read_yolov5, lambda o: o[0].shape[1] - 5, _YOLO
+    ),
     "yolox": Layout(
         "(1, N, 5+C), a box a cell, in strides",
         read_yolox,
@@ -181,18 +191,20 @@ LAYOUTS: Mapping[LayoutName, Layout] = {
         "(1, N, 4+C) centres as shares, scores", read_rtdetr_joined, lambda o: o[0].shape[1] - 4, _PLAIN
     ),
     "detr": Layout(
-        "(1, N, 4) centres as shares, (1, N, C) logits",
+        "(1, N, 4) centres as shares, (1, N, C) classes",
         read_detr,
         lambda o: paired(o)[1].shape[-1],
         IMAGENET,
         outputs=2,
+        paired=True,
     ),
     "corners": Layout(
-        "(1, N, 4) corners as shares, (1, N, C) scores",
+        "(1, N, 4) corners as shares, (1, N, C) classes",
         read_corners,
         lambda o: paired(o)[1].shape[-1],
         IMAGENET,
         outputs=2,
+        paired=True,
     ),
     "torchvision": Layout(
         "boxes (N, 4) in pixels, labels (N,), scores (N,)",

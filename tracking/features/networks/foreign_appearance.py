@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions
 from tsuiseki.tracking.features.networks.image_input import IMAGENET
-from tsuiseki.tracking.onnx import image_input, open_session
+from tsuiseki.tracking.onnx import image_input, open_session, run_session
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -48,9 +47,12 @@ class ForeignAppearance:
                 f"{self.path}: expected crops (N, 3, H, W) in and one output of features, got "
                 f"{len(self._wanted.shape)} axes and {len(self.session.get_outputs())} outputs"
             )
+        if len(self.session.get_inputs()) != 1:
+            names = ", ".join(x.name for x in self.session.get_inputs())
+            raise RequestError(f"{self.path}: expected one input, the crops, got {names}; export it with crops alone")
         self.batch_size = batch_size if isinstance(self._wanted.shape[0], str) else 1
         self.input = replace(IMAGENET, colour=options.colour, pixels=options.pixels, mean=options.mean, std=options.std)
-        self.feature_length = self._rows(np.zeros((1, self.height, self.width, 3), dtype=np.uint8)).shape[1]
+        self.feature_length = self._try(self.height, self.width)
 
     def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N, D)`` unit-length features of the people in ``(N, 4)`` boxes of an ``(H, W, 3)`` uint8 RGB image.
@@ -68,9 +70,19 @@ class ForeignAppearance:
             raise RunError(f"{self.path}: expected finite features, got zero or NaN; check its normalisation")
         return np.asarray(rows / length)
 
+    def _try(self, height: int, width: int) -> int:
+        """The length of the features, after a look at noise and at black."""
+        noise = np.random.default_rng(0).integers(0, 256, (1, height, width, 3), dtype=np.uint8)
+        rows = self._rows(noise)
+        if np.array_equal(rows, self._rows(np.zeros_like(noise))):
+            raise RequestError(
+                f"{self.path}: expected features that depend on the crop, got the same for two crops; export it again"
+            )
+        return rows.shape[1]
+
     def _rows(self, crops: NDArray[np.uint8]) -> FloatArray:
         values = self.input.normalise(crops, self._wanted.dtype)
-        output: NDArray[Any] = self.session.run(None, {self._wanted.name: values})[0]
+        output = run_session(self.session, self.path, {self._wanted.name: values})[0]
         if output.ndim < 2 or len(output) != len(crops) or output[0].size != output.shape[1]:
             raise RequestError(f"{self.path}: expected features (N, D), got {output.shape} for {len(crops)} crops")
         return output.reshape(len(crops), -1).astype(np.float64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.networks.detector_layouts import LAYOUTS, Size
-from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions, LayoutName
+from tsuiseki.tracking.features.networks.class_of_people import class_names, class_of_people
+from tsuiseki.tracking.features.networks.detector_layouts import LAYOUTS, Size, paired, with_probabilities
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions, LayoutName, ScoreKind
 from tsuiseki.tracking.features.networks.image_input import ImageInput
-from tsuiseki.tracking.features.networks.layout_recognition import possible_layouts
+from tsuiseki.tracking.features.networks.layout_recognition import BOX_NAMES, possible_layouts
+from tsuiseki.tracking.features.networks.score_kinds import background_first, possible_kinds
 from tsuiseki.tracking.geometry import clip_boxes, suppress
-from tsuiseki.tracking.onnx import image_input, open_session
+from tsuiseki.tracking.onnx import image_input, open_session, run_session
 from tsuiseki.tracking.types import Detections, ImageArray
 
-PERSON_NAMES = ("person", "pedestrian", "people", "human", "persons", "pedestrians")
-# Where people stand in COCO, by how many classes a network tells: 80 without gaps, 90 or 91 with COCO's own numbers.
-_COCO = {80: 0, 90: 1, 91: 1}
 _MOST_CANDIDATES = 400
 # A picture side for recognising networks that take any size.
 _TRIAL_SIDE = 320
@@ -41,6 +40,8 @@ class ForeignDetector:
     Attributes:
         layout: that was recognised.
         person: number of the class of people.
+        scores: what the class values are; None for layouts in which they can be but one thing.
+        input: what becomes of a picture.
 
     Raises:
         RequestError: the file is no such detector, several layouts fit it, or its class of people is unknown.
@@ -58,13 +59,36 @@ class ForeignDetector:
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
         self.session = open_session(path, threads)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
+        # Boxes first: with four classes their shape does not tell them.
+        names = [x.name for x in self.session.get_outputs()]
+        self._outputs = sorted(names, key=lambda name: name not in BOX_NAMES)
         self._check_task()
         self.size = self._input_size(options)
-        self.names = options.classes or _class_names(self.metadata)
+        self.names = options.classes or class_names(self.metadata)
         trial = self._try()
         self.layout = self._choose_layout(trial, options)
         self.input = _changed(LAYOUTS[self.layout].input, options, whole=self.size is None)
+        self.scores = self._choose_scores(list(trial.values()), options)
         self.person = self._choose_person(list(trial.values()), options)
+        self._gave: set[bool] = set()
+
+    def __str__(self) -> str:
+        """How the file is read, in words."""
+        name = f" {self.names[self.person]!r}" if self.names and self.person < len(self.names) else ""
+        scores = "" if self.scores is None else f", scores by {self.scores}"
+        size = "any size" if self.size is None else f"{self.size[1]}x{self.size[0]}"
+        return f"layout {self.layout}, people are class {self.person}{name}{scores}; pictures {self.input}, {size}"
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """How the file is read, as plain values by name."""
+        chosen = {"layout": self.layout, "person": self.person, "classes": self.names, "scores": self.scores}
+        return {**chosen, "size": self.size, **asdict(self.input)}
+
+    @property
+    def blank(self) -> bool:
+        """Whether it has looked at pictures, and none gave anything but zeros or no rows."""
+        return self._gave == {False}
 
     @property
     def input_size(self) -> Size | None:
@@ -75,7 +99,8 @@ class ForeignDetector:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB; boxes are cut off at the border.
 
         Raises:
-            RunError: the network gives NaN, or nothing but zeros where it should give a row for every place.
+            RunError: the network gives NaN or infinity, or nothing but zeros where every place has
+                a row.
         """
         if not images:
             return []
@@ -90,6 +115,8 @@ class ForeignDetector:
         self, outputs: Sequence[NDArray[Any]], fitted: Size, scale: tuple[float, float], size: Size
     ) -> Detections:
         self._check_values(outputs)
+        if self.scores is not None:
+            outputs = with_probabilities(outputs, self.scores)
         boxes, scores = LAYOUTS[self.layout].read(outputs, fitted, self.person)
         good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
         good = good[np.argsort(-scores[good], kind="stable")][:_MOST_CANDIDATES]
@@ -116,12 +143,7 @@ class ForeignDetector:
         for other in self.session.get_inputs():
             if other.name != self._wanted.name:  # RT-DETR asks for the size that its boxes are to be in
                 inputs[other.name] = np.tile(np.array(images.shape[2:0:-1], dtype=np.int64), (len(images), 1))
-        try:
-            found: list[NDArray[Any]] = self.session.run(None, inputs)
-        except Exception as error:
-            reason = " ".join(str(error).split())[:160]
-            raise RequestError(f"{self.path}: the network refuses its input; onnxruntime says: {reason}") from error
-        return found
+        return run_session(self.session, self.path, inputs, self._outputs)
 
     def _check_task(self) -> None:
         task = self.metadata.get("task", "detect")
@@ -150,10 +172,11 @@ class ForeignDetector:
         self.input = ImageInput("as-is")
         size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-        names = [x.name for x in self.session.get_outputs()]
-        outputs = dict(zip(names, self._run([noise])[0], strict=True))
-        if any(np.isnan(x).any() for x in outputs.values() if np.issubdtype(x.dtype, np.floating)):
-            raise RequestError(f"{self.path}: its outputs for a picture of noise are NaN; export it again in float32")
+        outputs = dict(zip(self._outputs, self._run([noise])[0], strict=True))
+        if not _finite(list(outputs.values())):
+            raise RequestError(
+                f"{self.path}: its outputs for a picture of noise are NaN or infinite; export it again in float32"
+            )
         return outputs
 
     def _choose_layout(self, trial: Mapping[str, NDArray[Any]], options: DetectorOptions) -> LayoutName:
@@ -169,43 +192,60 @@ class ForeignDetector:
         if len(found) == 1:
             return found[0]
         if not found:
-            known = "; ".join(f"{name} {layout.description}" for name, layout in LAYOUTS.items())
-            raise RequestError(f"{self.path}: its outputs {_shapes(trial)} are of no known layout; known are {known}")
+            raise RequestError(
+                f"{self.path}: its outputs {_shapes(trial)} are of no known layout; known are {', '.join(LAYOUTS)}"
+            )
         fitting = " or ".join(f"{name} {LAYOUTS[name].description}" for name in found)
         raise RequestError(
             f"{self.path}: its outputs {_shapes(trial)} could be {fitting}; say which with the detector option layout"
         )
 
-    def _choose_person(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> int:
-        count = LAYOUTS[self.layout].classes(trial) or (len(self.names) if self.names else None)
-        if options.person is not None:
-            if options.person < 0 or (count is not None and options.person >= count):
-                raise RequestError(f"{self.path}: expected a class of people from 0 to {count}, got {options.person}")
-            return options.person
-        if self.names:
-            lowered = [name.strip().lower() for name in self.names]
-            found = [n for n, name in enumerate(lowered) if name in PERSON_NAMES]
-            if len(found) == 1:
-                return found[0]
-            listed = ", ".join(self.names[:8]) + (", …" if len(self.names) > 8 else "")
-            what = "several classes of people" if found else "no class of people"
-            raise RequestError(f"{self.path}: {what} among {listed}; say which one with the detector option person")
-        if count == 1:
-            return 0
-        if count in _COCO:
-            return _COCO[count]
-        which = "an unknown number of" if count is None else str(count)
+    def _choose_scores(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> ScoreKind | None:
+        if not LAYOUTS[self.layout].paired:
+            if options.scores is not None:
+                raise RequestError(
+                    f"{self.path}: the scores of layout {self.layout} can be but one thing; leave the detector option "
+                    "scores out"
+                )
+            return None
+        classes = paired(trial)[1]
+        found = possible_kinds(classes, len(self.names) if self.names else None)
+        if options.scores is not None:
+            if options.scores == "probabilities" and found != ["probabilities"]:
+                raise RequestError(
+                    f"{self.path}: expected probabilities, got class values from {classes.min():.3g} to "
+                    f"{classes.max():.3g}; give the detector option scores as sigmoid or softmax"
+                )
+            return options.scores
+        if len(found) == 1:
+            return found[0]
         raise RequestError(
-            f"{self.path}: {which} classes without names; say which one is people with the detector option person "
-            "(COCO: 0 in YOLO, 1 in torchvision)"
+            f"{self.path}: its class values could be logits of a {' or of a '.join(found)}; say which with the "
+            "detector option scores"
         )
+
+    def _choose_person(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> int:
+        columns = LAYOUTS[self.layout].classes(trial) or (len(self.names) if self.names else None)
+        if self.scores != "softmax" or columns is None:
+            return class_of_people(self.path, self.names, columns, options.person)
+        # One class is "no object": the last one, or as in SSD the first, which COCO's own numbers count, too.
+        if not background_first(paired(trial)[1]):
+            return class_of_people(self.path, self.names, columns - 1, options.person)
+        if options.person is None and self.names and len(self.names) < columns:
+            return 1 + class_of_people(self.path, self.names, columns - 1, None)
+        return class_of_people(self.path, self.names, columns, options.person)
 
     def _check_values(self, outputs: Sequence[NDArray[Any]]) -> None:
         floats = [x for x in outputs if np.issubdtype(x.dtype, np.floating)]
-        if any(np.isnan(x).any() for x in floats):
-            raise RunError(f"{self.path}: the network gives NaN; check its normalisation, or export it in float32")
-        if not LAYOUTS[self.layout].suppressed and all(not x.any() for x in floats):
+        if not _finite(outputs):
+            raise RunError(
+                f"{self.path}: the network gives NaN or infinity; check its normalisation, or export it in float32"
+            )
+        blank = not any(x.any() for x in floats)
+        # Rows of zeros fill up, or there are no rows where nothing is found.
+        if blank and self.layout != "yolo-suppressed" and all(x.size for x in floats):
             raise RunError(f"{self.path}: the network gives nothing but zeros; export it again")
+        self._gave.add(not blank)
 
 
 def _changed(usual: ImageInput, options: DetectorOptions, *, whole: bool) -> ImageInput:
@@ -213,17 +253,6 @@ def _changed(usual: ImageInput, options: DetectorOptions, *, whole: bool) -> Ima
     given: dict[str, Any] = {"resize": "as-is"} if whole else {}
     given |= {name: value for name in names if (value := getattr(options, name)) is not None}
     return replace(usual, **given)
-
-
-def _class_names(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Names of the classes as Ultralytics writes them: the text of a dict from numbers to names."""
-    try:
-        names = ast.literal_eval(metadata["names"])
-    except (KeyError, ValueError, SyntaxError):
-        return None
-    if isinstance(names, dict) and sorted(names) == list(range(len(names))):
-        names = [names[n] for n in range(len(names))]
-    return tuple(str(x) for x in names) if isinstance(names, list | tuple) and names else None
 
 
 def _told_size(metadata: Mapping[str, str]) -> Size | None:
@@ -246,6 +275,10 @@ def _readable(layout: LayoutName, trial: Mapping[str, NDArray[Any]], size: Size)
     except (IndexError, ValueError, StopIteration, AttributeError):
         return False
     return boxes.ndim == 2 and boxes.shape == (len(scores), 4)
+
+
+def _finite(outputs: Sequence[NDArray[Any]]) -> bool:
+    return all(bool(np.isfinite(x).all()) for x in outputs if np.issubdtype(x.dtype, np.floating))
 
 
 def _shapes(outputs: Mapping[str, NDArray[Any]]) -> str:

@@ -6,8 +6,19 @@ from dataclasses import dataclass
 from typing import Literal
 
 LayoutName = Literal[
-    "yolov8", "yolov5", "yolox", "yolox-decoded", "yolo-suppressed", "rtdetr-joined", "detr", "corners", "torchvision"
+    "yolov8",
+    "yolov8-rows",
+    "yolov5",
+    "yolov6",
+    "yolox",
+    "yolox-decoded",
+    "yolo-suppressed",
+    "rtdetr-joined",
+    "detr",
+    "corners",
+    "torchvision",
 ]
+ScoreKind = Literal["probabilities", "sigmoid", "softmax"]
 Resize = Literal["letterbox", "stretch", "as-is"]
 Colour = Literal["RGB", "BGR"]
 PixelRange = Literal["unit", "bytes"]
@@ -22,6 +33,8 @@ class DetectorOptions:
         layout: of the outputs, where several fit.
         classes: their names in order; people are found by name.
         person: number of the class of people, from 0.
+        scores: what the class values of layouts detr and corners are: ``probabilities``, or logits of a ``sigmoid`` a
+            class or of one ``softmax`` with a class for no object.
         height: of the input, pixels, where the file leaves it open.
         width: likewise.
         resize: how pictures are fitted into the input.
@@ -34,6 +47,7 @@ class DetectorOptions:
     layout: LayoutName | None = None
     classes: tuple[str, ...] | None = None
     person: int | None = None
+    scores: ScoreKind | None = None
     height: int | None = None
     width: int | None = None
     resize: Resize | None = None

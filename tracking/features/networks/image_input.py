@@ -35,6 +35,14 @@ class ImageInput:
     std: tuple[float, float, float] = (1.0, 1.0, 1.0)
     fill: int = 114
 
+    def __str__(self) -> str:
+        """In words, such as ``letterbox, RGB, [0, 1]``."""
+        values = "[0, 1]" if self.pixels == "unit" else "[0, 255]"
+        plain = (self.mean, self.std) == ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+        usual = (self.mean, self.std) == (IMAGENET_MEAN, IMAGENET_STD)
+        by = "" if plain else ", normalised as ImageNet" if usual else f", mean {self.mean}, std {self.std}"
+        return f"{self.resize}, {self.colour}, {values}{by}"
+
     def fit(self, image: ImageArray, size: tuple[int, int]) -> tuple[ImageArray, tuple[float, float]]:
         """``(H, W, 3)`` uint8 RGB at ``size`` (height, width), and the scales from its pixels in x and y."""
         if self.resize == "as-is":

@@ -28,7 +28,13 @@ _MOST_ROWS = 1000
 _FEWEST_QUERIES = 50
 # How far, in strides, the centre of a box may lie from its cell.
 _REACH = 4.0
-_DETR_NAMES = ({"dets", "labels"}, {"logits", "pred_boxes"})
+_NEARLY_ALL = 0.9
+# Where people stand in COCO, by how many classes a network tells: 80 without gaps, 90 or 91 with COCO's own numbers.
+COCO = {80: 0, 90: 1, 91: 1}
+# Layouts that differ by one class and by nothing else.
+_TOLD_BY_COUNT = {"yolox-decoded", "yolov8-rows"}
+BOX_NAMES = ("dets", "pred_boxes")
+_DETR_NAMES = ({"dets", "labels"}, {"logits", "pred_boxes"}, {"pred_logits", "pred_boxes"})
 
 
 def possible_layouts(outputs: Mapping[str, NDArray[Any]], size: Size, classes: int | None = None) -> list[LayoutName]:
@@ -37,7 +43,8 @@ def possible_layouts(outputs: Mapping[str, NDArray[Any]], size: Size, classes: i
     Args:
         outputs: by name, for one picture, without the batch axis.
         size: height and width of the input.
-        classes: their number, where the file tells it; layouts with another number are left out.
+        classes: number of classes of objects, where the file or the user tells it; layouts with another number are
+            left out.
     """
     arrays = list(outputs.values())
     if any(not np.isfinite(x).all() for x in arrays if np.issubdtype(x.dtype, np.floating)):
@@ -49,7 +56,7 @@ def possible_layouts(outputs: Mapping[str, NDArray[Any]], size: Size, classes: i
         found = _pair(outputs)
     elif len(arrays) == 3 and _is_torchvision(arrays):
         found = ["torchvision"]
-    return [name for name in found if _fits_classes(name, arrays, classes)]
+    return _of_so_many_classes(found, arrays, classes)
 
 
 def _single(rows: NDArray[Any], size: Size) -> list[LayoutName]:
@@ -60,8 +67,8 @@ def _single(rows: NDArray[Any], size: Size) -> list[LayoutName]:
         found.append("yolov8")
     if count in [3 * n for n in cells] and columns >= 6:
         found.append("yolov5")
-    if count in cells and columns >= 6:
-        found += _yolox(rows, size)
+    if count in cells and columns >= 5:
+        found += _box_a_cell(rows, size)
     if columns == 6 and count <= _MOST_ROWS and _can_be_suppressed(rows, size):
         found.append("yolo-suppressed")
     if columns >= 5 and _FEWEST_QUERIES <= count <= _MOST_ROWS and _can_be_shares(rows):
@@ -69,13 +76,24 @@ def _single(rows: NDArray[Any], size: Size) -> list[LayoutName]:
     return found
 
 
-def _yolox(rows: NDArray[Any], size: Size) -> list[LayoutName]:
-    """In strides from the cell, or already in pixels: a centre lies near its cell in one of the two readings."""
+def _box_a_cell(rows: NDArray[Any], size: Size) -> list[LayoutName]:
+    """In strides from the cell, or already in pixels: a centre lies near its cell in one of the two readings.
+
+    In pixels the shape is that of three families. YOLOv6 fills the column of the chance of any object with ones; with
+    and without that column the others look the same.
+    """
     cells, strides = grid(size, len(rows))
     centres = rows[:, :2].astype(np.float64)
-    near = (np.abs(centres) < _REACH).mean() > 0.9
-    in_pixels = (np.abs(centres / strides - cells) < _REACH).mean() > 0.9 and (rows[:, 2:4] >= 0).all()
-    return [name for name, fits in (("yolox", near), ("yolox-decoded", in_pixels)) if fits]  # type: ignore[misc]
+    found: list[LayoutName] = []
+    if rows.shape[1] >= 6 and (np.abs(centres) < _REACH).mean() > _NEARLY_ALL:
+        found.append("yolox")
+    if (np.abs(centres / strides - cells) < _REACH).mean() > _NEARLY_ALL and (rows[:, 2:4] >= 0).all():
+        if rows.shape[1] >= 6 and (rows[:, 4] == 1).all():
+            return [*found, "yolov6"]
+        if rows.shape[1] >= 6:
+            found.append("yolox-decoded")
+        found.append("yolov8-rows")
+    return found
 
 
 def _can_be_suppressed(rows: NDArray[Any], size: Size) -> bool:
@@ -117,6 +135,11 @@ def _is_torchvision(arrays: Outputs) -> bool:
     return len(boxes) == len(labels) == len(scores) == 1 and len(boxes[0]) == len(labels[0]) == len(scores[0])
 
 
-def _fits_classes(name: LayoutName, arrays: Outputs, classes: int | None) -> bool:
-    told = LAYOUTS[name].classes(arrays)
-    return classes is None or told is None or told == classes
+def _of_so_many_classes(found: list[LayoutName], arrays: Outputs, classes: int | None) -> list[LayoutName]:
+    """The layouts that have so many classes; where nothing says how many, COCO's are likelier than one more or less."""
+    told = {name: LAYOUTS[name].classes(arrays) for name in found}
+    if classes is None:
+        likely = [name for name in found if told[name] in COCO]
+        return likely if len(found) > 1 and len(likely) == 1 and told.keys() <= _TOLD_BY_COUNT else found
+    # One class more is that of "no object".
+    return [n for n in found if told[n] in (None, classes) or (LAYOUTS[n].paired and told[n] == classes + 1)]

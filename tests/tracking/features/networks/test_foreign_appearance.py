@@ -30,6 +30,38 @@ def mean_colour(path, shape=("n", 3, 24, 12), keep=0):
     return path
 
 
+def two_inputs(path):
+    crops = helper.make_tensor_value_info("crops", TensorProto.FLOAT, ["n", 3, 24, 12])
+    other = helper.make_tensor_value_info("other", TensorProto.FLOAT, [1, 1, 1, 1])
+    features = helper.make_tensor_value_info("features", TensorProto.FLOAT, None)
+    graph = helper.make_graph(
+        [helper.make_node("Add", ["crops", "other"], ["features"])], "two", [crops, other], [features]
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9), path)
+    return path
+
+
+def clashing(path, told=True):
+    """Three means a crop by a matrix of five rows; seen when the file is read, or only when it runs."""
+    graph = helper.make_graph(
+        [
+            helper.make_node("ReduceMean", ["crops", "axes"], ["means"], keepdims=0),
+            helper.make_node("Reshape", ["means", "shape"], ["rows"]),
+            helper.make_node("MatMul", ["rows", "matrix"], ["features"]),
+        ],
+        "clash",
+        [helper.make_tensor_value_info("crops", TensorProto.FLOAT, ["n", 3, 24, 12])],
+        [helper.make_tensor_value_info("features", TensorProto.FLOAT, None)],
+        [
+            numpy_helper.from_array(np.array([2, 3]), "axes"),
+            numpy_helper.from_array(np.array([-1, 3] if told else [-1]), "shape"),
+            numpy_helper.from_array(np.ones((5, 4), np.float32), "matrix"),
+        ],
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9), path)
+    return path
+
+
 @pytest.mark.parametrize("shape", [("n", 3, 24, 12), (1, 3, 24, 12), ("n", 3, "h", "w")])
 @pytest.mark.parametrize("keep", [0, 1])
 def test_features_are_mean_colours_of_unit_length(tmp_path, shape, keep):
@@ -68,6 +100,14 @@ def test_files_that_are_no_appearance_network_are_refused_in_one_line(tmp_path):
         "expected a float32 or float16 input, got uint8": save_constant(
             tmp_path / "bytes.onnx", {"a": np.ones(3, np.float32)}, shape=("n", *size), kind=TensorProto.UINT8
         ),
+        "expected one input, the crops, got crops, other": two_inputs(tmp_path / "inputs.onnx"),
+        "got the same for two crops": save_constant(
+            tmp_path / "constant.onnx", {"a": np.ones(3, np.float32)}, shape=("n", *size)
+        ),
+        "not a readable ONNX model; export it again; onnxruntime says: .*Incompatible dimensions": clashing(
+            tmp_path / "clash.onnx"
+        ),
+        "the network refuses its input; onnxruntime says: ": clashing(tmp_path / "late.onnx", told=False),
         "channels before the rows": save_constant(
             tmp_path / "last.onnx", {"a": np.ones(3, np.float32)}, shape=("n", 24, 12, 3)
         ),

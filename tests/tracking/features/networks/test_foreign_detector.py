@@ -91,8 +91,22 @@ def torchvision():
     return {"boxes": CORNERS[kept], "labels": CLASSES[kept], "scores": SCORES[kept]}
 
 
+def yolov8_rows():
+    rows = yolov5(1)["output"]
+    return {"output0": np.concatenate([rows[:, :4], np.maximum(rows[:, 5:] * 0.5, 0.001)], axis=1)}
+
+
+def yolov6():
+    rows = yolov5(1)["output"]
+    rows[:, 5:] *= 0.5
+    rows[:, 4] = 1
+    return {"outputs": rows}
+
+
 LAYOUTS = {
     "yolov8": yolov8,
+    "yolov8-rows": yolov8_rows,
+    "yolov6": yolov6,
     "yolov5": yolov5,
     "yolox": yolox,
     "yolox-decoded": yolox_decoded,
@@ -166,7 +180,7 @@ def test_people_are_found_by_name_by_number_and_where_coco_has_them(tmp_path):
         open_detector(saved(tmp_path, "yolov8", metadata={"names": "['dog', 'cat', 'car']"}))
     with pytest.raises(RequestError, match="several classes of people"):
         open_detector(path, options=DetectorOptions(classes=("person", "pedestrian", "car")))
-    with pytest.raises(RequestError, match="from 0 to 3, got 3"):
+    with pytest.raises(RequestError, match="from 0 to 2, got 3"):
         open_detector(path, options=DetectorOptions(person=3))
     rows = np.zeros((84, len(CELLS)), np.float32)
     assert open_detector(save_constant(tmp_path / "coco.onnx", {"o": rows})).person == 0
@@ -200,6 +214,102 @@ def test_two_classes_of_a_transformer_are_told_from_suppressed_boxes(tmp_path):
     detector = open_detector(empty, options=DetectorOptions(person=0))
     assert detector.layout == "yolo-suppressed"
     assert len(detector.detect([np.zeros((HEIGHT, WIDTH, 3), np.uint8)])[0]) == 0
+
+
+def test_rows_with_and_without_an_objectness_are_told_by_the_classes_or_refused_with_both(tmp_path):
+    rows = yolov8_rows()["output0"]
+    two = save_constant(tmp_path / "two.onnx", {"output0": rows[:, :6]})
+    both = r"could be yolox-decoded .* or yolov8-rows .*; say which with the detector option layout"
+    with pytest.raises(RequestError, match=both):
+        open_detector(two)
+    with pytest.raises(RequestError, match=both):
+        open_detector(two, options=DetectorOptions(person=0))
+    assert open_detector(two, options=DetectorOptions(classes=("person", "dog"))).layout == "yolov8-rows"
+    assert open_detector(two, options=DetectorOptions(classes=("person",))).layout == "yolox-decoded"
+    for columns, layout in ((84, "yolov8-rows"), (85, "yolox-decoded")):  # 80 classes are COCO's
+        coco = np.concatenate([rows, np.zeros((len(rows), columns - rows.shape[1]), np.float32)], axis=1)
+        detector = open_detector(save_constant(tmp_path / f"{columns}.onnx", {"o": coco}))
+        assert (detector.layout, detector.person) == (layout, 0)
+
+
+def softmax_detr(queries=60, classes=3, no_object=8.0, first=False):
+    """DETR of Hugging Face: "no object" wins every query but that of one person, class 0."""
+    logits = np.zeros((queries, classes + 1), np.float32)
+    logits[:, 0 if first else -1] = no_object
+    logits[0, 1 if first else 0] = no_object + 4
+    # A sigmoid would take these for people.
+    logits[1:, 1 if first else 0] = 2
+    return {"logits": logits, "pred_boxes": np.full((queries, 4), 0.5, np.float32)}
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_logits_with_a_class_of_no_object_go_through_a_softmax(tmp_path, first):
+    path = save_constant(tmp_path / "detr.onnx", softmax_detr(first=first), metadata=NAMES)
+    detector = open_detector(path)
+    assert (detector.layout, detector.scores, detector.person) == ("detr", "softmax", int(first))
+    found = detector.detect([np.zeros((HEIGHT, WIDTH, 3), np.uint8)])[0]
+    np.testing.assert_allclose(found.scores, [np.exp(12) / (np.exp(12) + np.exp(8) + 2)], atol=1e-4)
+    coco = save_constant(tmp_path / "coco.onnx", softmax_detr(classes=91))
+    assert open_detector(coco).person == 1
+    unknown = save_constant(tmp_path / "unknown.onnx", softmax_detr())
+    with pytest.raises(RequestError, match="3 classes without names"):
+        open_detector(unknown)
+    with pytest.raises(RequestError, match="from 0 to 2, got 3"):
+        open_detector(unknown, options=DetectorOptions(person=3))
+
+
+def test_logits_that_may_be_of_a_sigmoid_or_a_softmax_are_asked_for(tmp_path):
+    low = softmax_detr(classes=1, no_object=-3.0)
+    low["logits"][:, 0] -= 6
+    path = save_constant(tmp_path / "low.onnx", low)
+    with pytest.raises(RequestError, match=r"logits of a sigmoid or of a softmax; say which .* option scores"):
+        open_detector(path, options=DetectorOptions(person=0))
+    for kind in ("sigmoid", "softmax"):
+        assert open_detector(path, options=DetectorOptions(person=0, scores=kind)).scores == kind
+    with pytest.raises(RequestError, match="expected probabilities, got class values from -5 to -3"):
+        open_detector(path, options=DetectorOptions(person=0, scores="probabilities"))
+    with pytest.raises(RequestError, match="leave the detector option scores out"):
+        open_detector(saved(tmp_path, "yolov8", metadata=NAMES), options=DetectorOptions(scores="sigmoid"))
+
+
+def test_logits_stay_logits_where_a_picture_gives_only_small_ones(tmp_path):
+    detector = open_detector(saved(tmp_path, "detr", metadata=NAMES))
+    assert detector.scores == "sigmoid"
+    boxes, logits = np.full((50, 4), 0.5, np.float32), np.full((50, 3), 0.2, np.float32)
+    found = detector._decode([boxes, logits], (HEIGHT, WIDTH), (1.0, 1.0), (HEIGHT, WIDTH))
+    np.testing.assert_allclose(found.scores, [1 / (1 + np.exp(-0.2))], atol=1e-6)
+
+
+def test_how_a_file_is_read_is_said_in_a_line_and_in_plain_values(tmp_path):
+    detector = open_detector(saved(tmp_path, "yolox", metadata=NAMES))
+    said = "layout yolox, people are class 0 'person'; pictures letterbox, BGR, [0, 255], 96x64"
+    assert str(detector) == said
+    facts = detector.facts
+    assert (facts["layout"], facts["person"], facts["colour"], facts["pixels"]) == ("yolox", 0, "BGR", "bytes")
+    assert facts["classes"] == ("person", "dog", "car")
+    assert "scores by sigmoid; pictures stretch, RGB, [0, 1], normalised as ImageNet" in str(
+        open_detector(saved(tmp_path, "detr", metadata=NAMES))
+    )
+
+
+def test_rows_that_are_never_filled_are_noticed(tmp_path):
+    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    empty = open_detector(save_constant(tmp_path / "e.onnx", {"o": np.zeros((300, 6), np.float32)}, metadata=NAMES))
+    assert not empty.blank
+    empty.detect([image])
+    assert empty.blank
+    filled = open_detector(saved(tmp_path, "yolo-suppressed", metadata=NAMES))
+    filled.detect([image])
+    assert not filled.blank
+    nothing = {"boxes": np.zeros((0, 4), np.float32), "labels": np.zeros(0, np.int64)}
+    no_rows = {**nothing, "scores": np.zeros(0, np.float32)}
+    plain = {"plain": ("boxes", "labels", "scores"), "shape": (3, HEIGHT, WIDTH), "metadata": NAMES}
+    torchvision = open_detector(save_constant(tmp_path / "n.onnx", no_rows, **plain))
+    assert len(torchvision.detect([image])[0]) == 0
+    assert torchvision.blank
+    zeros = {name: np.zeros((5, *value.shape[1:]), value.dtype) for name, value in no_rows.items()}
+    with pytest.raises(RunError, match="nothing but zeros"):
+        open_detector(save_constant(tmp_path / "z.onnx", zeros, **plain)).detect([image])
 
 
 def mean_colour_detector(path):
@@ -264,10 +374,11 @@ def test_files_with_other_inputs_are_refused_in_one_line(tmp_path, message):
 def test_outputs_of_no_known_layout_nan_and_zeros_are_refused(tmp_path):
     with pytest.raises(RequestError, match=r"logits \(7, 9\) are of no known layout; known are yolov8"):
         open_detector(save_constant(tmp_path / "odd.onnx", {"logits": np.ones((7, 9), np.float32)}))
-    bad = yolov8()
-    bad["output0"][4, 0] = np.nan
-    with pytest.raises(RequestError, match="for a picture of noise are NaN"):
-        open_detector(save_constant(tmp_path / "nan.onnx", bad, metadata=NAMES))
+    for number in (np.nan, np.inf):
+        bad = yolov8()
+        bad["output0"][4, 0] = number
+        with pytest.raises(RequestError, match="for a picture of noise are NaN or infinite"):
+            open_detector(save_constant(tmp_path / "nan.onnx", bad, metadata=NAMES))
     nothing = {"output0": np.zeros_like(yolov8()["output0"])}
     detector = open_detector(save_constant(tmp_path / "zero.onnx", nothing, metadata=NAMES))
     with pytest.raises(RunError, match="nothing but zeros"):

@@ -1,0 +1,36 @@
+"""What a command says of a detector of another project: how it reads the file, and that nothing came out of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.cli.run import Run
+    from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
+
+
+def tell_reading(run: Run, detect: object) -> None:
+    """Print, and keep for ``run.json``, how the file of ``detect`` is read, where that was recognised."""
+    found = _foreign(detect)
+    if found is not None:
+        run.facts["detector"] = found.facts
+        print(f"{found.path.name} is read as {found}", flush=True)
+
+
+def tell_blank(detect: object) -> None:
+    """Print that the file of ``detect`` has given nothing for any picture, where that is so."""
+    found = _foreign(detect)
+    if found is not None and found.blank:
+        print(
+            f"{found.path.name} gave no box of any class for any picture; check that it is the right export and that "
+            f"its pictures are {found.input}",
+            flush=True,
+        )
+
+
+def _foreign(detect: object) -> ForeignDetector | None:
+    from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
+    from tsuiseki.tracking.features.view_choice import ViewedDetector
+
+    inner = detect.detector if isinstance(detect, ViewedDetector) else detect
+    return inner if isinstance(inner, ForeignDetector) else None
