@@ -1,14 +1,18 @@
-"""Which tiles a video needs, from a look at its first frames at several scales."""
+"""Which tiles a video needs, from looks at its frames at several scales.
+
+One look may mislead, and a street may be empty when the video begins. So frames some seconds apart are looked at, until
+three of the looks have shown somebody; the median of what these ask for is taken from then on.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from tsuiseki.tracking.features.networks.exported import Detect, Detector
-from tsuiseki.tracking.features.views import MOST_COLUMNS, TiledDetector, View, view_of
+from tsuiseki.tracking.features.views import EVERY_TILE, MOST_COLUMNS, TiledDetector, View, view_of
 from tsuiseki.tracking.types import Detections, ImageArray
 
 # A pixel of the frame becomes at most this many of the input: a larger picture shows nothing more.
@@ -19,6 +23,9 @@ _CERTAIN = 0.3
 _LOOKS = 3
 # Below this many people in a frame the look goes on: all of them may be too small so far.
 _SOMEBODY = 0.5
+# Seconds from one look to the next, twice as many each time: at first while nobody was seen, at least once somebody
+# was, and at most.
+_FIRST_WAIT, _SPREAD, _LONGEST_WAIT = 0.15, 1.0, 60.0
 
 
 class SizedDetect(Detect, Protocol):
@@ -42,6 +49,11 @@ class ViewChoice:
     view: View
     milliseconds: float | None
     people: dict[int, float]
+
+    @property
+    def sees_somebody(self) -> bool:
+        """Whether somebody is likely to be there."""
+        return self.people.get(self.view.columns, 0.0) >= _SOMEBODY
 
     def __str__(self) -> str:
         tiles = "the whole frame" if len(self.view) == 1 else f"{len(self.view)} tiles a frame"
@@ -78,53 +90,116 @@ def choose_view(images: Sequence[ImageArray], detector: SizedDetect, batch_size:
     return ViewChoice(chosen, cost, people)
 
 
+@dataclass
+class ViewLooks:
+    """The looks at a video's frames of one size, and what follows from them.
+
+    Attributes:
+        frame_rate: frames a second.
+        choice: the view by now.
+        somebody: choices of the looks that showed somebody.
+        changes: 0-based frame, counted from the first one seen, from which each view was taken.
+        frames: seen so far.
+        due: frame of the next look; None where none is needed any more.
+    """
+
+    frame_rate: float
+    choice: ViewChoice | None = None
+    somebody: list[ViewChoice] = field(default_factory=list)
+    changes: list[tuple[int, ViewChoice]] = field(default_factory=list)
+    frames: int = 0
+    due: float | None = 0.0
+    _wait: float = _FIRST_WAIT
+
+    def take(self, images: Sequence[ImageArray], detector: SizedDetect, batch_size: int) -> ViewChoice:
+        """The view of ``images``, the next ones of the video, after a look where one is due."""
+        if self.choice is None or (self.due is not None and self.frames >= self.due):
+            # The first frames lie side by side; later ones are looked at one by one.
+            self._add(choose_view(images if self.choice is None else images[:1], detector, batch_size))
+        assert self.choice is not None
+        self.frames += len(images)
+        return self.choice
+
+    def _add(self, look: ViewChoice) -> None:
+        if look.sees_somebody:
+            self.somebody.append(look)
+        # The lower median; where nobody was seen so far, the last look may have seen more than those before.
+        ordered = sorted(self.somebody, key=lambda each: each.view.columns)
+        chosen = ordered[(len(ordered) - 1) // 2] if ordered else look
+        if self.choice is None or chosen.view.columns != self.choice.view.columns:
+            self.changes.append((self.frames, chosen))
+            self.choice = chosen
+        wait = max(self._wait, _SPREAD) if self.somebody else self._wait
+        self._wait = min(2 * wait, _LONGEST_WAIT)
+        settled = not look.people or len(self.somebody) >= _LOOKS
+        self.due = None if settled else self.frames + wait * self.frame_rate
+
+    def __str__(self) -> str:
+        said = [str(choice) if not n else f"from frame {n + 1} on {choice}" for n, choice in self.changes]
+        unseen = bool(self.choice and self.choice.people) and not self.somebody
+        return ", ".join(said) + (", but saw nobody at any scale" if unseen else "")
+
+
 class ViewedDetector:
     """A detector that looks at frames of any size in as many tiles as they need.
 
     Args:
         detector: finds people in pictures.
-        wanted: tiles across and down (None: as many as cover the frame); by default chosen from the first frames.
+        wanted: tiles across and down (None: as many as cover the frame), see `parse_view`; by default chosen by looks.
         batch_size: most pictures of one call of ``detector``.
+        frame_rate: frames a second, by which the looks are spread.
 
     Attributes:
-        choices: made so far, by the height and width of the frames.
+        looks: at the frames of each height and width.
     """
 
     def __init__(
-        self, detector: SizedDetect, wanted: tuple[int, int | None] | None = None, batch_size: int = 4
+        self,
+        detector: SizedDetect,
+        wanted: tuple[int, int | None] | None = None,
+        batch_size: int = 4,
+        frame_rate: float = 25.0,
     ) -> None:
-        self.detector, self.wanted, self.batch_size = detector, wanted, batch_size
-        self.choices: dict[tuple[int, ...], ViewChoice] = {}
+        self.detector, self.wanted, self.batch_size, self.frame_rate = detector, wanted, batch_size, frame_rate
+        self.looks: dict[tuple[int, ...], ViewLooks] = {}
+
+    @property
+    def choices(self) -> dict[tuple[int, ...], ViewChoice]:
+        """The view by now, by the height and width of the frames."""
+        return {size: looks.choice for size, looks in self.looks.items() if looks.choice is not None}
 
     @property
     def summary(self) -> str:
-        """The views that are more than the whole frame, in words."""
-        return ", ".join(str(choice) for choice in self.choices.values() if len(choice.view) > 1)
+        """The views in words; empty before the first frame."""
+        return "; ".join(map(str, self.looks.values()))
 
     def prepare(self, images: Sequence[ImageArray]) -> ViewChoice:
-        """Choose the view for frames like ``images``, once for each size."""
+        """The view for ``images``, the next ones of a video, which are counted."""
         size = images[0].shape[:2]
-        if size not in self.choices:
-            if self.wanted is None:
-                self.choices[size] = choose_view(images, self.detector, self.batch_size)
-            else:
-                self.choices[size] = self._as_wanted(self.wanted, images[0])
-        return self.choices[size]
+        if size not in self.looks:
+            self.looks[size] = ViewLooks(self.frame_rate)
+            if self.wanted is not None:
+                choice = self._as_wanted(self.wanted, images[0])
+                self.looks[size] = ViewLooks(self.frame_rate, choice, changes=[(0, choice)], due=None)
+        return self.looks[size].take(images, self.detector, self.batch_size)
 
     def _as_wanted(self, wanted: tuple[int, int | None], image: ImageArray) -> ViewChoice:
         """The view that was asked for, and what it takes."""
         size = image.shape[:2]
         high, wide = self.detector.input_size or size
-        view = view_of(size, wanted[0], wide / high, wanted[1])
+        columns = _most_columns(size, self.detector.input_size) if wanted == EVERY_TILE else wanted[0]
+        view = view_of(size, columns, wide / high, wanted[1])
         if len(view) == 1:
             return ViewChoice(view, None, {})
         return ViewChoice(view, _timed(TiledDetector(self.detector, view, batch_size=self.batch_size), [image])[1], {})
 
+    def prepared(self, images: Sequence[ImageArray]) -> TiledDetector:
+        """What is to look at ``images``, the next ones of a video; to be asked for in the order of the frames."""
+        return TiledDetector(self.detector, self.prepare(images).view, batch_size=self.batch_size)
+
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
-        """People in ``images``, each ``(H, W, 3)`` uint8 RGB, all of one size."""
-        if not images:
-            return []
-        return TiledDetector(self.detector, self.prepare(images).view, batch_size=self.batch_size).detect(images)
+        """People in ``images``, the next ones of a video, each ``(H, W, 3)`` uint8 RGB, all of one size."""
+        return self.prepared(images).detect(images) if images else []
 
 
 def knows_scores(detect: object) -> bool:

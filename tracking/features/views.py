@@ -23,6 +23,8 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArra
 OVERLAP = 0.2
 # Most tiles across that are ever asked for.
 MOST_COLUMNS = 8
+# The view of as many tiles as show more than fewer.
+EVERY_TILE = (0, None)
 # A box this near to a seam, in shares of its tile, is taken for cut off there.
 _NEAR_SEAM = 0.01
 # A cut-off box goes where another box covers this much of it.
@@ -70,18 +72,20 @@ def view_of(size: tuple[int, int], columns: int, shape: float, rows: int | None 
 
 
 def parse_view(text: str) -> tuple[int, int | None] | None:
-    """Tiles across and down of ``auto`` (None), ``3`` or ``3x2``.
+    """Tiles across and down of ``auto`` (None), ``tiles`` (`EVERY_TILE`), ``3`` or ``3x2``.
 
     Raises:
         RequestError: it is none of them.
     """
     if text == "auto":
         return None
+    if text == "tiles":
+        return EVERY_TILE
     match = re.fullmatch(r"(\d+)(?:x(\d+))?", text)
     counts = [int(x) for x in match.groups() if x is not None] if match else []
     if not counts or not all(1 <= n <= MOST_COLUMNS for n in counts):
         raise RequestError(
-            f"`view`: expected auto, tiles across such as 2, or across and down such as 3x2, got {text!r}"
+            f"`view`: expected auto, tiles, tiles across such as 2, or across and down such as 3x2, got {text!r}"
         )
     return counts[0], counts[1] if len(counts) == 2 else None
 

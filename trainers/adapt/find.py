@@ -72,7 +72,8 @@ def find(watched: Watched, models: Models, score_threshold: float, view: str, th
     """
     from tsuiseki.tracking.weights import shipped
 
-    detector = ViewedDetector(open_detector(models.detector, LOWEST_SCORE, threads=1), parse_view(view))
+    looking = open_detector(models.detector, LOWEST_SCORE, threads=1)
+    detector = ViewedDetector(looking, parse_view(view), frame_rate=watched.frame_rate)
     describe = open_appearance(models.appearance or shipped("appearance_people"), 1)
     inputs = PeopleInputs(watched.open(), detector, describe, threads=threads)
     affinity = people_affinity("flow", models.affinity, 1, known_scores=knows_scores(detector))

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, choose_view
 from tsuiseki.tracking.features.views import TiledDetector, parse_view, view_of
-from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types import Detections, Frame
 
 INPUT = (60, 80)
 
@@ -71,11 +72,15 @@ def test_rows_can_be_asked_for():
     assert parse_view("3x2") == (3, 2)
     assert parse_view("4") == (4, None)
     assert parse_view("auto") is None
+    # An input of 80 pixels shows tiles of seven across less than half as large again, and of eight across more.
+    viewed = ViewedDetector(MarkDetector(), parse_view("tiles"))
+    assert viewed.prepare([frame_with([])]).view.columns == 7
+    assert len(ViewedDetector(MarkDetector(), parse_view("tiles")).prepare([frame_with([], size=(60, 80))]).view) == 1
 
 
 @pytest.mark.parametrize("text", ["", "0", "9", "3x0", "two", "3x2x1", "-1", "3,2"])
 def test_other_views_are_refused(text):
-    with pytest.raises(RequestError, match=r"expected auto, tiles across such as 2"):
+    with pytest.raises(RequestError, match=r"expected auto, tiles, tiles across such as 2"):
         parse_view(text)
 
 
@@ -119,6 +124,63 @@ def test_a_frame_that_the_input_shows_large_is_not_cut():
     anything = MarkDetector()
     anything.input_size = None
     assert len(choose_view([frame_with([(10, 10, 20, 50)])], anything).view) == 1
+
+
+SMALL = [(30, 30, 36, 50), (200, 150, 206, 172), (100, 100, 106, 121)]
+
+
+def seen(frames, rate=1.0):
+    """Tiles across in which each of ``frames`` was looked at, and what is said of it."""
+    viewed = ViewedDetector(MarkDetector(), frame_rate=rate)
+    return [viewed.prepare([frame]).view.columns for frame in frames], viewed
+
+
+def test_an_empty_street_is_looked_at_again_until_somebody_comes():
+    empty, busy = frame_with([]), frame_with(SMALL)
+    columns, viewed = seen([empty] * 4 + [busy] * 8)
+    # Looks at the seconds 0, 0.15, 0.45, 1.05, … as soon as there is a frame.
+    assert columns == [1] * 5 + [2] * 7
+    assert re.fullmatch(r"the whole frame, .*from frame 6 on 5 tiles a frame, about \d+ ms a frame", viewed.summary)
+    assert seen([empty] * 12)[1].summary.endswith("saw nobody at any scale")
+    assert "nobody" not in viewed.summary
+
+
+def test_looks_end_with_the_third_that_shows_somebody_and_are_a_minute_apart_at_most():
+    busy = frame_with(SMALL)
+    looks = seen([busy] * 3)[1].looks[240, 320]
+    assert (len(looks.somebody), looks.due) == (2, 3)
+    looks = seen([busy] * 4)[1].looks[240, 320]
+    assert (len(looks.somebody), looks.due) == (3, None)
+    empty, dues = ViewedDetector(MarkDetector(), frame_rate=1.0), []
+    for _ in range(240):
+        empty.prepare([frame_with([], size=(70, 130))])
+        dues.append(empty.looks[70, 130].due)
+    waits = np.diff(np.unique(dues))
+    assert (waits[1:5] > waits[:4]).all()
+    np.testing.assert_allclose(waits[-1], 60, atol=1)  # looks come with whole frames
+
+
+def test_one_look_that_misleads_is_outvoted():
+    crowd = frame_with([(x, 100, x + 8, 114) for x in range(10, 300, 20)])
+    busy = frame_with(SMALL)
+    assert seen([crowd])[0] == [3]
+    assert seen([crowd, busy, busy, busy, crowd])[0] == [3, 2, 2, 2, 2]
+
+
+def test_the_view_does_not_depend_on_the_number_of_workers():
+    frames = [frame_with([])] * 6 + [frame_with(SMALL)] * 30
+    frames = [Frame(n, n / 25, image) for n, image in enumerate(frames)]
+    one, many = (
+        [
+            len(found)
+            for _, found in stream(
+                frames, ViewedDetector(MarkDetector(), frame_rate=4.0), batch_size=2, workers=workers
+            )
+        ]
+        for workers in (1, 3)
+    )
+    assert one == many
+    assert one == [0] * 8 + [3] * 28
 
 
 def test_a_view_is_chosen_once_for_each_size():

@@ -35,7 +35,8 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
                 tracker.update(found)
         with run.times.measure(method):
             tracks = [shifted(track, log.frames[0]) for track in tracker.tracks()]
-        facts, lines = facts_of(inputs, tracker)
+        milliseconds = 1000 * run.times.seconds.get("detect", 0.0) / max(len(log.frames), 1)
+        facts, lines = facts_of(inputs, tracker, milliseconds)
         run.facts |= facts
         for line in lines:
             print(line)

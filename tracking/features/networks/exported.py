@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,14 @@ class Detect(Protocol):
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """One `Detections` an image."""
+
+
+@runtime_checkable
+class ChoosingDetect(Detect, Protocol):
+    """A detector that chooses, while the video comes, how to look at it."""
+
+    def prepared(self, images: Sequence[ImageArray]) -> Detect:
+        """What is to look at ``images``; asked for in the order of the video, run in any."""
 
 
 class Describe(Protocol):

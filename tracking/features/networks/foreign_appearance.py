@@ -78,7 +78,7 @@ class ForeignAppearance:
             raise RequestError(
                 f"{self.path}: expected features that depend on the crop, got the same for two crops; export it again"
             )
-        return rows.shape[1]
+        return int(rows.shape[1])
 
     def _rows(self, crops: NDArray[np.uint8]) -> FloatArray:
         values = self.input.normalise(crops, self._wanted.dtype)

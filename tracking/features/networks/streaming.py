@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeAlias
 
-from tsuiseki.tracking.features.networks.exported import Describe, Detect
+from tsuiseki.tracking.features.networks.exported import ChoosingDetect, Describe, Detect
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 
@@ -44,16 +44,13 @@ def stream(
     batches = _batches(frames, batch_size, times)
     if workers == 1:
         for batch in batches:
-            yield from _look(batch, detect, describe, times)
+            yield from _look(batch, _ready(detect, batch, times), describe, times)
         return
-    # Detectors may choose by the first frames how to look at the others.
-    for batch in itertools.islice(batches, 1):
-        yield from _look(batch, detect, describe, times)
     waiting: deque[Future[_Found]] = deque()
     with ThreadPoolExecutor(workers, "tsuiseki") as pool:
         try:
             for batch in batches:
-                waiting.append(pool.submit(_look, batch, detect, describe, times))
+                waiting.append(pool.submit(_look, batch, _ready(detect, batch, times), describe, times))
                 if len(waiting) >= 2 * workers:
                     yield from waiting.popleft().result()
             while waiting:
@@ -71,6 +68,16 @@ def _batches(frames: Iterable[Frame], size: int, times: StageTimes) -> Iterator[
         if not batch:
             return
         yield batch
+
+
+def _ready(
+    detect: Detect | Sequence[Detections], batch: list[Frame], times: StageTimes
+) -> Detect | Sequence[Detections]:
+    """What looks at ``batch``; a detector that chooses how does so here, in the order of the frames."""
+    if not isinstance(detect, ChoosingDetect):
+        return detect
+    with times.measure("detect"):
+        return detect.prepared([frame.image for frame in batch])
 
 
 def _look(

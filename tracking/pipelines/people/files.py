@@ -37,8 +37,9 @@ class PeopleFinding(FindingOptions):
     Attributes:
         detector: detector as ONNX; by default the shipped detector_street.onnx. One of other projects (YOLO, YOLOX,
             RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
-        view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people in the
-            first frames), tiles across such as 3 (1 is the whole frame alone), or across and down such as 3x2.
+        view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people, by looks
+            at some frames), tiles across such as 3 (1 is the whole frame alone), across and down such as 3x2, or tiles
+            (as many as show more than fewer).
         appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
             none does without. One of other projects may be anything from crops to features.
         appearance_options: what the file of another project's appearance network does not tell.
@@ -110,8 +111,14 @@ def opened(
     return inputs, by_class, by_class.class_of
 
 
-def facts_of(inputs: PeopleInputs, tracker: PeopleTracker) -> tuple[dict[str, Any], list[str]]:
-    """What a finished run found out about its input, as values by name, and what of it is worth a line to the user."""
+def facts_of(inputs: PeopleInputs, tracker: PeopleTracker, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
+    """What a finished run found out about its input, as values by name, and what of it is worth a line to the user.
+
+    Args:
+        inputs: of the run.
+        tracker: of the run.
+        milliseconds: that the detector took a frame.
+    """
     facts: dict[str, Any] = {}
     lines: list[str] = []
     if isinstance(tracker, FlowTracker):
@@ -123,8 +130,10 @@ def facts_of(inputs: PeopleInputs, tracker: PeopleTracker) -> tuple[dict[str, An
             facts["flow"] = {str(number): one.facts() for number, one in flows.items()}
         lines += [f"class {number}: {line}" for number, one in flows.items() for line in _said_of_flow(one)]
     if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:
-        facts["view"] = inputs.detect.summary
-        lines.append(f"looked at {inputs.detect.summary}; --view says how many")
+        told = any(choice.milliseconds is not None for choice in inputs.detect.choices.values())
+        cost = "" if told else f", about {milliseconds:.0f} ms a frame"
+        facts["view"] = f"{inputs.detect.summary}{cost}"
+        lines.append(f"looked at {facts['view']}; --view says in how many tiles")
     return facts, lines
 
 

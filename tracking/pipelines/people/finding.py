@@ -189,7 +189,9 @@ def people_detect(
     if not source.has_images:
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     found = as_detector(default if detector is None else detector, score_threshold, threads)
-    return ViewedDetector(found) if isinstance(found, Detector | ForeignDetector) else found
+    if isinstance(found, Detector | ForeignDetector):
+        return ViewedDetector(found, frame_rate=source.frame_rate)
+    return found
 
 
 def people_describer(

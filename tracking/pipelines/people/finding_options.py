@@ -56,7 +56,7 @@ class FindingOptions(Detecting):
         detections: MOTChallenge detections (det.txt) to use instead of a detector.
         detector_options: what the file of another project's detector does not tell.
         view: in how many overlapping tiles the detector looks at a frame: 1 is the whole frame alone, tiles across
-            such as 2, across and down such as 3x2, or auto (as many as find more people in the first frames).
+            such as 2, across and down such as 3x2, tiles (as many as show more), or auto (as many as find more people).
         batch_size: frames of one call of the detector.
         threads: CPU cores of the networks, which work on several frames at a time; 0 takes all.
     """
@@ -106,7 +106,7 @@ class FindingOptions(Detecting):
             return people_detect(source, self.detections, None, Path(), score_range=self.score_range)
         path, threads = self.detector or shipped(default), self.threads if threads is None else threads
         found = open_detector(path, self.score_threshold, threads=threads, options=self.detector_options)
-        return found if wanted == (1, None) else ViewedDetector(found, wanted)
+        return found if wanted == (1, None) else ViewedDetector(found, wanted, frame_rate=source.frame_rate)
 
 
 def check_score_range(score_range: tuple[float, float] | None) -> None:
