@@ -76,6 +76,10 @@ class AssociationNetwork(nn.Module):
         self.detections = CostChange(detections, 3, hidden, (trust, 1.0, 1.0))
         self.joins = CostChange(joins, 1, hidden)
 
+    def trusts(self) -> dict[str, Tensor]:
+        """The shares of the changes that are taken, by their names in the state: settings, and nothing learnt."""
+        return {name: value for name, value in self.state_dict().items() if name.endswith("trust")}
+
     def forward(self, links: Tensor, detections: Tensor, joins: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """``(P, F)``, ``(N, G)`` and ``(J, H)`` features to ``(P,)``, ``(N, 3)`` and ``(J,)`` changes."""
         return self.links(links)[:, 0], self.detections(detections), self.joins(joins)[:, 0]

@@ -20,7 +20,7 @@ from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
-from tsuiseki.trainers.association.videos import acting, described, detected_videos, filmed, stretch
+from tsuiseki.trainers.association.videos import OTHER_RATE, acting, described, detected_videos, filmed, stretch
 from tsuiseki.trainers.association.window_appearance import WindowCrops, crops_of
 from tsuiseki.trainers.association.window_detector import WindowFrames, frames_of
 
@@ -138,6 +138,7 @@ class AssociationData(lightning.LightningDataModule):
         score_threshold: it keeps what scores at least this, from 0 to 1; lower where its heads are to learn.
         heads: the windows hold their images, for the detector's heads, which learn with the costs.
         appearance: exported network that describes the detections for the tracker; with it the windows hold crops.
+        frame_rate: frames a second of layouts that do not tell it, as Okutama-Action's.
         tracker: whose costs the training starts from, and who takes what it learns: track ``people`` or ``drone``,
             which takes the camera's motion from the images.
         action: exported action streams, which say what people do; costs of ``drone`` alone have a price for it.
@@ -157,6 +158,7 @@ class AssociationData(lightning.LightningDataModule):
         score_threshold: float = 0.3,
         heads: bool = False,
         appearance: Path | None = None,
+        frame_rate: float = OTHER_RATE,
         tracker: TrackerName = "people",
         action: list[Path] | None = None,
         seconds: float = 2.0,
@@ -164,9 +166,10 @@ class AssociationData(lightning.LightningDataModule):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if seconds <= 0 or windows < 1 or not 0 < held_back < 1 or not 0 <= score_threshold <= 1:
+        if min(seconds, frame_rate) <= 0 or windows < 1 or not 0 < held_back < 1 or not 0 <= score_threshold <= 1:
             raise RequestError(
-                "expected seconds above 0, windows from 1, held_back in (0, 1) and score_threshold from 0 to 1"
+                "expected seconds and frame_rate above 0, windows from 1, held_back in (0, 1) and score_threshold from "
+                "0 to 1"
             )
         if heads and detector is None:
             raise RequestError("expected --data.detector ONNX with --data.heads, for its heads to learn; got none")
@@ -174,6 +177,7 @@ class AssociationData(lightning.LightningDataModule):
         if action and tracker != "drone":
             raise RequestError("expected --data.tracker drone with --data.action, for people have no price of actions")
         self.detections, self.detector, self.appearance = detections, detector, appearance
+        self.frame_rate = frame_rate
         self.tracker, self.settings, self.action = tracker, FLOWS[tracker], action or []
         self.score_threshold, self.heads = score_threshold, heads
         self.images = WindowImages()
@@ -202,7 +206,7 @@ class AssociationData(lightning.LightningDataModule):
         recognise = ActionRecogniser(self.action) if self.action else None
 
         def seen(folders: list[Path], frames: tuple[int, int] | None) -> list[DetectedVideo]:
-            found = detected_videos(folders, find, frames, self.seed)
+            found = detected_videos(folders, find, frames, self.seed, frame_rate=self.frame_rate)
             found = map(filmed, found) if self.tracker == "drone" else found
             return [acting(described(video, look), recognise) for video in found]
 
@@ -232,16 +236,33 @@ def graphs_of(
 ) -> list[Graphs]:
     """The networks of sequences, without links that are far too dear.
 
+    With ``check`` sequences that teach nothing are named and left out, and those are named whose labels look foreign.
+
     Raises:
         RequestError: no sequence has two people that could be taken for each other; only with ``check``.
     """
     found = [sequence_graphs(video, settings) for video in videos]
     graphs = [replace(one, detections=affordable(one.detections)) for one in found if len(one.detections)]
-    several = [one for one in graphs if len(np.unique(one.detections.owners[one.detections.owners >= 0])) > 1]
-    if check and not several:
+    if not check:
+        return graphs
+    several = [one for one, video in zip(found, videos, strict=True) if _teaches(one.detections, video.name)]
+    if not several:
         names = ", ".join(video.name for video in videos) or "nothing"
         raise RequestError(f"expected a sequence with two people, who could be taken for each other; got {names}")
-    return graphs
+    return [replace(one, detections=affordable(one.detections)) for one in several]
+
+
+def _teaches(graph: Graph, name: str) -> bool:
+    """Whether two people have detections; says what speaks against a sequence."""
+    somebody = graph.owners[graph.owners >= 0]
+    people = len(np.unique(somebody))
+    if people < 2:
+        who = "nobody" if not people else "one person"
+        print(f"{name}: left out, for its detections in the frames to learn from show {who} who is labelled")
+    elif 2 * len(somebody) < len(graph):
+        share = 1 - len(somebody) / len(graph)
+        print(f"{name}: {share:.0%} of its detections lie on nobody; is everybody labelled, and of the same class?")
+    return people > 1
 
 
 def affordable(graph: Graph, most: float = DEAREST) -> Graph:

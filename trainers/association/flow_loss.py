@@ -167,8 +167,9 @@ class DifferenceWeights:
 
     A link to the next but one detection of the same person counts nothing, since the missed detection does; nor does an
     arc that is not taken, since what is taken in its stead does. So a missed detection within a track costs
-    ``detection``, one at its end half a start more at most; a broken track costs two ends; two people who are swapped
-    cost two wrong links. With the defaults that is 1, 1.5, 1 and 4: a switch costs more than missed boxes.
+    ``detection``, one at its end an end more, one over which there is no link two ends more; a broken track costs two
+    ends; two people who are swapped cost two wrong links. With the defaults that is 1, 1.5, 2, 1 and 4: a switch costs
+    more than a missed box of people whose identities are as long.
 
     Attributes:
         detection: used and false, or right and not used.
@@ -184,8 +185,8 @@ class DifferenceWeights:
     length: float = 0.0
 
     def __post_init__(self) -> None:
-        if min(self.detection, self.end, self.wrong) < 0 or 2 * self.wrong <= self.detection + self.end:
-            raise ValueError("expected weights from 0, and two wrong links above a detection and an end")
+        if min(self.detection, self.end, self.wrong) < 0 or 2 * self.wrong <= self.detection + 2 * self.end:
+            raise ValueError("expected weights from 0, and two wrong links above a detection and two ends")
 
     def of(self, owners: IntArray, tail: IntArray, head: IntArray, labelled: FloatArray) -> FloatArray:
         """``(3 N + P,)`` weights of the arcs.

@@ -153,25 +153,24 @@ def _tracklet_graph(
         rows = evidence_of_joins(seen, labels, ends, parts, link)[near]
     majority = np.array([_majority(owners[labels == track]) for track in ends.track], dtype=np.int64)
     starts = seen.frames[ends.first] if count else none
-    return labelled(
-        Graph(
-            f"{video.name}, tracklets",
-            video.frame_rate,
-            starts,
-            majority,
-            seen.image[ends.first] if count else np.empty((0, 4)),
-            np.arange(count),
-            np.concatenate([np.full(count, -ALWAYS), np.zeros(2 * count), cost]),
-            np.ones(3 * count, dtype=np.bool_),
-            np.empty((count, len(DETECTION_FEATURES))),
-            i,
-            j,
-            rows,
-            np.zeros(3 * count + len(i)),
-            none,
-        ),
-        all_used=True,
+    graph = Graph(
+        f"{video.name}, tracklets",
+        video.frame_rate,
+        starts,
+        majority,
+        seen.image[ends.first] if count else np.empty((0, 4)),
+        np.arange(count),
+        np.concatenate([np.full(count, -ALWAYS), np.zeros(2 * count), cost]),
+        np.ones(3 * count, dtype=np.bool_),
+        np.empty((count, len(DETECTION_FEATURES))),
+        i,
+        j,
+        rows,
+        np.zeros(3 * count + len(i)),
+        none,
     )
+    # Nobody says what follows an ignored one.
+    return labelled(taken_out(graph, majority == IGNORED), all_used=True)
 
 
 def _majority(owners: IntArray) -> int:

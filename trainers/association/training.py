@@ -32,6 +32,9 @@ from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
 
+# Where a checkpoint says how many epochs its training is to have.
+PLANNED = "planned_epochs"
+
 
 @dataclass(frozen=True)
 class Seen:
@@ -131,8 +134,8 @@ class AssociationTraining(lightning.LightningModule):
             self.detector, self._detector_made_of = detector_of(detector)
         self.started_from = start
         if start is not None:
-            self.network.load_state_dict(network_of(start, self.network))
-        self._counts = Counts()
+            self.network.load_state_dict({**network_of(start, self.network), **self.network.trusts()})
+        self._counts, self._planned_epochs = Counts(), -1
 
     def transfer_batch_to_device(
         self, batch: TrainingWindow, device: torch.device, dataloader_idx: int
@@ -144,6 +147,7 @@ class AssociationTraining(lightning.LightningModule):
     def setup(self, stage: str) -> None:
         """Take mean and deviation of the features from what is learnt from; a checkpoint has its own."""
         data = getattr(self.trainer, "datamodule", None)
+        self._planned_epochs = self.trainer.max_epochs or -1
         if isinstance(data, AssociationData):
             self.link_cost = data.settings.costs.link
             if stage == "fit" and self.started_from is None:
@@ -278,13 +282,15 @@ class AssociationTraining(lightning.LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep what the other networks are made of, so that they can be made again without their own checkpoints."""
+        checkpoint[PLANNED] = self._planned_epochs
         if self.siamese is not None:
             checkpoint["siamese"] = self._siamese_made_of
         if self.detector is not None:
             checkpoint["detector"] = self._detector_made_of
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Make the other networks that the checkpoint has weights for."""
+        """Make the other networks that the checkpoint has weights for; how far changes are trusted is as asked now."""
+        checkpoint["state_dict"] |= {f"network.{name}": value for name, value in self.network.trusts().items()}
         if self.detector is None and "detector" in checkpoint:
             self._detector_made_of = checkpoint["detector"]
             self.detector = heads_only(DetectorTraining(**self._detector_made_of))

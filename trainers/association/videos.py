@@ -18,7 +18,7 @@ from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.mot_sequence import Sequence as VideoSequence
-from tsuiseki.tracking.formats.mot_sequence import find_sequences, list_images
+from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.types import Detections, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo
@@ -36,6 +36,7 @@ def detected_videos(
     frames: tuple[int, int] | None = None,
     seed: int = 0,
     faults: DetectorFaults | None = None,
+    frame_rate: float = OTHER_RATE,
 ) -> Iterator[DetectedVideo]:
     """The labelled sequences of folders, with detections.
 
@@ -45,6 +46,7 @@ def detected_videos(
         frames: first and last frame, 1-based.
         seed: of drawn detections.
         faults: of drawn detections; by default `LIKE_REAL`.
+        frame_rate: of layouts that do not tell it, frames a second.
 
     Raises:
         RequestError: labels without detections, an id twice in a frame, nobody who counts, or detections that lie on
@@ -56,7 +58,9 @@ def detected_videos(
             sequence = _sequence(folder, labelled.name)
             truth = labelled.people()
             length = labelled.length or int(truth.frames.max(initial=-1)) + 1
-            rate, size = (OTHER_RATE, None) if sequence is None else (sequence.frame_rate, _size(sequence))
+            images = _images(sequence, labelled.files)
+            rate = frame_rate if sequence is None else sequence.frame_rate
+            size = _size(sequence, images)
             anchors: list[IntArray] = []
             if find == "given":
                 found = _given(folder, labelled.name, sequence, length)
@@ -64,8 +68,7 @@ def detected_videos(
                 wide, tall = size or np.ceil(truth.boxes[:, 2:].max(axis=0)).astype(int).tolist()
                 found = simulate_detections(rng, truth, length, wide, tall, faults or LIKE_REAL)
             else:
-                found, anchors = _detected(labelled.name, sequence, find, frames)
-            images = () if sequence is None else sequence.images
+                found, anchors = _detected(labelled.name, images, find, frames)
             video = DetectedVideo(labelled.name, found, truth, rate, size, images, tuple(anchors))
             check_video(video)
             yield video if frames is None else between(video, frames[0] - 1, frames[1])
@@ -150,8 +153,20 @@ def _sequence(folder: Path, name: str) -> VideoSequence | None:
         return None
 
 
-def _size(sequence: VideoSequence) -> tuple[int, int] | None:
-    return (sequence.width, sequence.height) if min(sequence.width, sequence.height) > 0 else None
+def _images(sequence: VideoSequence | None, files: tuple[Path, ...]) -> tuple[Path, ...]:
+    """One file a frame; none where there are labels alone, or one video file."""
+    if sequence is not None:
+        return sequence.images
+    return files if len(files) > 1 else ()
+
+
+def _size(sequence: VideoSequence | None, images: tuple[Path, ...]) -> tuple[int, int] | None:
+    if sequence is not None and min(sequence.width, sequence.height) > 0:
+        return sequence.width, sequence.height
+    if sequence is None and images:
+        height, width = read_image(images[0]).shape[:2]
+        return width, height
+    return None
 
 
 def _given(folder: Path, name: str, sequence: VideoSequence | None, length: int) -> list[Detections]:
@@ -164,11 +179,10 @@ def _given(folder: Path, name: str, sequence: VideoSequence | None, length: int)
 
 
 def _detected(
-    name: str, sequence: VideoSequence | None, detector: Detector, frames: tuple[int, int] | None
+    name: str, images: tuple[Path, ...], detector: Detector, frames: tuple[int, int] | None
 ) -> tuple[list[Detections], list[IntArray]]:
-    images = [] if sequence is None else list_images(sequence.folder / "img1")
     if not images:
-        raise RequestError(f"{name}: expected images for the detector in img1/, found none; give detections instead")
+        raise RequestError(f"{name}: expected images for the detector, in img1/ say; found none, so give detections")
     first, last = frames or (1, len(images))
     nothing = Detections.empty(), np.empty(0, dtype=np.int64)
     found = [

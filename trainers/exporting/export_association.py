@@ -15,7 +15,7 @@ from tsuiseki.tracking.association.flow.cost_network import CostNetwork, Feature
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
-from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.association.training import PLANNED, AssociationTraining
 from tsuiseki.trainers.exporting.export import convert_module, export_onnx, load_module
 from tsuiseki.trainers.exporting.export_detector import OUTPUTS as DETECTOR_OUTPUTS
 from tsuiseki.trainers.exporting.export_detector import RawHeads
@@ -53,6 +53,7 @@ def export_trained(
             is asked for.
     """
     module = load_module(AssociationTraining, checkpoint)
+    _say_unfinished(checkpoint)
     network = module.network
     if not any(part.linear.weight.any() for part in (network.links, network.detections, network.joins)):
         raise RequestError(f"{checkpoint}: expected a trained network, but it changes no cost; go on with the training")
@@ -63,6 +64,15 @@ def export_trained(
     worst = export_association(network, out, training_data, overwrite=overwrite)
     print(f"{out}: no cost differs from torch's by more than {worst:.1g}")
     return worst
+
+
+def _say_unfinished(checkpoint: Path) -> None:
+    """Tell of a training that has not had all its epochs."""
+    last = checkpoint.with_name("last.ckpt")
+    held = torch.load(last if last.is_file() else checkpoint, map_location="cpu", weights_only=True)
+    done, planned = held["epoch"] + 1, held.get(PLANNED, -1)
+    if done < planned:
+        print(f"{checkpoint}: of a training that has had {done} of {planned} epochs; --ckpt_path goes on with it")
 
 
 def _export_siamese(module: AssociationTraining, checkpoint: Path, out: Path, data: str, overwrite: bool) -> None:

@@ -76,6 +76,18 @@ def test_the_camera_is_followed_in_the_images(clip: Path) -> None:
         filmed(replace(video, images=()))
 
 
+def test_videos_in_the_layout_of_okutama_have_images_and_the_rate_that_is_told(tmp_path: Path) -> None:
+    settings = DroneSceneSettings(320, 180, FRAMES, 10.0, people=6, camera="calm", altitude=(10.0, 20.0), samples=1)
+    folder = write_drone(tmp_path / "okutama", settings, 3, layout="okutama")
+    (video,) = detected_videos([folder], "simulated", frame_rate=10.0)
+    assert len(video.images) == len(video.detections) == FRAMES
+    assert video.size == (320, 180)
+    assert video.frame_rate == 10.0
+    assert len(filmed(video).camera) == FRAMES
+    with pytest.raises(RequestError, match="seconds and frame_rate above 0"):
+        AssociationData([folder], frame_rate=0.0)
+
+
 def test_people_have_no_price_of_actions(clip: Path) -> None:
     with pytest.raises(RequestError, match=r"expected --data\.tracker drone with --data\.action"):
         AssociationData([clip], action=[shipped(ACTION)])

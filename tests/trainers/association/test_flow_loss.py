@@ -228,10 +228,11 @@ def test_a_switch_counts_more_than_a_missed_box() -> None:
     right = {"used": every, "starts": [0, 1], "ends": [4, 5], "links": [0, 1, 2, 3]}
     missed = {"used": [0, 1, 3, 4, 5], "starts": [0, 1], "ends": [4, 5], "links": [6, 2, 3]}
     missed_at_the_end = {"used": [0, 1, 2, 3, 5], "starts": [0, 1], "ends": [2, 5], "links": [0, 2, 3]}
+    missed_and_broken = {"used": [0, 1, 3, 4, 5], "starts": [0, 1, 4], "ends": [0, 4, 5], "links": [2, 3]}
     broken = {"used": every, "starts": [0, 1, 4], "ends": [2, 4, 5], "links": [0, 2, 3]}
     swapped = {"used": every, "starts": [0, 1], "ends": [4, 5], "links": [0, 2, 4, 5]}
-    found = [distance(flow) for flow in (right, missed, missed_at_the_end, broken, swapped)]
-    assert found == [0, 1, 1.5, 1, 4]
+    found = [distance(flow) for flow in (right, missed, missed_at_the_end, missed_and_broken, broken, swapped)]
+    assert found == [0, 1, 1.5, 2, 1, 4]
 
 
 def test_long_identities_can_count_more() -> None:
@@ -242,7 +243,7 @@ def test_long_identities_can_count_more() -> None:
     np.testing.assert_allclose(weight, np.array([3, 3, 3, 1]) / 2.5)
 
 
-@pytest.mark.parametrize("wrong", [{"wrong": 0.5}, {"detection": -1.0}])
+@pytest.mark.parametrize("wrong", [{"wrong": 1.0}, {"detection": -1.0}])
 def test_weights_that_make_a_switch_cheap_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="two wrong links above"):
         DifferenceWeights(**wrong)

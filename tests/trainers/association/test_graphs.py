@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -88,18 +90,33 @@ def test_windows_hold_every_detection_once(graph: Graph) -> None:
     assert pieces[1].name == "walk, frames 13-24"
 
 
-def test_tracklets(graph: Graph) -> None:
-    del graph
-    labelled = video(clutter=False, unseen=False)
-    gap = [Detections.empty() if 20 <= t < 40 else found for t, found in enumerate(labelled.detections)]
-    level = sequence_graphs(DetectedVideo("gap", gap, labelled.truth, 30.0, (640, 480)))
-    joins = level.tracklets
-    assert joins.links.shape[1] == len(JOIN_FEATURES)
-    found = cheapest(Problem(joins.costs, joins.tail, joins.head))
-    if len(joins) > 2:
-        assert joins.labelled[3 * len(joins) :].sum() == len(joins) - 2
-        np.testing.assert_array_equal(found, joins.labelled)
+def hidden(seconds: float, ignored: tuple[int, ...] = ()) -> DetectedVideo:
+    """Two people whom nothing detects for longer than a link reaches; some are labelled as ignored."""
+    whole = video(clutter=False, unseen=False, frames=120)
+    last = 40 + round(30 * seconds)
+    found = [Detections.empty() if 40 <= t < last else one for t, one in enumerate(whole.detections)]
+    counts = ~np.isin(whole.truth.ids, ignored)
+    truth = replace(whole.truth, evaluated=counts, ignored=~counts)
+    return replace(whole, detections=found, truth=truth)
+
+
+def test_tracklets() -> None:
+    joins = sequence_graphs(hidden(1.5)).tracklets
+    assert joins.links.shape == (len(joins.tail), len(JOIN_FEATURES))
+    assert len(joins) == 4
+    # Each person's first half and their second.
+    assert joins.labelled[12:].sum() == 2
+    assert sorted(joins.owners) == [1, 1, 2, 2]
+    assert (joins.owners[joins.tail] != joins.owners[joins.head]).any()
+    np.testing.assert_array_equal(cheapest(Problem(joins.costs, joins.tail, joins.head)), joins.labelled)
     assert joins.fixed.all()
+
+
+def test_tracklets_of_ignored_people_are_neither_right_nor_wrong() -> None:
+    levels = sequence_graphs(hidden(1.5, ignored=(2,)))
+    assert set(levels.detections.owners) == set(levels.tracklets.owners) == {1}
+    assert len(levels.tracklets) == 2
+    assert levels.tracklets.labelled[6:].tolist() == [1]
 
 
 @pytest.mark.parametrize(
@@ -138,9 +155,9 @@ def test_counts(graph: Graph) -> None:
     assert counts.false == counts.switches == 0
     # A third of the people are not detected.
     assert counts.mota == pytest.approx(2 / 3)
-    swapped = np.zeros(len(graph.labelled))
-    crossing = np.flatnonzero((graph.owners[graph.tail] == 1) & (graph.owners[graph.head] == 2))
-    if len(crossing):
-        swapped[3 * len(graph) + crossing[0]] = 1
-        counts.add(graph, swapped)
-        assert counts.switches == 1
+    # A link from one person to the other, which the tracker would not consider here.
+    tail, head = (int(np.flatnonzero(graph.owners == who)[k]) for who, k in ((1, 0), (2, 1)))
+    tails, heads = np.append(graph.tail, tail), np.append(graph.head, head)
+    wrong = replace(graph, tail=tails, head=heads, labelled=np.append(graph.labelled, 0.0))
+    counts.add(wrong, np.append(graph.labelled, 1.0))
+    assert counts.switches == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow, RandomWindows, TrainingWindow
-from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.association.training import PLANNED, AssociationTraining
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_association import TOLERANCE, export_trained
 from tsuiseki.trainers.networks.fit import fit_association
@@ -147,6 +148,25 @@ def test_the_gradient_of_a_step_reaches_all_that_makes_costs(walk: Path, loss: s
     assert reached.all() if loss != "hinge" else reached.any()
 
 
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+def test_a_step_on_the_gpu(walk: Path) -> None:
+    data = AssociationData([walk], seconds=1.0, windows=1)
+    data.setup("fit")
+    batch = RandomWindows(data.learnt, 1.0, 1, lambda: (0, 0))[0]
+    gradients = []
+    for device in ("cpu", "cuda"):
+        module = AssociationTraining(joins=1.0).to(device)
+        module.standardise(data.learnt)
+        objective, others = module.losses(batch, module.loss, np.random.default_rng(0))
+        (objective + others).backward()  # type: ignore[no-untyped-call]
+        found = module.network.links.linear.weight.grad
+        assert found is not None
+        assert found.device.type == device
+        gradients.append(found.cpu().numpy())
+    np.testing.assert_allclose(*gradients, atol=1e-4)
+
+
 def test_windows_are_drawn_anew_every_epoch(walk: Path) -> None:
     data = AssociationData([walk], seconds=0.5, windows=6)
     data.setup("fit")
@@ -188,6 +208,19 @@ def test_weights_that_ran_away_name_the_window(walk: Path, part: str) -> None:
         module.losses(batch, module.loss, rng)
 
 
+def test_the_export_of_an_unfinished_training_says_so(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    best = trained / "checkpoints" / "best.ckpt"
+    export_trained(best, tmp_path / "whole.onnx")
+    assert "--ckpt_path" not in capsys.readouterr().out
+    held = torch.load(best, weights_only=True)
+    assert held[PLANNED] >= 2
+    torch.save({**held, PLANNED: 6, "epoch": 0}, tmp_path / "first.ckpt")
+    export_trained(tmp_path / "first.ckpt", tmp_path / "part.onnx")
+    assert "of a training that has had 1 of 6 epochs; --ckpt_path goes on with it" in capsys.readouterr().out
+
+
 def test_an_unfinished_training_is_not_exported(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="expected a checkpoint at"):
         export_trained(tmp_path / "best.ckpt", tmp_path / "a.onnx")
@@ -215,6 +248,43 @@ def test_unusable_sequences_are_named(tmp_path: Path, what: dict[str, object], m
     folder = write_walk(tmp_path / "odd", **what)  # type: ignore[arg-type]
     with pytest.raises(RequestError, match=message):
         AssociationData([folder]).setup("fit")
+
+
+def test_what_teaches_nothing_beside_others_is_left_out_by_name(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone = write_walk(tmp_path / "alone", people=1)
+    late = write_walk(tmp_path / "late")
+    rows = (late / "gt" / "gt.txt").read_text().splitlines()
+    (late / "gt" / "gt.txt").write_text("\n".join(row for row in rows if int(row.split(",")[0]) > 80) + "\n")
+    data = AssociationData([walk, alone, late])
+    data.setup("fit")
+    assert [one.detections.name for one in data.learnt] == ["walk"]
+    told = capsys.readouterr().out
+    assert "alone: left out, for its detections in the frames to learn from show one person who is labelled" in told
+    assert "late: left out, for its detections in the frames to learn from show nobody who is labelled" in told
+
+
+def test_labels_of_half_of_the_people_look_foreign(
+    walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    some = write_walk(tmp_path / "some", people=5)
+    rows = (some / "gt" / "gt.txt").read_text().splitlines()
+    (some / "gt" / "gt.txt").write_text("\n".join(row for row in rows if row.split(",")[1] in "12") + "\n")
+    AssociationData([walk, some]).setup("fit")
+    told = capsys.readouterr().out
+    assert re.search(r"some: 6\d% of its detections lie on nobody; is everybody labelled, and of the same class", told)
+    assert "walk" not in told
+
+
+def test_how_far_changes_are_trusted_is_as_asked_and_not_as_it_was(trained: Path) -> None:
+    checkpoint = trained / "checkpoints" / "best.ckpt"
+    assert AssociationTraining(hidden=4).network.detections.trust.tolist() == [0.5, 1, 1]
+    started = AssociationTraining(hidden=4, trust=1.0, start=checkpoint)
+    assert started.network.detections.trust.tolist() == [1, 1, 1]
+    loaded = AssociationTraining.load_from_checkpoint(checkpoint, trust=0.25, weights_only=True)
+    assert loaded.network.detections.trust.tolist() == [0.25, 1, 1]
+    assert loaded.network.links.linear.weight.any()
 
 
 def test_labels_of_other_classes_are_named(tmp_path: Path) -> None:
