@@ -62,14 +62,14 @@ class Plan:
     """
 
     seeds: int = 3
-    clips: int = 6
+    clips: int = 2
     frames: int = 300
 
 
 def reproduce(
     bench: Bench,
     seeds: int = 3,
-    clips: int = 6,
+    clips: int = 2,
     frames: int = 300,
     full: bool = False,
     actions: list[Path] | None = None,
@@ -117,12 +117,12 @@ def run_plan(bench: Bench, plan: Plan, networks: Networks) -> Outcome:
     say = bench.watch.say
     # All clips in one go, so that every core has one to draw until the end.
     clips = prepare_clips(bench.store, [*_test_plans(plan), *_second_plans(plan)], networks, say)
-    sets = [clips[first : first + plan.clips] for first in range(0, plan.seeds * plan.clips, plan.clips)]
-    carried, every = clips[plan.seeds * plan.clips :], clips[: plan.seeds * plan.clips]
+    every, carried = clips[: plan.seeds * plan.clips], clips[plan.seeds * plan.clips :]
+    sets = _in_sets(every, plan)
     say("tracking")
     people = {"taken out": _people(sets, compensate=True), "left in": _people(sets, compensate=False)}
     oracle = [with_labelled_actions(clip, np.random.default_rng(n)) for n, clip in enumerate(every)]
-    people["taken out, actions as labelled"] = _people([oracle], compensate=True)
+    people["taken out, actions as labelled"] = _people(_in_sets(oracle, plan), compensate=True)
     iterations = {}
     for method in METHODS:
         if method.startswith("flow-maf"):
@@ -159,6 +159,10 @@ def run_plan(bench: Bench, plan: Plan, networks: Networks) -> Outcome:
         {f"{name}.jpg": picture.jpeg for name, picture in drawn.items()},
         [_said_of_conditions(values["conditions"])],
     )
+
+
+def _in_sets(clips: Sequence[Clip], plan: Plan) -> list[Sequence[Clip]]:
+    return [clips[first : first + plan.clips] for first in range(0, len(clips), plan.clips)]
 
 
 def _test_plans(plan: Plan) -> list[ClipPlan]:

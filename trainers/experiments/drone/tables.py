@@ -33,7 +33,7 @@ IN_THE_PAPER = "paper: Rcll Prcn IDs MOTA MOTP"
 
 def tables(values: Mapping[str, Any]) -> list[Table]:
     """The tables of the experiment, from all its numbers."""
-    heading = ("method", *COLUMNS, "IDs against flow", IN_THE_PAPER)
+    heading = ("method", *COLUMNS, "IDs against flow", "IDF1 against flow", IN_THE_PAPER)
     return [
         *(
             Table(
@@ -73,9 +73,14 @@ def _action_table(actions: Mapping[str, Any]) -> Table:
 
 def _person_row(name: str, row: Mapping[str, Any], paper: Mapping[Any, Sequence[float]]) -> list[str]:
     printed = " ".join(f"{value:g}" for value in paper[name]) if name in paper else ""
-    against = row["against_flow"]["id_switches"]
-    interval = f"{against['difference']:+.0f} ({against['low']:+.0f} to {against['high']:+.0f})"
-    return [name, *_scores(row), interval, printed]
+    switches, idf1 = (row["against_flow"][score] for score in ("id_switches", "idf1"))
+    return [name, *_scores(row), _difference(switches, 1, 0), _difference(idf1, 100, 1), printed]
+
+
+def _difference(of: Mapping[str, float], factor: float, digits: int) -> str:
+    """A difference and its interval, times ``factor``."""
+    middle, low, high = (f"{factor * of[key]:+.{digits}f}" for key in ("difference", "low", "high"))
+    return f"{middle} ({low} to {high})"
 
 
 def _flight_row(name: str, row: Mapping[str, float]) -> list[str]:
