@@ -28,12 +28,13 @@ PAPER_ACTIONS = {
     "Multi frames (local+global)": 47.80,
 }
 COLUMNS = ("Rcll", "Prcn", "IDs", "MOTA", "MOTP", "100(1-IoU)", "IDF1", "HOTA")
+COMPARED = {"id_switches": "IDs", "mota": "MOTA", "idf1": "IDF1", "hota": "HOTA"}
 IN_THE_PAPER = "paper: Rcll Prcn IDs MOTA MOTP"
 
 
 def tables(values: Mapping[str, Any]) -> list[Table]:
     """The tables of the experiment, from all its numbers."""
-    heading = ("method", *COLUMNS, "IDs against flow", "IDF1 against flow", IN_THE_PAPER)
+    heading = ("method", *COLUMNS, *(f"{name} against flow" for name in COMPARED.values()), IN_THE_PAPER)
     return [
         *(
             Table(
@@ -73,12 +74,12 @@ def _action_table(actions: Mapping[str, Any]) -> Table:
 
 def _person_row(name: str, row: Mapping[str, Any], paper: Mapping[Any, Sequence[float]]) -> list[str]:
     printed = " ".join(f"{value:g}" for value in paper[name]) if name in paper else ""
-    switches, idf1 = (row["against_flow"][score] for score in ("id_switches", "idf1"))
-    return [name, *_scores(row), _difference(switches, 1, 0), _difference(idf1, 100, 1), printed]
+    return [name, *_scores(row), *(difference_cell(score, row["against_flow"][score]) for score in COMPARED), printed]
 
 
-def _difference(of: Mapping[str, float], factor: float, digits: int) -> str:
-    """A difference and its interval, times ``factor``."""
+def difference_cell(score: str, of: Mapping[str, float]) -> str:
+    """A difference and its interval: of switches as it is, of shares in points."""
+    factor, digits = (1, 0) if score == "id_switches" else (100, 1)
     middle, low, high = (f"{factor * of[key]:+.{digits}f}" for key in ("difference", "low", "high"))
     return f"{middle} ({low} to {high})"
 

@@ -36,12 +36,10 @@ def test_the_same_seed_draws_the_same_clip():
 
 
 def test_a_row_a_method_with_the_cost_chosen_elsewhere(bench):
-    outcome = compare(bench, 1, SCENE)
-    (table,) = outcome.tables
+    values, table = compare(bench.store, 1, SCENE)
     assert [row[0] for row in table.rows] == [
         "flow", "flow-SAF", "flow-MAF, centred windows", "flow-MAF, one-sided windows"
     ]  # fmt: skip
-    values = outcome.values["crowd"]
     found, flow = values["flow-SAF"], values["flow"]
     expected = found["id_switches"] - flow["id_switches"]
     assert found["against_flow"]["id_switches"]["difference"] == expected
