@@ -64,6 +64,20 @@ def best_offset(response: FloatArray) -> float:
     return offset
 
 
+def far_peak(response: FloatArray, least: int, margin: float) -> float:
+    """`best_offset` where that is a peak far from the middle size, 0 else.
+
+    Args:
+        response: ``(S,)``, S odd.
+        least: steps from which on it is far.
+        margin: how much greater than at the middle it must be. One that is greatest at either end has no peak.
+    """
+    middle, top = len(response) // 2, int(np.argmax(response))
+    if abs(top - middle) < least or top in (0, len(response) - 1) or response[top] - response[middle] <= margin:
+        return 0.0
+    return best_offset(response)
+
+
 def _spectrum(sample: FloatArray | NDArray[np.float32]) -> Complex2D:
     taper = np.hanning(len(sample) + 2)[1:-1, None].astype(np.float32)
     return np.asarray(scipy.fft.rfft(sample * taper, axis=0), dtype=np.complex64)

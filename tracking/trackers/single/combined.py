@@ -29,7 +29,8 @@ from tsuiseki.tracking.likelihoods.response import ResponseMaps, SizedResponseMa
 from tsuiseki.tracking.trackers.single import regularised
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.trackers.single.particles import heaviest_apart, random_walk
-from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, RegularisedTarget
+from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedTarget
+from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 _SIZE_STEP = float(np.log(1.1))  # between the sizes that particles see

@@ -13,12 +13,14 @@ The response of a place is
 
 The response of a size is that of the filter over sizes, and the contrast of colours between the box and a frame around
 it. A box holds outstretched arms and legs, and the contrast is greatest for less than the box; how much less is
-measured in the first frame. Nothing is trained.
+measured in the first frame. The filter over sizes learns what it has found, and sees sizes up to a sixth away. Where
+the size is further off, it confirms itself for good. The colours see further: the size follows them to one far from the
+present one that they want for several frames in a row, where the filter of places agrees. Nothing is trained.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -33,62 +35,22 @@ from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     gaussian_labels,
 )
 from tsuiseki.tracking.filters.correlation.regularised_correlation import (
-    RegularisedLearning,
     Support,
     learn,
     respond,
 )
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_peak
 from tsuiseki.tracking.likelihoods.peaks import peak
 from tsuiseki.tracking.likelihoods.pixel_colour import PixelColour, shift_response, size_contrast
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
+from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
 from tsuiseki.tracking.trackers.single.size_samples import SizeLadder, SizeSample
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 CELL = 4  # template pixels
 _LEAST_CELLS = 4
+_FAR = 4  # steps of size from which on a size is far from the present one
 _WIDEST = 8  # steps of size to each side, in which the contrast of the first frame is looked for
-
-
-@dataclass(frozen=True)
-class RegularisedSettings:
-    """Constants.
-
-    Attributes:
-        padding: side of the square window over the geometric mean of the target's sides, > 1.
-        cells: along the window's longer side.
-        label_sigma: of the wanted response, as a share of the geometric mean of the target's sides.
-        learning: of the filter.
-        colour_share: of the colours in the response of a place, in [0, 1].
-        colour_rate: share of a new frame in the histograms, in [0, 1].
-        sizes: how many are tried in a frame, odd; 1 keeps the first size.
-        size_step: ratio of neighbouring sizes.
-        size_change: greatest factor on the size in a frame.
-        size_rate: share of a new frame in the size filter, in [0, 1].
-        size_colour: weight of the contrast of colours beside the size filter's response.
-        calibration: share of the first frame's calibration of the contrast of colours that is used, in [0, 1].
-        size_area: pixels of the template of the size filter.
-        smallest: least size relative to the first.
-        largest: greatest size relative to the first.
-        lost_below: response under which the target counts as lost; the filter goes on all the same.
-    """
-
-    padding: float = 3.0
-    cells: int = 24
-    label_sigma: float = 1 / 16
-    learning: RegularisedLearning = field(default_factory=RegularisedLearning)
-    colour_share: float = 0.3
-    colour_rate: float = 0.04
-    sizes: int = 11
-    size_step: float = 1.03
-    size_change: float = 1.06
-    size_rate: float = 0.025
-    size_colour: float = 2.0
-    calibration: float = 1.0
-    size_area: float = 512.0
-    smallest: float = 0.2
-    largest: float = 5.0
-    lost_below: float = 0.25
 
 
 @dataclass(frozen=True)
@@ -187,6 +149,7 @@ class RegularisedTarget:
         peak: response at ``centre``, colours included.
         colour_score: mean colour probability at ``centre``, in [0, 1].
         seen: what `resize` looked at, for the `update` of the same frame; None else.
+        insisted: for how many frames in a row the colours have wanted a far larger size; negative: a far smaller one.
     """
 
     centre: FloatArray
@@ -198,6 +161,7 @@ class RegularisedTarget:
     peak: float = 1.0
     colour_score: float = 1.0
     seen: SizeSample | None = None
+    insisted: int = 0
 
 
 def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTarget:
@@ -252,14 +216,33 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
         return target
     middle = round(model.ladder.level(target.size))
     seen = model.ladder.sample(image, target.centre, middle)
-    sizes = model.ladder.sizes(seen.first) / target.size * target.contrast_at
     probabilities = target.colour.probabilities(model.patch(image, target.centre, target.size))
     width, height = model.target / model.scale
-    contrast = size_contrast(probabilities, float(width), float(height), sizes)
-    best = middle + best_offset(target.sizes.respond(seen.rows) + settings.size_colour * contrast)
-    factor = settings.size_step**best / target.size
+    near = settings.sizes // 2
+    reach = max(settings.size_reach, near)
+    factors = settings.size_step ** (middle + np.arange(-reach, reach + 1.0)) / target.size * target.contrast_at
+    contrast = size_contrast(probabilities, float(width), float(height), factors)
+    best = best_offset(
+        target.sizes.respond(seen.rows) + settings.size_colour * contrast[reach - near : reach + near + 1]
+    )
+    far = far_peak(contrast, _FAR, settings.size_margin) if settings.size_reach else 0.0
+    side = int(np.sign(far))
+    insisted = target.insisted + side if side * target.insisted > 0 else side
+    if abs(insisted) >= settings.size_patience:
+        step = float(np.clip(far, -near, near))
+        best, insisted = (far, insisted) if _agrees(model, target, image, step) else (best, 0)
+    factor = settings.size_step ** (middle + best) / target.size
     size = target.size * float(np.clip(factor, 1 / settings.size_change, settings.size_change))
-    return replace(target, size=float(np.clip(size, settings.smallest, settings.largest)), seen=seen)
+    size = float(np.clip(size, settings.smallest, settings.largest))
+    return replace(target, size=size, seen=seen, insisted=insisted)
+
+
+def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: float) -> bool:
+    """Whether the filter of places responds so many steps of size away nearly as much as at the present size."""
+    settings = model.settings
+    there = replace(target, size=target.size * settings.size_step**step)
+    present, away = (peak(responses(model, one, image)[0])[1] for one in (target, there))
+    return away >= settings.size_agreement * present
 
 
 def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: float = 1.0) -> RegularisedTarget:
@@ -275,7 +258,8 @@ def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: flo
         level = model.ladder.level(target.size)
         sample = model.ladder.sample(image, target.centre, round(level), target.seen)
         new = ScaleFilter.learn(sample.rows, level - round(level))
-        sizes = sizes.blend(new, settings.size_rate * rate)
+        insists = abs(target.insisted) >= settings.size_patience
+        sizes = sizes.blend(new, (settings.size_relearning if insists else settings.size_rate) * rate)
     return replace(target, filters=filters, colour=colour, sizes=sizes, seen=None)
 
 

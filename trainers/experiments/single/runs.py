@@ -24,7 +24,8 @@ from tsuiseki.tracking.trackers.single.kcf_particle_settings import KcfParticleS
 from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.methods import SingleMethod, make_tracker
 from tsuiseki.tracking.trackers.single.recognised import Recognised
-from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings, RegularisedTracker
+from tsuiseki.tracking.trackers.single.regularised import RegularisedTracker
+from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.single.contrib import Contrib, follow_with_contrib
 from tsuiseki.trainers.experiments.store import Store

@@ -16,7 +16,7 @@ import numpy as np
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.combined import CombinedSettings
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
-from tsuiseki.tracking.trackers.single.regularised import RegularisedSettings
+from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
 from tsuiseki.trainers.experiments.single import comparison

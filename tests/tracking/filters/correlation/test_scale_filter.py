@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_peak
 
 SIZES = 11
 
@@ -36,3 +36,14 @@ def test_blending_goes_from_the_old_to_the_new():
     old, new = ScaleFilter.learn(rows(0)), ScaleFilter.learn(rows(2))
     np.testing.assert_allclose(old.blend(new, 1.0).numerator, new.numerator, rtol=1e-4, atol=1e-4)
     np.testing.assert_array_equal(old.blend(new, 0.0).denominator, old.denominator)
+
+
+@pytest.mark.parametrize(
+    ("at", "height", "found"),
+    [(9, 0.5, 9), (-7, 0.5, -7), (3, 0.5, 0), (9, 0.05, 0), (10, 0.5, 0)],
+    ids=["larger", "smaller", "near", "hardly greater", "at the end: no peak"],
+)
+def test_a_far_size_is_a_clear_peak_away_from_the_middle(at, height, found):
+    response = np.zeros(21)
+    response[10 + at] += height
+    assert far_peak(response, least=4, margin=0.1) == found

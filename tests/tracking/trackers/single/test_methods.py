@@ -20,7 +20,8 @@ from tsuiseki.tracking.trackers.single.matching import MEASURES, active_search, 
 from tsuiseki.tracking.trackers.single.methods import METHODS, make_tracker
 from tsuiseki.tracking.trackers.single.observation_model import SearchView
 from tsuiseki.tracking.trackers.single.particles import dispersion
-from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedSettings, RegularisedTracker
+from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedTracker
+from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
 from tsuiseki.tracking.types import Frame
 
 SIZE = (160, 200)
@@ -315,6 +316,18 @@ def test_one_size_is_kept_where_no_others_are_tried():
     images, boxes = clip(walk(10))
     for seen in run(RegularisedTracker(RegularisedSettings(sizes=1)), images, boxes[0]):
         np.testing.assert_allclose(seen.box[2:] - seen.box[:2], boxes[0, 2:] - boxes[0, :2])
+
+
+def test_a_size_that_the_size_filter_does_not_see_is_seen_by_the_colours():
+    """It shrinks at once by more than the filter's five steps of 3 %; without the far look its size stays."""
+    images, boxes = clip(walk(40), sizes=[1.0] * 12 + [0.6] * 28)
+    found = []
+    for reach in (24, 0):
+        tracker = RegularisedTracker(RegularisedSettings(size_reach=reach))
+        run(tracker, images, boxes[0])
+        found.append(tracker.target.size)
+    assert found[0] == pytest.approx(0.6, rel=0.1)
+    assert found[1] > 0.75
 
 
 @pytest.mark.parametrize(("width", "height"), [(6, 9), (24, 36), (300, 450), (4, 40), (900, 30)])
