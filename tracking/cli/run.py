@@ -30,7 +30,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -157,6 +157,15 @@ class Run:
         watched.close()
         if self.count == before:
             raise Interrupted(self._asked) if self._asked else RunError("expected frames, got none")
+
+    @contextmanager
+    def waiting(self) -> Iterator[None]:
+        """Within it an interrupt is heard at once: in a step that waits for the user there is nothing to finish."""
+        patient, self._patient = self._patient, False
+        try:
+            yield
+        finally:
+            self._patient = patient
 
     def replay(self, source: Source) -> Iterator[Frame]:
         """The finished frames again, to draw on.

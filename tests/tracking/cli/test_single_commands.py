@@ -2,12 +2,14 @@
 
 import json
 import re
+import signal
 
 import cv2
 import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.pipelines.single import selection
 from tsuiseki.tracking.trackers.single.methods import METHODS
 
 
@@ -50,6 +52,14 @@ def test_a_box_without_labels(labelled, tmp_path):
     words = ["track", "single", str(labelled / "img"), "--out", str(tmp_path / "o"), "--method", "kcf"]
     assert main([*words, "--box", "20,30,30,35", "--frames", "1-4"]) == 0
     assert len((tmp_path / "o" / "boxes.txt").read_text().splitlines()) == 4
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_one_interrupt_ends_the_wait_for_a_drawn_box(labelled, tmp_path, monkeypatch, number):
+    monkeypatch.setattr(selection, "_has_display", lambda: True)
+    monkeypatch.setattr(selection.webbrowser, "open", lambda _: signal.raise_signal(number))
+    assert main(["track", "single", str(labelled / "img"), "--select", "--out", str(tmp_path / "o")]) == 128 + number
+    assert not (tmp_path / "o").exists()
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.cli.run import frames_expected
+from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.pipelines.single.choice import SingleChoice
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.types import Estimate, FloatArray
+    from tsuiseki.tracking.types import Estimate, FloatArray, ImageArray
     from tsuiseki.tracking.video import Source
 
 
@@ -41,11 +42,12 @@ def single(
 
     source, labelled = open_single(video.source, video.frames)
     source = video.open(images=True) if labelled is None else source
-    wanted = _first_box(source, box, select, labelled)
+    given = _first_box(source, box, select, labelled)
     tracker, constants = choice.tracker(output.seed)
     estimates: list[Estimate] = []
     with output.run() as run:
         run.facts["constants"] = constants
+        wanted = partial(_drawn, run) if given is None else given
         followed = follow_measured(run.frames(source, record=video.overlay), wanted, tracker, run.times)
         estimates.extend(run.steps(followed, total=frames_expected(source)))
         run.columns = columns_of(estimates)
@@ -56,6 +58,14 @@ def single(
         video.draw(run, source, lambda path, again: write_target_overlay(path, again, estimates, rate))
         run.done(f"{summary_of(estimates)}: {output.out / 'boxes.txt'}")
     return run.status
+
+
+def _drawn(run: Run, image: ImageArray) -> FloatArray:
+    """The box that the user draws."""
+    from tsuiseki.tracking.pipelines.single.selection import select_box
+
+    with run.waiting():
+        return select_box(image)
 
 
 def _first_box(source: Source, box: str | None, select: bool, labelled: FloatArray | None) -> FloatArray | None:

@@ -25,15 +25,15 @@ class SingleChoice(Shared):
     """A method and its variant.
 
     Attributes:
-        method: how to follow. combined is a correlation filter with colours and sizes that particles help when the
-            target is hidden; regularised is that filter alone; kcf is a plain filter, and faster; kcf-particle joins
-            kcf and particles as the thesis does; the others are simpler and are there to compare with.
+        method: how to follow. combined is a correlation filter with colours and sizes that particles challenge where it
+            is in doubt; regularised is that filter alone; kcf is a plain filter, and faster; kcf-particle joins kcf and
+            particles as the thesis does; the others are simpler and are there to compare with.
         preset: constants of kcf and kcf-particle. robust is ours; thesis, printed (kcf-particle only: the thesis to
             the letter) and paper (kcf only) are the published ones.
         scale: whether combined, regularised, kcf and kcf-particle also look for other sizes; by default the first two
             do, and the others as the preset says.
         past: how kcf-particle draws filters of the past, all alike or by their score; by default as the preset says.
-        redetect: combined and kcf-particle search a wider area for a lost target, which takes longer.
+        redetect: kcf-particle searches a wider area for a lost target, and combined in every doubt, which takes longer.
         recognise: also say lost where the target, a person, no longer looks as in the first frame, by the shipped
             appearance network; combined also lets it choose where to go on.
         objectness: model for kcf-particle from `tsuiseki train objectness`; by default the shipped one.
@@ -67,7 +67,9 @@ class SingleChoice(Shared):
         redetect = self.redetect
         if isinstance(tracker, Combined) and redetect:
             tracker, redetect = Combined(replace(tracker.settings, reach=3), seed), False
-        for name, value in (("past", self.past), ("redetect", redetect or None), ("objectness", self.objectness)):
+        if redetect:
+            raise RequestError(f"`redetect`: expected with `method` combined or kcf-particle, got {self.method}")
+        for name, value in (("past", self.past), ("objectness", self.objectness)):
             if value is not None:
                 raise RequestError(f"`{name}`: expected with `method` kcf-particle only, got {self.method}")
         if self.scale is not None and self.method not in ("combined", "regularised", "kcf"):

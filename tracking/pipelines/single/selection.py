@@ -20,6 +20,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+LONGEST = 1000  # bytes of an answer
 LEAST_SIDE = 2.0  # pixels
 _PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>Draw the target</title>
@@ -151,8 +152,8 @@ class _Handler(BaseHTTPRequestHandler):
         if self.path != f"{self.server.path}box":
             self._answer(404, "text/plain", b"nothing here")
             return
-        length = min(int(self.headers.get("Content-Length", "0")), 1000)
-        wrong = self.server.take(self.rfile.read(length))
+        length = self.headers.get("Content-Length", "")
+        wrong = self.server.take(self.rfile.read(min(int(length), LONGEST)) if length.isdecimal() else b"")
         self._answer(400 if wrong else 200, "text/plain; charset=utf-8", wrong.encode())
         if not wrong:
             self.server.answered.set()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, get_args
@@ -16,11 +16,10 @@ from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels
 from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.geometry import corners_from_xywh
-from tsuiseki.tracking.pipelines.single.selection import select_box
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.single.interface import SingleTracker, follow_target
 from tsuiseki.tracking.trackers.single.methods import METHODS, SingleMethod, SinglePreset, make_tracker
-from tsuiseki.tracking.types import Estimate, FloatArray, Frame, Status
+from tsuiseki.tracking.types import Estimate, FloatArray, Frame, ImageArray, Status
 from tsuiseki.tracking.video import Source, open_source
 
 
@@ -142,20 +141,23 @@ def parse_box(text: str) -> FloatArray:
 
 
 def follow_measured(
-    frames: Iterator[Frame], box: FloatArray | None, tracker: SingleTracker, times: StageTimes
+    frames: Iterator[Frame],
+    box: FloatArray | Callable[[ImageArray], FloatArray],
+    tracker: SingleTracker,
+    times: StageTimes,
 ) -> Iterator[Estimate]:
     """The target in every frame.
 
     Args:
         frames: of the video.
-        box: the target in the first of them; None lets the user draw it.
+        box: the target in the first of them, or what finds it in its image.
         tracker: a fresh one.
         times: gets the stage ``read and track``.
     """
     first = next(frames, None)
     if first is None:
         return
-    start = select_box(first.image) if box is None else box
+    start = box(first.image) if callable(box) else box
     estimates = follow_target(chain((first,), frames), start, tracker)
     while True:
         with times.measure("read and track"):

@@ -11,12 +11,13 @@ recovers by itself. So here
   one of the hypotheses;
 * the particles of 3.2.3 to 3.2.5, each a place, the number of a filter (the present one, the first one, stored ones)
   and a size, look for the target all around. Where the best one's response is higher elsewhere for several frames in a
-  row, the target is taken to be there, with that filter. By default all particles have the target's present size.
+  row, the target is taken to be there, with that filter. By default all particles have the target's present size;
+* where the box shows what stood there before the target came, the status is lost (`seen_before`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
@@ -27,58 +28,14 @@ from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, 
 from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak
 from tsuiseki.tracking.likelihoods.response import ResponseMaps, SizedResponseMaps
 from tsuiseki.tracking.trackers.single import regularised
+from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.trackers.single.particles import heaviest_apart, random_walk
 from tsuiseki.tracking.trackers.single.regularised import Model, RegularisedTarget
-from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
+from tsuiseki.tracking.trackers.single.seen_before import SeenBefore
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 _SIZE_STEP = float(np.log(1.1))  # between the sizes that particles see
-
-
-@dataclass(frozen=True)
-class CombinedSettings:
-    """Constants.
-
-    Attributes:
-        filter: of the filter that goes on alone.
-        doubt: share of its running median under which a response is low, where the colours are low, too.
-        colour_doubt: likewise for the colours.
-        sure: share of its running median from which on a response ends the doubt.
-        memory: frames of the running medians.
-        certain: share of its running median from which on a response without doubt is learnt at full speed.
-        doubtful_rate: speed of learning at the beginning of a doubt, in [0, 1].
-        hidden: share of the running median under which a response says that the target is hidden: nothing is learnt.
-        lost_after: frames of doubt after which the target counts as lost.
-        stored: filters kept from frames without doubt, beside the first frame's.
-        store_interval: frames between them.
-        particles: N.
-        reach: windows searched to each side of the one about the target; 1 gives 3 x 3.
-        spread: standard deviation of the particles' step, as a share of the target's sides.
-        size_spread: likewise of the logarithm of their size; 0 leaves it as it is. More takes three times as long.
-        sharpness: factor on the response in the log-likelihood.
-        margin: how much more than the filter's a challenger's response must be.
-        wins: frames in a row in which it must be.
-    """
-
-    filter: RegularisedSettings = field(default_factory=RegularisedSettings)
-    doubt: float = 0.6
-    colour_doubt: float = 0.95
-    sure: float = 0.75
-    memory: int = 50
-    certain: float = 0.8
-    doubtful_rate: float = 0.25
-    hidden: float = 0.4
-    lost_after: int = 5
-    stored: int = 3
-    store_interval: int = 25
-    particles: int = 200
-    reach: int = 1
-    spread: float = 0.25
-    size_spread: float = 0.0
-    sharpness: float = 20.0
-    margin: float = 0.1
-    wins: int = 3
 
 
 @dataclass(frozen=True)
@@ -134,6 +91,9 @@ class Combined:
         self._evidence = Evidence()
         self._challenge: Challenge | None = None
         self._frame = self.doubted = self.searched_frames = 0
+        self._seen_before = SeenBefore(self.settings.seen_before)
+        self._seen_before.look(image, np.asarray(box, dtype=np.float64))
+        self._on_background = False
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
@@ -143,6 +103,8 @@ class Combined:
             self._go_on_in_doubt(image, found)
         else:
             self._go_on(image, found)
+        if self._frame % self.settings.seen_before.every == 0:
+            self._on_background = self._seen_before.look(image, self.box(self.target))
         return self.state()
 
     def state(self) -> TargetState:
@@ -174,7 +136,7 @@ class Combined:
     def go_on_at(self, there: RegularisedTarget) -> None:
         """Take the target to be where one of `heaviest_places` is; the doubt ends."""
         self.target = there
-        self.doubted, self._challenge = 0, None
+        self.doubted, self._challenge, self._on_background = 0, None, False
 
     def _doubts(self, found: RegularisedTarget) -> bool:
         response, colours = self._evidence.shares(found)
@@ -296,6 +258,8 @@ class Combined:
         return self.settings.sharpness * maps.at(particles[:, :2], numbers, particles[:, 3])
 
     def _status(self) -> Status:
+        if self._on_background:
+            return "lost"
         if self.doubted == 0:
             return "tracking"
         return "searching" if self.doubted <= self.settings.lost_after else "lost"

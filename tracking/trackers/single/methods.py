@@ -8,7 +8,8 @@ from typing import Literal, get_args
 
 from tsuiseki.tracking.trackers.single import kcf
 from tsuiseki.tracking.trackers.single.colour_particle import ColourParticle
-from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings
+from tsuiseki.tracking.trackers.single.combined import Combined
+from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
 from tsuiseki.tracking.trackers.single.gradient import MeanShift, MedianFlow, Mil
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle

@@ -1,11 +1,11 @@
 """A tracker of a person whom an appearance network recognises; it leads the particles of the combined tracker.
 
 A filter that has slid onto something else is as sure as ever: nothing of its own says that the target is lost. The
-network, which learns nothing from the video, says that the box no longer shows the person (`recognition`): then the
-status is ``lost``, whatever the tracker says. Of the combined tracker, particles are then drawn at the maxima of all
-filters all around, moved and weighed as in a search, and the network looks at the heaviest places. The one most like
-the first frame's box is the target, if it is like enough, and more so than the box. Otherwise the filter goes on as if
-nothing had been said.
+network, which learns nothing from the video, says that the box no longer shows the person (`recognition`): where it is
+sure the status is ``lost``, whatever the tracker says. Of the combined tracker, particles are drawn at the maxima of
+all filters all around as soon as the box looks strange, moved and weighed as in a search, and the network looks at the
+heaviest places. The one most like the first frame's box is the target, if it is like enough, and more so than the box.
+Otherwise the filter goes on as if nothing had been said.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Recognised:
             if self._witness.strange and isinstance(self._tracker, Combined):
                 self._find_again(self._tracker, image, likeness)
                 found = self._tracker.state()
-        return replace(found, status="lost") if self._witness.strange else found
+        return replace(found, status="lost") if self._witness.lost else found
 
     def _find_again(self, tracker: Combined, image: ImageArray, likeness: float) -> None:
         """Go to the place that looks most like the first box, if that is alike enough."""

@@ -27,11 +27,14 @@ class RecognitionSettings:
 
     Attributes:
         every: frames between two looks.
-        share: of its running median under which a likeness is low.
         heard: running median from which on the network is heard.
-        looks: low likenesses in a row from which on the target counts as lost.
         memory: looks of the running median.
-        trusted: looks at the beginning that count as the target.
+        expected: likeness of the target before any look, so that a box that is lost at once is not taken for it.
+        trusted: looks that ``expected`` counts for.
+        share: of the running median under which a likeness is strange.
+        looks: strange likenesses in a row from which on the target is looked for elsewhere.
+        lost_share: likewise under which the target counts as lost; lower, since who is half hidden looks strange, too.
+        lost_looks: in a row.
         candidates: places that are looked at in a look that says that the box does not show the target; see
             `recognised`.
         better: how much more alike than the box such a place must be.
@@ -39,11 +42,14 @@ class RecognitionSettings:
     """
 
     every: int = 3
-    share: float = 0.6
     heard: float = 0.6
-    looks: int = 2
     memory: int = 15
+    expected: float = 0.9
     trusted: int = 3
+    share: float = 0.6
+    looks: int = 2
+    lost_share: float = 0.5
+    lost_looks: int = 3
     candidates: int = 4
     better: float = 0.1
     alike: float = 0.85
@@ -63,8 +69,8 @@ class Witness:
         self.settings = settings
         self._describe = describe
         self._first = self._features(image, np.asarray(box)[None])[0]
-        self._likenesses: list[float] = []
-        self._low = 0
+        self._likenesses = [settings.expected] * settings.trusted
+        self._strange = self._lost = 0
 
     def likenesses(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N,)`` cosines of what ``boxes`` ``(N, 4)`` show and of the first box, in [-1, 1]."""
@@ -73,17 +79,18 @@ class Witness:
     def look(self, image: ImageArray, box: FloatArray) -> float:
         """Take what the box ``(4,)`` of a frame shows; its likeness."""
         likeness = float(self.likenesses(image, box[None])[0])
-        settings, seen = self.settings, self._likenesses
-        if len(seen) >= settings.trusted and likeness < settings.share * median(seen):
-            self._low += 1
+        settings, usual = self.settings, self.usual
+        if likeness < settings.share * usual:
+            self._strange += 1
         else:
-            self._low = 0
-            self._likenesses = [*seen, likeness][-settings.memory :]
+            self._strange = 0
+            self._likenesses = [*self._likenesses, likeness][-settings.memory :]
+        self._lost = self._lost + 1 if likeness < settings.lost_share * usual else 0
         return likeness
 
     def forget_doubt(self) -> None:
         """The box is elsewhere now: it counts as the target until it looks otherwise."""
-        self._low = 0
+        self._strange = self._lost = 0
 
     @property
     def usual(self) -> float:
@@ -92,8 +99,13 @@ class Witness:
 
     @property
     def strange(self) -> bool:
-        """Whether the box no longer shows the target."""
-        return self._low >= self.settings.looks and self.usual >= self.settings.heard
+        """Whether the box seems to show something else."""
+        return self._strange >= self.settings.looks and self.usual >= self.settings.heard
+
+    @property
+    def lost(self) -> bool:
+        """Whether it is sure that the box no longer shows the target."""
+        return self._lost >= self.settings.lost_looks and self.usual >= self.settings.heard
 
     def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         found = np.asarray(self._describe(image, boxes), dtype=np.float64)

@@ -1,7 +1,7 @@
 """Whether the status ``lost`` says the truth: within ten frames of losing the target, and not while it is followed.
 
-Beside it stands how well the same passes follow. The constants of `recognition` were chosen on the first generated
-chases, which are therefore counted apart.
+Beside it stands how well the same passes follow. The constants of `recognition` and `seen_before` were chosen on the
+given clips and on the first generated chases, which are therefore counted apart from those that nothing was chosen on.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.trackers.single.combined import CombinedSettings
+from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
 from tsuiseki.tracking.trackers.single.kcf import KcfSettings
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST
 from tsuiseki.tracking.types import BoolArray, FloatArray
@@ -27,7 +27,7 @@ from tsuiseki.trainers.experiments.store import Store
 
 WITHIN = 10
 FOLLOWED = 0.5
-SEEN, CHASES = 8, 24
+SEEN, CHASES = 24, 48
 
 
 @dataclass(frozen=True)

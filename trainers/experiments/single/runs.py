@@ -16,7 +16,8 @@ from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.image_folder import read_image
-from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings
+from tsuiseki.tracking.trackers.single.combined import Combined
+from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf import KcfSettings
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.trackers.single import kcf
-from tsuiseki.tracking.trackers.single.combined import CombinedSettings
+from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
 from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
 from tsuiseki.tracking.types import FloatArray
@@ -48,11 +48,10 @@ class Group:
 def groups(contrib: Path | None = None) -> tuple[Group, ...]:
     """With scale search and at fixed size; with CSRT where the Python of OpenCV-contrib's environment is given."""
     scaled = {
-        f"colours {share:g}, size {weight:g}, calibration {calibration:g}": _combined(
-            colour_share=share, size_colour=weight, calibration=calibration
+        f"far sizes {agreement or 'no'}, calibration {calibration:g}": _combined(
+            size_agreement=agreement, size_reach=24 if agreement else 0, calibration=calibration
         )
-        for share in (0.2, 0.3)
-        for weight in (1.0, 2.0)
+        for agreement in (0.0, 0.9, 0.95)
         for calibration in (0.5, 1.0)
     }
     fixed = {

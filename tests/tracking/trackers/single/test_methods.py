@@ -11,7 +11,8 @@ from tsuiseki.tracking.filters.correlation.kernelised_correlation import respond
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.likelihoods.response import ResponseMaps
 from tsuiseki.tracking.trackers.single import kcf
-from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings, Evidence
+from tsuiseki.tracking.trackers.single.combined import Combined, Evidence
+from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
 from tsuiseki.tracking.trackers.single.interface import follow_target
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.trackers.single.combined import Combined, CombinedSettings
+from tsuiseki.tracking.trackers.single.combined import Combined
+from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
 from tsuiseki.tracking.trackers.single.recognised import Recognised
 from tsuiseki.tracking.trackers.single.recognition import RecognitionSettings
 

@@ -5,7 +5,7 @@ import pytest
 
 from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
 from tsuiseki.tracking.formats.single import SingleSequence
-from tsuiseki.tracking.trackers.single.combined import CombinedSettings
+from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
 from tsuiseki.tracking.trackers.single.kcf import KcfSettings
 from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
 from tsuiseki.trainers.experiments.single import unseen

@@ -1,0 +1,54 @@
+"""A box that shows what stood there before is told from one that shows the target."""
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.trackers.single.seen_before import SeenBefore, SeenBeforeSettings
+
+BACKGROUND = np.random.default_rng(0).integers(0, 255, (80, 200, 3), dtype=np.uint8)
+TARGET = np.random.default_rng(1).integers(0, 255, (30, 20, 3), dtype=np.uint8)
+
+
+def frame(x):
+    image = BACKGROUND.copy()
+    image[20:50, x : x + 20] = TARGET
+    return image
+
+
+def box(x):
+    return np.array([x, 20.0, x + 20, 50.0])
+
+
+def looks(places, boxes, settings=None):
+    """Of a target at ``places`` and boxes at ``boxes``."""
+    witness = SeenBefore(settings or SeenBeforeSettings(back=(2, 4)))
+    return [witness.look(frame(x), box(at)) for x, at in zip(places, boxes, strict=True)]
+
+
+def test_a_box_on_a_moving_target_shows_nothing_that_was_there():
+    xs = list(range(10, 170, 8))
+    assert not any(looks(xs, xs))
+
+
+def test_a_box_on_a_standing_target_is_not_taken_for_background():
+    assert not any(looks([60] * 10, [60] * 10))
+
+
+def test_a_box_that_stays_behind_shows_what_was_in_view_before():
+    """The target walks on. What the box shows from then on was in view until the target came, eight looks ago."""
+    places = [*range(10, 98, 8), *range(98, 178, 8)]
+    boxes = [*range(10, 98, 8), *[98] * 10]
+    said = looks(places, boxes, SeenBeforeSettings(back=(2, 4, 8)))
+    assert not any(said[:13])
+    assert all(said[14:])
+
+
+def test_a_small_box_at_the_border_is_no_match():
+    assert looks([0] * 6, [-18] * 6) == [False] * 6
+
+
+def test_large_boxes_are_reduced_and_found_all_the_same():
+    witness = SeenBefore(SeenBeforeSettings(back=(1,)))
+    coarse = [cv2.resize(frame(x)[::5, ::5], (1200, 480), interpolation=cv2.INTER_CUBIC) for x in (10, 15)]
+    assert not witness.look(coarse[0], 6 * box(10))
+    assert witness.look(coarse[1], 6 * box(90) + 3)

@@ -1,0 +1,88 @@
+"""Whether a box shows what stood there before the target came: then the filter has slid onto the background.
+
+A correlation filter that slides onto the background learns it and stays sure of itself. What it has slid onto, though,
+was mostly in view before, where the target was not. So what the box shows is looked for in earlier frames about the
+same place, leaving out where the target was then. This works for a target of any kind, and nothing is trained. Where
+the camera has moved by more than the box in between, or the background was hidden or in another light, it says nothing.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.types import FloatArray, ImageArray
+
+_LEAST = 5  # pixels of the smaller picture, in each direction
+
+
+@dataclass(frozen=True)
+class SeenBeforeSettings:
+    """Constants.
+
+    Attributes:
+        every: frames between two looks.
+        back: how many looks before the present one the frames are that are compared. Looks that find the background
+            are not counted.
+        reach: how far around the box it looks there, in sides of the box.
+        overlap: share of the box up to which a place may overlap the target's box of that frame.
+        alike: normalised correlation of colours from which on it is the same, in [-1, 1].
+        side: pixels to which the geometric mean of the box's sides is reduced, where it is larger.
+    """
+
+    every: int = 3
+    back: tuple[int, ...] = (2, 3, 7, 13)
+    reach: float = 1.0
+    overlap: float = 0.1
+    alike: float = 0.9
+    side: float = 28.0
+
+
+class SeenBefore:
+    """Remembers frames of one video, and where the target was in them.
+
+    Args:
+        settings: see there.
+    """
+
+    def __init__(self, settings: SeenBeforeSettings) -> None:
+        self.settings = settings
+        self._before: deque[tuple[ImageArray, FloatArray]] = deque(maxlen=max(settings.back))
+
+    def look(self, image: ImageArray, box: FloatArray) -> bool:
+        """Take a frame ``(H, W, 3)`` with the box ``(4,)`` of the target; whether it shows what stood there before."""
+        seen = [self._before[-back] for back in self.settings.back if back <= len(self._before)]
+        found = any(self._likeness(image, box, *earlier) >= self.settings.alike for earlier in seen)
+        if not found:  # else the frames from before the target was lost would be forgotten
+            self._before.append((image, box))
+        return found
+
+    def _likeness(self, image: ImageArray, box: FloatArray, earlier: ImageArray, was: FloatArray) -> float:
+        """Greatest correlation of what the box shows with an earlier frame, away from where the target ``was``."""
+        sides = box[2:] - box[:2]
+        scale = min(self.settings.side / float(np.sqrt(sides.prod())), 1.0)
+        reach = np.concatenate([-sides, sides]) * self.settings.reach
+        shown, _ = _cut(image, box, scale)
+        around, corner = _cut(earlier, box + reach, scale)
+        if min(shown.shape[:2]) < _LEAST or (np.array(around.shape[:2]) <= shown.shape[:2]).any():
+            return -1.0
+        likeness = cv2.matchTemplate(around, shown, cv2.TM_CCOEFF_NORMED)
+        left, top = (corner[axis] + np.arange(likeness.shape[1 - axis]) / scale for axis in (0, 1))
+        wide = np.clip(np.minimum(left + sides[0], was[2]) - np.maximum(left, was[0]), 0, None)
+        high = np.clip(np.minimum(top + sides[1], was[3]) - np.maximum(top, was[1]), 0, None)
+        away = np.outer(high, wide) <= self.settings.overlap * sides.prod()
+        return float(likeness[away].max(initial=-1.0))
+
+
+def _cut(image: ImageArray, box: FloatArray, scale: float) -> tuple[ImageArray, FloatArray]:
+    """What an image shows of a box, reduced by ``scale``, and its upper left corner ``(2,)`` in the image."""
+    high, wide = image.shape[:2]
+    x1, y1, x2, y2 = np.clip(np.round(box), 0, [wide, high, wide, high]).astype(int).tolist()
+    part = image[y1:y2, x1:x2]
+    corner = np.array([x1, y1], dtype=np.float64)
+    if scale == 1 or min(part.shape[:2]) * scale < 1:
+        return part, corner
+    return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8), corner
