@@ -54,7 +54,7 @@ def test_the_target_is_found_again_where_the_filter_alone_stays():
     overlaps, statuses = follow(tracker, images, boxes)
     assert overlaps[-1] > 0.6
     assert tracker.found_again == 1
-    assert set(statuses) == {"tracking"}
+    assert set(statuses[:11]) == {statuses[-1]} == {"tracking"}
 
 
 def test_where_nothing_is_alike_it_stays_and_says_lost():

@@ -8,7 +8,7 @@ from tsuiseki.tracking.trackers.single.recognised import Recognised
 from tsuiseki.tracking.trackers.single.recognition import RecognitionSettings
 
 BOX = np.array([10.0, 10.0, 30.0, 50.0])
-EVERY = RecognitionSettings(every=1, looks=2, trusted=2)
+EVERY = RecognitionSettings(every=1, looks=2, trusted=2, lost_looks=2)
 
 
 class StandingStill:
@@ -40,11 +40,15 @@ def test_two_unlike_looks_in_a_row_say_lost_and_a_like_one_takes_it_back():
     assert "lost" not in statuses([0.9, 0.9, 0.2, 0.9, 0.2, 0.9])
 
 
-@pytest.mark.parametrize("usual", [0.5, 0.1])
-def test_a_network_that_never_knew_the_target_is_not_heard(usual):
+@pytest.mark.parametrize("usual", [0.58, 0.55])
+def test_a_network_that_hardly_knows_the_target_is_not_heard(usual):
     assert "lost" not in statuses([usual] * 4 + [0.0] * 4)
 
 
+def test_a_box_that_is_lost_at_once_is_not_taken_for_the_target():
+    assert statuses([0.1] * 4) == ["tracking"] + ["lost"] * 3
+
+
 def test_it_looks_every_few_frames():
-    settings = RecognitionSettings(every=3, looks=1, trusted=1)
+    settings = RecognitionSettings(every=3, lost_looks=1, trusted=1)
     assert statuses([0.9, 0.1], settings) == ["tracking"] * 5 + ["lost"]
