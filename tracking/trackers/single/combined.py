@@ -137,6 +137,7 @@ class Combined:
         """Take the target to be where one of `heaviest_places` is; the doubt ends."""
         self.target = there
         self.doubted, self._challenge, self._on_background = 0, None, False
+        self._seen_before.forget()
 
     def _doubts(self, found: RegularisedTarget) -> bool:
         response, colours = self._evidence.shares(found)

@@ -60,6 +60,10 @@ class SeenBefore:
             self._before.append((image, box))
         return found
 
+    def forget(self) -> None:
+        """The box has jumped: where it was before may not have been the target's place."""
+        self._before.clear()
+
     def _likeness(self, image: ImageArray, box: FloatArray, earlier: ImageArray, was: FloatArray) -> float:
         """Greatest correlation of what the box shows with an earlier frame, away from where the target ``was``."""
         sides = box[2:] - box[:2]
