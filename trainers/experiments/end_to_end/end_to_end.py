@@ -8,7 +8,8 @@ from pathlib import Path
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.association.sequences import DATA_SETS, Clip, DataSet, find_clips
 from tsuiseki.trainers.experiments.association.tables import values_of
-from tsuiseki.trainers.experiments.end_to_end.given import BOTH, DEFAULT, LOGISTIC, alternatives, given
+from tsuiseki.trainers.experiments.end_to_end.choosing import hota
+from tsuiseki.trainers.experiments.end_to_end.given import BOTH, DEFAULT, LOGISTIC, TREES, alternatives, given
 from tsuiseki.trainers.experiments.end_to_end.gradient import draw_gradient
 from tsuiseki.trainers.experiments.end_to_end.runs import lost_links
 from tsuiseki.trainers.experiments.end_to_end.streets import STREETS, StreetCount, write_streets
@@ -95,7 +96,8 @@ def _given(
     for one, clips in there:
         results = given(bench, one, clips, processes)
         values[one.key] = {result.name: values_of(result) for result in results}
-        tables.append(gain_table(one.title, results, (DEFAULT, LOGISTIC)))
+        better = max((r for r in results if r.name in (LOGISTIC, TREES)), key=lambda result: hota(result.sums))
+        tables.append(gain_table(one.title, results, (DEFAULT, better.name)))
         limits = [bench.store.recall(lost_links, clip) for clip in clips]
         tables.append(limit_table(one.title, [c.name for c in clips], limits))
     return tables, values

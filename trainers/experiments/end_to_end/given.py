@@ -37,6 +37,7 @@ OTHERS = {
     "Δ by length of the identity": Fit(length=0.5),
     "ε from 3 to 0.5": Fit(epsilon=3.0, epsilon_last=0.5),
     "joins as they are": Fit(joins=0.0),
+    "400 windows": Fit(steps=400),
     "links along the tracks learnt": Fit(rounds=2),
     "two hidden layers of 12": Fit(hidden=12),
 }
