@@ -96,7 +96,7 @@ def _given(
     for one, clips in there:
         results = given(bench, one, clips, processes)
         values[one.key] = {result.name: values_of(result) for result in results}
-        better = max((r for r in results if r.name in (LOGISTIC, TREES)), key=lambda result: hota(result.sums))
+        better = max((r for r in results if r.name in (LOGISTIC, TREES)), key=lambda result: hota(list(result.sums)))
         tables.append(gain_table(one.title, results, (DEFAULT, better.name)))
         limits = [bench.store.recall(lost_links, clip) for clip in clips]
         tables.append(limit_table(one.title, [c.name for c in clips], limits))
