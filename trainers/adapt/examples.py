@@ -87,9 +87,9 @@ def coexisting(frames: IntArray, ids: IntArray) -> BoolArray:
     return np.asarray(together[who[:, None], who[None]])
 
 
-def thinned(detections: Sequence[Detections], step: int) -> list[Detections]:
-    """Those of every ``step``-th frame; nothing in the others."""
-    return [here if n % step == 0 else here.select(_NOTHING) for n, here in enumerate(detections)]
+def with_gaps(detections: Sequence[Detections], gap: int) -> list[Detections]:
+    """Those of ``gap`` frames, nothing in as many, and so on."""
+    return [here if n // gap % 2 == 0 else here.select(_NOTHING) for n, here in enumerate(detections)]
 
 
 def truth_of(labels: Labels) -> GroundTruth:

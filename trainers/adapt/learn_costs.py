@@ -1,7 +1,7 @@
 """What links cost in a camera's video, fitted to its own tracks; taken only where they keep identities better.
 
-Tracks made of all frames are followed once more with every other frame missing, on a stretch that nothing was fitted
-to: costs that fit the camera then still say who is who.
+Tracks made of all frames are followed once more with some frames missing, on a stretch that nothing was fitted to:
+costs that fit the camera then still say who is who.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence, restrict
 from tsuiseki.tracking.frame_range import FrameRange
-from tsuiseki.trainers.adapt.examples import thinned, truth_of
+from tsuiseki.trainers.adapt.examples import truth_of, with_gaps
 from tsuiseki.trainers.adapt.find import Found, track
 from tsuiseki.trainers.adapt.labels import Labels
 from tsuiseki.trainers.adapt.watch import Watched
@@ -34,8 +34,6 @@ from tsuiseki.trainers.affinity.affinity import (
 from tsuiseki.trainers.affinity.affinity_samples import LabelledDetections, join_samples, pair_samples
 from tsuiseki.trainers.exporting.export_affinity import export_affinity
 
-# Every so many frames are kept where it is tried how well identities are kept.
-THINNED = 2
 _BIAS = -0.5
 
 
@@ -87,15 +85,20 @@ def fit_costs(samples: list[LabelledDetections], sources: list[Path], out: Path,
 
 
 def identity_kept(
-    stretches: list[Stretch], score_threshold: float, costs: Affinity | None, scores: ScoreCost | None
+    stretches: list[Stretch],
+    score_threshold: float,
+    costs: Affinity | None = None,
+    scores: ScoreCost | None = None,
+    gap: int = 1,
 ) -> float | None:
-    """IDF1 of tracks made of every `THINNED`-th frame against those of all frames, the mean over the stretches.
+    """IDF1 of tracks made with frames missing against those of all frames, the mean over the stretches.
 
     Args:
         stretches: with people.
         score_threshold: of the detections that are tracked.
         costs: to try; None takes those that the tracks were made with.
         scores: what detections are worth where neither says so: with frames missing, the video itself can hardly tell.
+        gap: frames that are missing, after as many that are there, and so on.
 
     Returns:
         None where nobody is there.
@@ -109,7 +112,7 @@ def identity_kept(
             continue
         fewer = replace(
             found,
-            detections=thinned(found.detections, THINNED),
+            detections=with_gaps(found.detections, gap),
             costs=costs or found.costs,
             scores=found.scores or scores,
         )

@@ -1,8 +1,8 @@
 """What tells people apart in a round: the appearance network and the prices of links, each kept only where it helps.
 
 Both are learnt on the tracks of the round, without its held-out end, and tried there against what the tracks were made
-with. Costs are better where identities survive missing frames better. So is appearance, in the whole video, and it must
-separate people more in the end: where motion alone tells who is who, a network that separates them more is of no use.
+with. Costs are better where identities survive missing frames better. Appearance is where they survive gaps better, in
+the whole video, and it separates people more: where motion tells who is who, a network that only does the latter harms.
 """
 
 from __future__ import annotations
@@ -33,6 +33,10 @@ from tsuiseki.trainers.affinity.affinity_samples import LabelledDetections
 APPEARANCE, COSTS = "appearance.onnx", "affinity.onnx"
 # What is learnt must be better by this much to be taken.
 _BETTER = 0.002
+# The end of a video holds few identities, so costs must be clearly better there: one of 0.005 did harm later.
+_BETTER_COSTS = 0.02
+# Frames that are missing, after as many that are there, where it is tried how well appearance keeps identities.
+_GAP = 12
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,8 @@ class LinkScores:
         separation_learnt: likewise, of the network that was learnt.
         identity: IDF1 of tracks with every other frame missing against those of all frames, in the held-out ends.
         identity_learnt: likewise, with the costs that were learnt.
-        followed: IDF1 likewise, in the whole videos, with the appearance that the tracks were made with.
+        followed: IDF1 with every other dozen of frames missing, in the whole videos, with the appearance that the
+            tracks were made with.
         followed_learnt: likewise, with the network that was learnt.
     """
 
@@ -80,7 +85,7 @@ class LinkScores:
     @property
     def better_costs(self) -> bool:
         """Whether the learnt costs are taken."""
-        return _rises(self.identity, self.identity_learnt)
+        return _rises(self.identity, self.identity_learnt, _BETTER_COSTS)
 
 
 def seen_in(watched: Watched, foreground: Foreground | None, found: Found, settings: AdaptSettings) -> Seen:
@@ -127,7 +132,7 @@ def _appearance(seen: Sequence[Seen], settings: AdaptSettings, seed: int) -> tup
     if projection is None:
         return None, LinkScores(separation(unseen))
     followed = [
-        identity_kept([_whole(each, by) for each in seen], settings.score_threshold, None, None)
+        identity_kept([_whole(each, by) for each in seen], settings.score_threshold, gap=_GAP)
         for by in (None, projection)
     ]
     scores = LinkScores(separation(unseen), separation(unseen, projection))
@@ -183,5 +188,5 @@ def _again(seen: Seen, found: Found, settings: AdaptSettings) -> Seen:
     return seen_in(seen.watched, seen.foreground, tracked, settings)
 
 
-def _rises(before: float | None, after: float | None) -> bool:
-    return before is not None and after is not None and after > before + _BETTER
+def _rises(before: float | None, after: float | None, least: float = _BETTER) -> bool:
+    return before is not None and after is not None and after > before + least

@@ -17,7 +17,7 @@ from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import linking as module
-from tsuiseki.trainers.adapt.examples import coexisting, first_held_out, joined, named, people_of, thinned
+from tsuiseki.trainers.adapt.examples import coexisting, first_held_out, joined, named, people_of, with_gaps
 from tsuiseki.trainers.adapt.find import Found, Models
 from tsuiseki.trainers.adapt.foreground import foreground_of
 from tsuiseki.trainers.adapt.labels import TAKEN
@@ -167,7 +167,7 @@ def test_what_is_better_is_taken_and_looked_with(seen: Seen, tmp_path: Path, mon
     monkeypatch.setattr(module, "export_projected", lambda *given: written.append(given[2]))
     monkeypatch.setattr(module, "ProjectionSettings", lambda: Settings(stay=0.1))
     kept_so_far = iter([0.7, 0.75, 0.8, 0.9])
-    monkeypatch.setattr(module, "identity_kept", lambda *_: next(kept_so_far))
+    monkeypatch.setattr(module, "identity_kept", lambda *_, **__: next(kept_so_far))
     again, kept, scores = learn_links([seen], Models(Path("d.onnx")), tmp_path, AdaptSettings(), 0)
     assert scores.better_appearance
     assert scores.better_costs
@@ -198,9 +198,10 @@ def test_identities_that_are_kept_score_one_and_lost_ones_less(seen: Seen) -> No
     assert identity_kept([nobody], 0.3, None, ProbabilityCost()) is None
 
 
-def test_thinned_frames_are_empty() -> None:
-    frames = [Detections(street.people(f), np.ones(2)) for f in range(5)]
-    assert [len(d) for d in thinned(frames, 3)] == [2, 0, 0, 2, 0]
+def test_frames_are_missing_in_turns() -> None:
+    frames = [Detections(street.people(f), np.ones(2)) for f in range(7)]
+    assert [len(d) for d in with_gaps(frames, 3)] == [2, 2, 2, 0, 0, 0, 2]
+    assert [len(d) for d in with_gaps(frames, 1)] == [2, 0, 2, 0, 2, 0, 2]
 
 
 def test_better_needs_both_numbers_and_a_clear_rise() -> None:
@@ -209,7 +210,8 @@ def test_better_needs_both_numbers_and_a_clear_rise() -> None:
     assert better.better_costs
     assert not replace(better, separation_learnt=0.901).better_appearance
     assert not replace(better, separation_learnt=None).better_appearance
-    assert not LinkScores(0.9, None, 0.6, 0.5).better_costs
+    assert not LinkScores(identity=0.6, identity_learnt=0.5).better_costs
+    assert not LinkScores(identity=0.5, identity_learnt=0.51).better_costs
 
 
 def test_a_network_that_separates_more_but_keeps_no_more_identities_is_not_taken() -> None:
