@@ -1,5 +1,8 @@
 """Boxes of `tsuiseki adapt` against labels: as detected, and moved onto silhouettes by some share of the way.
 
+All are moved alike, as silhouettes usually lie; in the last column each goes half of the way to its own, where that is
+told.
+
     python benchmarks/adapt_boxes.py SEQUENCE [SEQUENCE ...] [--frames FIRST-LAST] [--pictures 60] [--detector FILE]
 
 A fixed camera's sequence folders with img1/ and gt/gt.txt. Detections from a score of 0.5 on are matched to labels from
@@ -22,10 +25,11 @@ from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt.foreground import foreground_of
+from tsuiseki.trainers.adapt.label_boxes import FARTHEST
 from tsuiseki.trainers.adapt.silhouettes import usual_offset
 from tsuiseki.trainers.adapt.watch import watch
 
-SHARES = (0.0, 0.25, 0.5, 1.0)
+SHARES, OWN = (0.0, 0.25, 0.5, 1.0), 0.5
 SURE, MATCHED, TIGHT = 0.5, 0.3, 0.75
 
 
@@ -37,23 +41,31 @@ def main() -> None:
     parser.add_argument("--pictures", type=int, default=60)
     parser.add_argument("--detector", type=Path, default=shipped("detector_street"))
     arguments = parser.parse_args()
-    print("sequence, boxes, offset; mean IoU and share from 0.75 on, moved by " + " · ".join(f"{s:g}" for s in SHARES))
+    print(
+        "sequence, boxes, offset; mean IoU and share from 0.75 on, moved by " + " · ".join(map(str, SHARES)) + ", own"
+    )
     for sequence in arguments.sequences:
-        boxes, labels, offset = matched(sequence, arguments.frames, arguments.pictures, arguments.detector)
-        scores = [overlaps(boxes + share * offset * np.tile(sides(boxes), 2), labels) for share in SHARES]
+        boxes, labels, own, offset = matched(sequence, arguments.frames, arguments.pictures, arguments.detector)
+        moves = [share * np.tile(offset, (len(boxes), 1)) for share in SHARES]
+        told = ~np.isnan(own)
+        moves.append(OWN * np.where(told, np.clip(own, -FARTHEST, FARTHEST), offset))
+        scores = [overlaps(boxes + move * np.tile(sides(boxes), 2), labels) for move in moves]
         means = " · ".join(f"{each.mean():.3f}" for each in scores)
         tight = " · ".join(f"{np.mean(each >= TIGHT):.3f}" for each in scores)
         print(f"{sequence.name}, {len(boxes)}, {offset.round(3).tolist()}; {means}; {tight}", flush=True)
+        rows = told.all(axis=1)
+        likewise = [f"{each[rows].mean():.3f}, {np.mean(each[rows] >= TIGHT):.3f}" for each in (scores[0], scores[-1])]
+        print(f"  whose own is told, {rows.mean():.0%}: {' -> '.join(likewise)}", flush=True)
 
 
 def matched(
     sequence: Path, frames: str | None, pictures: int, detector: Path
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """``(N, 4)`` detected boxes and their labels, and ``(4,)`` by how much boxes usually lie off silhouettes."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """``(N, 4)`` detected boxes, labels, by how much each lies off its silhouette, and ``(4,)`` what is usual."""
     detect = open_detector(detector, SURE, threads=1)
     truth = read_ground_truth(sequence / "gt" / "gt.txt")
     truth = truth.select(truth.evaluated)
-    found, labels, offsets = [], [], []
+    found, labels, own, offsets = [], [], [], []
     with tempfile.TemporaryDirectory() as folder:
         watched = watch(str(sequence), parse_frames(frames), Path(folder), pictures)
         foreground = foreground_of(watched)
@@ -64,7 +76,8 @@ def matched(
             found.append(boxes[rows])
             labels.append(there[columns])
             offsets.append(foreground.picture(number).offsets(boxes))
-    return np.concatenate(found), np.concatenate(labels), usual_offset(np.concatenate(offsets))
+            own.append(offsets[-1][rows])
+    return np.concatenate(found), np.concatenate(labels), np.concatenate(own), usual_offset(np.concatenate(offsets))
 
 
 def sides(boxes: FloatArray) -> FloatArray:

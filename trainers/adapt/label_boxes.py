@@ -15,7 +15,7 @@ from tsuiseki.trainers.adapt.foreground import Difference
 # A detection is that of a track's box from this overlap on.
 _SAME = 0.5
 # A silhouette that lies farther off, in widths and heights of the box, is torn or joined with something else.
-_FARTHEST = 0.2
+FARTHEST = 0.2
 
 
 def detected_boxes(boxes: FloatArray, seen: BoolArray, found: FloatArray) -> FloatArray:
@@ -49,5 +49,5 @@ def drawn_to_silhouettes(
     if not len(boxes) or share == 0:
         return boxes
     own = np.where(seen[:, None], picture.offsets(boxes), np.nan)
-    moves = np.where(np.isnan(own), usual, share * np.clip(own, -_FARTHEST, _FARTHEST))
+    moves = np.where(np.isnan(own), usual, share * np.clip(own, -FARTHEST, FARTHEST))
     return np.asarray(boxes + moves * np.tile(boxes[:, 2:] - boxes[:, :2], 2))
