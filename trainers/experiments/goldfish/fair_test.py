@@ -8,28 +8,27 @@ evidence, the effective sample size and the error of the position.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
 from tsuiseki.tracking.formats.bodies.states import read_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.bodies.motion import Steps, learn_motion, pooled_steps
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
-from tsuiseki.trainers.experiments.goldfish.arms import LAG, Learnt
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, at_least_one
+from tsuiseki.trainers.experiments.goldfish.arms import Learnt
+from tsuiseki.trainers.experiments.goldfish.fair_arms import ARMS
+from tsuiseki.trainers.experiments.goldfish.fair_tables import Results, Row, fair_outcome
 from tsuiseki.trainers.experiments.goldfish.runs import Clip, prepare_clip
 from tsuiseki.trainers.experiments.goldfish.step_density import learnt_densities
 from tsuiseki.trainers.experiments.goldfish.trials import BODY, EXTRACTION, TRACKER, write_learning_tracks
-from tsuiseki.trainers.experiments.intervals import interval
 from tsuiseki.trainers.experiments.store import Store
 
 PARTICLES = (25, 50, 100)
@@ -44,76 +43,6 @@ FARTHEST = 28.0
 LEARNING, DEVELOPMENT, TEST = (2, 3, 2), (2, 2, 3) * 2, (2, 3, 2) * 8
 SEEDS = {"learning": 4_000_000, "development": 5_000_000, "test": 7_000_000}
 LEARNING_PARTICLES = 3000
-NATS = (
-    "learnt from",
-    "correlation of sideways change and bend",
-    "independent",
-    "together (15) − independent",
-    "bend and turn of the frame before − together",
-)
-
-
-@dataclass(frozen=True)
-class Row:
-    """One arm on one clip.
-
-    Attributes:
-        survival: share of the frames of its fish before the estimated centre left the silhouette.
-        error: mean distance of centres, at most `FARTHEST` a frame, pixels.
-        evidence: mean log-evidence of a frame, at least `FLOOR` each.
-        effective: mean effective sample size, as a share of the particles.
-    """
-
-    survival: float
-    error: float
-    evidence: float
-    effective: float
-
-
-def uncorrelated_lag(learnt: Learnt) -> BodyFixedVelocity:
-    """The lag, and what it leaves drawn independently."""
-    motion = learnt.depending_on(LAG)
-    return replace(motion, noise=motion.noise.without_correlation())
-
-
-def with_lag(learnt: Learnt) -> BodyFixedVelocity:
-    """The lag, and what it leaves along its principal components."""
-    return learnt.depending_on(LAG)
-
-
-def independent(learnt: Learnt) -> BodyFixedVelocity:
-    """(16)-(17)."""
-    return learnt.motion.independent()
-
-
-def correlated(learnt: Learnt) -> BodyFixedVelocity:
-    """(16)-(18)."""
-    return learnt.motion.proposal()
-
-
-def conditional(learnt: Learnt) -> BodyFixedVelocity:
-    """The preset ``conditional``."""
-    return learnt.motion.conditional()
-
-
-ARMS: Mapping[str, tuple[str, Callable[[Learnt], BodyFixedVelocity]]] = {
-    "B": ("B: (16)-(17), independent", independent),
-    "C": ("C: (16)-(18), learnt together", correlated),
-    "B lag": ("B + bend and turn of the frame before", uncorrelated_lag),
-    "C lag": ("C + bend and turn of the frame before", with_lag),
-    "conditional": ("conditional: + velocity and bend", conditional),
-}
-
-COMPARED = (
-    ("C", "B"),
-    ("C lag", "B lag"),
-    ("B lag", "B"),
-    ("C lag", "C"),
-    ("conditional", "C lag"),
-    ("conditional", "B"),
-)
-SHOWN = (("survival", 100, 1), ("error", 1, 2), ("evidence", 1, 2))
-"""Of a row: the field, its factor and its digits."""
 
 
 def reproduce(
@@ -171,11 +100,8 @@ def reproduce(
         else:
             common = _least(np.mean([tuned[arm, number] for arm in ARMS], axis=0))
             equal[name, number] = runs.tested(name, number, common)
-    return _outcome(nats, tuned, own, equal, seeds)
-
-
-Results: TypeAlias = dict[tuple[str, int], tuple[float, list[Row]]]
-"""By arm and number of particles: the width, and a row for each test clip."""
+    note = f"{clips} test clips, {seeds} seeds; 95 % by Student's t over clips; sigma_d {SPREAD:g}"
+    return fair_outcome(nats, tuned, WIDTHS, own, equal, note)
 
 
 @dataclass(frozen=True)
@@ -279,71 +205,3 @@ def _wide_steps(store: Store, folders: Sequence[Path]) -> Steps:
 
 def _mean(rows: Sequence[Row]) -> Row:
     return Row(*(float(np.mean([getattr(row, name) for row in rows])) for name in Row.__dataclass_fields__))
-
-
-def _outcome(
-    nats: Sequence[Sequence[str]],
-    tuned: Mapping[tuple[str, int], FloatArray],
-    own: Results,
-    equal: Results,
-    seeds: int,
-) -> Outcome:
-    clips = len(next(iter(own.values()))[1])
-    values = {
-        "nats": [list(row) for row in nats],
-        "tuned": [
-            {"arm": name, "particles": number, "widths": list(WIDTHS), "error": errors.tolist()}
-            for (name, number), errors in tuned.items()
-        ],
-        "arms": _values(own),
-        "equally_wide": _values(equal),
-    }
-    tables = [
-        Table("Nats of a step of the test clips", NATS, nats),
-        _arms_table("Arms, each as wide as it was best on the development clips", own),
-        _differences_table("Differences, each arm with its own width", own),
-        _arms_table("Arms, all equally wide", equal),
-        _differences_table("Differences, all equally wide", equal),
-    ]
-    note = f"{clips} test clips, {seeds} seeds; 95 % by Student's t over clips; sigma_d {SPREAD:g}"
-    return Outcome(values, tables, notes=[note])
-
-
-def _values(results: Results) -> list[dict[str, object]]:
-    return [
-        {
-            "arm": name,
-            "particles": number,
-            "widened": width,
-            **{key: [getattr(row, key) for row in rows] for key in Row.__dataclass_fields__},
-        }
-        for (name, number), (width, rows) in results.items()
-    ]
-
-
-def _arms_table(title: str, results: Results) -> Table:
-    columns = ["arm", "particles", "widened", "survival, %", "error, px", "log-evidence", "effective, %"]
-    lines = []
-    for (name, number), (width, rows) in results.items():
-        parts = {key: np.array([getattr(row, key) for row in rows]) for key in Row.__dataclass_fields__}
-        shown = [_shown(parts[key], factor, digits) for key, factor, digits in SHOWN]
-        lines.append([ARMS[name][0], str(number), f"{width:g}", *shown, f"{100 * parts['effective'].mean():.0f}"])
-    return Table(title, columns, lines)
-
-
-def _differences_table(title: str, results: Results) -> Table:
-    lines = []
-    for first, second in COMPARED:
-        for number in dict.fromkeys(number for _, number in results):
-            one, two = results[first, number][1], results[second, number][1]
-            cells = []
-            for key, factor, digits in SHOWN:
-                gap = np.array([getattr(a, key) - getattr(b, key) for a, b in zip(one, two, strict=True)])
-                cells.append(_shown(gap, factor, digits, sign="+"))
-            lines.append([f"{first} − {second}", str(number), *cells])
-    return Table(title, ["arms", "particles", "survival, %", "error, px", "log-evidence"], lines)
-
-
-def _shown(values: FloatArray, factor: float, digits: int, sign: str = "") -> str:
-    mean, low, high = (f"{factor * one:{sign}.{digits}f}" for one in interval(values))
-    return f"{mean} [{low}, {high}]"

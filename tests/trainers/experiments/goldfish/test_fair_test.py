@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.bodies.motion import Steps
-from tsuiseki.trainers.experiments.goldfish import fair_test
+from tsuiseki.trainers.experiments.goldfish import fair_arms, fair_test
 from tsuiseki.trainers.experiments.goldfish.step_density import density
 
 
@@ -53,6 +53,6 @@ def test_the_experiment_in_small(tmp_path, monkeypatch):
     ]
     assert main([*words, "--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]) == 0
     found = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert [row["arm"] for row in found["arms"]] == list(fair_test.ARMS)
+    assert [row["arm"] for row in found["arms"]] == list(fair_arms.ARMS)
     assert all(0 <= value <= 1 for row in found["arms"] for value in row["survival"])
     assert main([*words[:-1], "9", "--out", str(tmp_path / "no"), "--cache", str(tmp_path / "cache")]) == 2
