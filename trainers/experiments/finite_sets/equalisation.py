@@ -95,7 +95,9 @@ def run_arm(name: str, settings: BlobSceneSettings, seed: int, density: int, con
     """Follow the targets of a clip from its first frame."""
     update, likelihood = ARMS[name]
     rng = np.random.default_rng(seed)
-    births = AnywhereBirths(condition.births, density if condition.births else 0, size=(32.0, 32.0))
+    # As many particles as (50) gives.
+    born = max(round(density * condition.births), 1) if condition.births else 0
+    births = AnywhereBirths(condition.births, born, size=(32.0, 32.0))
     fixed = 0 if name == "calibrated" else density * settings.objects
     chosen = RegionPhdFilter(
         second_order((1.5, 1.5), (0.5, 0.5)), births, likelihood, update, density, fixed, condition.survival
