@@ -57,6 +57,16 @@ def head_signs(tracks: list[tuple[FloatArray, list[AnimalPose]]], frame_rate: fl
     return np.asarray(np.where(np.abs(share) > 0.2, share, 0.0) / scale)
 
 
+def seconds_of_walking(tracks: list[tuple[FloatArray, list[AnimalPose]]], frame_rate: float) -> float:
+    """For how long animals clearly walk, all together: heads are known by that.
+
+    Args:
+        tracks: places ``(T, 2)`` and poses of each animal.
+        frame_rate: frames a second.
+    """
+    return sum(int((np.abs(_walk(*track, frame_rate)) > 0.5).sum()) for track in tracks) / frame_rate
+
+
 def _asymmetries(poses: list[AnimalPose]) -> FloatArray:
     return np.array([pose.asymmetry for pose in poses]).reshape(-1, 2)
 

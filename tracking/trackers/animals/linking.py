@@ -7,14 +7,15 @@ a contact, `heading` finds the heads, and gaps of up to a second are filled on s
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import median_filter
 
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.trackers.animals.heading import head_signs, heads, stretches_of
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.trackers.animals.heading import head_signs, heads, seconds_of_walking, stretches_of
 from tsuiseki.tracking.trackers.animals.identity import exchanged_after_contacts
 from tsuiseki.tracking.trackers.animals.pose import AnimalPose
 from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
@@ -24,6 +25,8 @@ from tsuiseki.tracking.types.tracks import BodyTrack
 
 FIELDS = ("a", "b", "theta", "length", "width")
 CONTACT_SCORE = 0.5
+WALKED = 0.4
+"""Seconds of walking, of all animals together, from which heads are more than a guess."""
 STEADY = 0.4
 """Seconds over which the ends of a body, seen by region, are taken together."""
 
@@ -98,7 +101,11 @@ def link_animals(
         [(np.array([poses[t][n].place for t, n in part]), [poses[t][n] for t, n in part]) for part in several]
         for several in rows
     ]
-    signs = head_signs([part for several in parts for part in several], frame_rate)
+    every = [part for several in parts for part in several]
+    signs = head_signs(every, frame_rate)
+    known = any(pose.headed for _, own in every for pose in own)
+    if every and not known and seconds_of_walking(every, frame_rate) < WALKED:
+        warnings.warn("hardly any animal walks: which end is the head is a guess", InputWarning, stacklevel=2)
     found = []
     for number, (several, stretches) in enumerate(zip(parts, rows, strict=True), start=1):
         headings = np.concatenate([heads(places, own, signs, frame_rate) for places, own in several])

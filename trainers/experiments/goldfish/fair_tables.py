@@ -30,6 +30,11 @@ COMPARED = (
     ("conditional", "C lag"),
     ("conditional", "B"),
 )
+TITLES = {
+    "own": "each as wide as it was best on the development clips",
+    "equal": "all equally wide, as all were best in the mean",
+    "as B": "all as wide as B was best",
+}
 SHOWN = (("survival", 100, 1), ("error", 1, 2), ("evidence", 1, 2))
 """Of a row: the field, its factor and its digits."""
 
@@ -59,8 +64,7 @@ def fair_outcome(
     nats: Sequence[Sequence[str]],
     tuned: Mapping[tuple[str, int], FloatArray],
     widths: Sequence[float],
-    own: Results,
-    equal: Results,
+    found: Mapping[str, Results],
     note: str,
 ) -> Outcome:
     """All values and tables.
@@ -69,8 +73,7 @@ def fair_outcome(
         nats: rows of the table of nats.
         tuned: ``(W,)`` error of the position on the development clips by arm and number of particles.
         widths: W of them.
-        own: each arm with its own width.
-        equal: all equally wide.
+        found: by key of `TITLES`.
         note: stands below.
     """
     values = {
@@ -79,16 +82,14 @@ def fair_outcome(
             {"arm": name, "particles": number, "widths": list(widths), "error": errors.tolist()}
             for (name, number), errors in tuned.items()
         ],
-        "arms": _values(own),
-        "equally_wide": _values(equal),
+        **{step: _values(results) for step, results in found.items()},
     }
-    tables = [
-        Table("Nats of a step of the test clips", NATS, nats),
-        _arms_table("Arms, each as wide as it was best on the development clips", own),
-        _differences_table("Differences, each arm with its own width", own),
-        _arms_table("Arms, all equally wide", equal),
-        _differences_table("Differences, all equally wide", equal),
-    ]
+    tables = [Table("Nats of a step of the test clips", NATS, nats)]
+    for step, results in found.items():
+        tables += [
+            _arms_table(f"Arms, {TITLES[step]}", results),
+            _differences_table(f"Differences, {TITLES[step]}", results),
+        ]
     return Outcome(values, tables, notes=[note])
 
 
@@ -116,7 +117,8 @@ def _arms_table(title: str, results: Results) -> Table:
 
 def _differences_table(title: str, results: Results) -> Table:
     lines = []
-    for first, second in COMPARED:
+    arms = {name for name, _ in results}
+    for first, second in (pair for pair in COMPARED if arms.issuperset(pair)):
         for number in dict.fromkeys(number for _, number in results):
             one, two = results[first, number][1], results[second, number][1]
             cells = []

@@ -8,7 +8,7 @@ evidence, the effective sample size and the error of the position.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -43,6 +43,8 @@ FARTHEST = 28.0
 LEARNING, DEVELOPMENT, TEST = (2, 3, 2), (2, 2, 3) * 2, (2, 3, 2) * 8
 SEEDS = {"learning": 4_000_000, "development": 5_000_000, "test": 7_000_000}
 LEARNING_PARTICLES = 3000
+STEPS = {"own": tuple(ARMS), "equal": tuple(ARMS), "as B": ("B", "C", "conditional")}
+"""How wide arms are: as suits each, as suits all in the mean, as suits B; and which are run so."""
 
 
 def reproduce(
@@ -57,7 +59,7 @@ def reproduce(
 
     Generates 3 clips to learn from, 3 to choose each arm's widening on and 6 to test on. DIR gets results.json and
     tables.md: nats of a step, then survival, position error, log-evidence and effective sample size of the arms, each
-    as wide as suits it, and all equally wide.
+    as wide as suits it, all equally wide, and as wide as suits independent noise.
 
     Args:
         bench: where it works.
@@ -84,24 +86,19 @@ def reproduce(
     steps, learnt = learn_exactly(folders["learning"])
     wide = _wide_steps(bench.store, folders["learning"])
     nats = learnt_densities(steps, wide, [learn_exactly([folder])[0] for folder in test])
-    asked = [(name, number) for name in ARMS for number in particles]
     runs = _Runs(bench.store, learnt, folders["development"], test, seeds)
     tuned: dict[tuple[str, int], FloatArray] = {}
-    own: Results = {}
-    equal: Results = {}
-    work = [(step, *arm) for step in ("own", "equal") for arm in asked]
+    found: dict[str, Results] = {step: {} for step in STEPS}
+    work = [(step, name, number) for step, arms in STEPS.items() for name in arms for number in particles]
     for step, name, number in bench.watch.over(work, "arms", len(work)):
         if time.monotonic() - started > 60 * minutes:
-            line = f"{len(own) + len(equal)} of {len(work)} runs are done; run the same command again to go on"
+            line = f"{sum(map(len, found.values()))} of {len(work)} runs are done; run the same command again to go on"
             return Outcome(notes=[line], finished=False)
         if step == "own":
             tuned[name, number] = runs.development_errors(name, number)
-            own[name, number] = runs.tested(name, number, _least(tuned[name, number]))
-        else:
-            common = _least(np.mean([tuned[arm, number] for arm in ARMS], axis=0))
-            equal[name, number] = runs.tested(name, number, common)
+        found[step][name, number] = runs.tested(name, number, _width(step, name, number, tuned))
     note = f"{clips} test clips, {seeds} seeds; 95 % by Student's t over clips; sigma_d {SPREAD:g}"
-    return fair_outcome(nats, tuned, WIDTHS, own, equal, note)
+    return fair_outcome(nats, tuned, WIDTHS, found, note)
 
 
 @dataclass(frozen=True)
@@ -128,8 +125,13 @@ class _Runs:
         return self.store.recall(run_arm, folder, name, self.learnt, number, width, seed)
 
 
-def _least(errors: FloatArray) -> float:
-    """The width of the least error."""
+def _width(step: str, name: str, number: int, tuned: Mapping[tuple[str, int], FloatArray]) -> float:
+    """The width of the least error on the development clips: the arm's own, that of all arms in the mean, or B's."""
+    errors = {
+        "own": lambda: tuned[name, number],
+        "equal": lambda: np.mean([tuned[arm, number] for arm in ARMS], axis=0),
+        "as B": lambda: tuned["B", number],
+    }[step]()
     return WIDTHS[int(np.argmin(errors))]
 
 

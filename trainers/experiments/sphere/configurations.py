@@ -103,14 +103,14 @@ def paper_and_additions() -> list[Configuration]:
     return [
         at_once("background, as printed (2.2.1): `--preset paper --likelihood background`", "background"),
         at_once("contour, as printed (2.2.2), weights over their sum: `--preset paper`", "printed"),
-        at_once("contour, as printed, weights from least 0 to greatest 1", "printed, scaled"),
-        at_once("(not in the paper: its sum to the fourth power)", "printed, fourth power"),
         at_once("+ r0 on the true ellipse", "ellipse"),
         at_once("+ each ray divided by its sum and the contrast", "divided"),
         at_once("+ an exponential of the mean over the rays", "contour"),
         Configuration("section 3", "+ two stages of weighing", notices=False),
         Configuration("section 3", "+ covered cameras noticed"),
         Configuration("section 3", "+ a velocity: `track sphere`", motion=FLIGHT),
+        at_once("contour, as printed, weights from least 0 to greatest 1", "printed, scaled"),
+        at_once("(not in the paper: its sum to the fourth power)", "printed, fourth power"),
     ]
 
 

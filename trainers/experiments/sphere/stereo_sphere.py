@@ -20,7 +20,7 @@ from tsuiseki.trainers.experiments.sphere.plots import Results, errors_figure, p
 # Mean, maximum and standard deviation of the distance to the path, metres (section 3).
 PAPER = {"background": (0.200, 0.295, 0.0990), "contour": (0.0320, 0.0488, 0.0103)}
 # The paper's own numbers stand below the row that is their method.
-PAPER_BELOW = {"background": "background", "printed, scaled": "contour"}
+PAPER_BELOW = {"background": "background", "printed": "contour"}
 COLUMNS = ("to position: mean, 95 % over films", "max", "sd", "to path: mean, 95 %", "max", "sd")
 NOT_THE_PAPERS = ("–", "–", "–")
 PAPER_FRAME = 20

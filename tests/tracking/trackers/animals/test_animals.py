@@ -189,6 +189,12 @@ def test_in_contact_the_middle_of_the_body_is_that_of_the_frames_around() -> Non
     np.testing.assert_allclose(animal.track.states[:, 3], 30.0)
 
 
+@pytest.mark.parametrize("speed", [0.0, 2.0])
+def test_that_heads_are_a_guess_is_said_where_nobody_walks(speed: float, recwarn: pytest.WarningsRecorder) -> None:
+    link_animals([[pose(60.0 + speed * t, 30.0)] for t in range(40)], range(40), AnimalSettings(), 25.0, (240, 160))
+    assert ["which end is the head is a guess" in str(one.message) for one in recwarn] == ([] if speed else [True])
+
+
 def test_a_wing_held_out_moves_neither_axis_nor_place():
     y, x = np.mgrid[-20:21, -40:41]
     body = (x / 30) ** 2 + (y / 9) ** 2 <= 1

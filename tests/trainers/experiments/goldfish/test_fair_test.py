@@ -53,6 +53,7 @@ def test_the_experiment_in_small(tmp_path, monkeypatch):
     ]
     assert main([*words, "--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]) == 0
     found = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert [row["arm"] for row in found["arms"]] == list(fair_arms.ARMS)
-    assert all(0 <= value <= 1 for row in found["arms"] for value in row["survival"])
+    assert [row["arm"] for row in found["own"]] == list(fair_arms.ARMS)
+    assert all(0 <= value <= 1 for row in found["own"] for value in row["survival"])
+    assert [row["arm"] for row in found["as B"]] == ["B", "C", "conditional"]
     assert main([*words[:-1], "9", "--out", str(tmp_path / "no"), "--cache", str(tmp_path / "cache")]) == 2
