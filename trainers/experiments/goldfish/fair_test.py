@@ -127,11 +127,10 @@ class _Runs:
 
 def _width(step: str, name: str, number: int, tuned: Mapping[tuple[str, int], FloatArray]) -> float:
     """The width of the least error on the development clips: the arm's own, that of all arms in the mean, or B's."""
-    errors = {
-        "own": lambda: tuned[name, number],
-        "equal": lambda: np.mean([tuned[arm, number] for arm in ARMS], axis=0),
-        "as B": lambda: tuned["B", number],
-    }[step]()
+    if step == "equal":
+        errors = np.mean([tuned[arm, number] for arm in ARMS], axis=0)
+    else:
+        errors = tuned[name if step == "own" else "B", number]
     return WIDTHS[int(np.argmin(errors))]
 
 
