@@ -7,22 +7,26 @@ import shutil
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tsuiseki.tracking.cli.commands import needs_train_extra
+from tsuiseki.tracking.cli.detector_lines import tell_reading
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.errors import Interrupted, RequestError
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.frame_range import parse_frames
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.trainers.adapt.rounds import Adaptation, Round
+    from tsuiseki.tracking.features.networks.exported import Detect
+    from tsuiseki.trainers.adapt.rounds import Adaptation, Camera, Round
 
 # Pictures, labels and models of the rounds, until the result is whole.
 WORK = ".adapt"
-MOVING = (
-    "the camera moves: the tracks alone teach; boxes stay as they are tracked, nothing is composed, and what never "
-    "moves cannot be told from people"
+DETECTOR_OPTIONS = DetectorOptions()
+_ALONE = (
+    "the tracks alone teach; boxes stay as they are tracked, nothing is composed, and what never moves cannot be told "
+    "from people"
 )
 
 
@@ -40,6 +44,7 @@ def adapt(
     score_threshold: float = 0.3,
     sitting: bool = False,
     threads: int = 0,
+    detector_options: DetectorOptions = DETECTOR_OPTIONS,
 ) -> int:
     """Learn a camera from its unlabelled video: who is tracked with confidence teaches the detector.
 
@@ -63,9 +68,11 @@ def adapt(
         sitting: people may sit or stand through most of the video; what never moves is then left out of the learning.
         seed: of all chance.
         threads: CPU cores; 0 takes all.
+        detector_options: what the file of the teacher does not tell, where that is another project's.
     """
     stretch = parse_frames(frames)
     with needs_train_extra():
+        from tsuiseki.trainers.adapt.contents import digest_of, state_of
         from tsuiseki.trainers.adapt.rounds import Adaptation, open_camera, resumed
         from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
         from tsuiseki.trainers.exporting.exported_weights import layout_of
@@ -79,17 +86,22 @@ def adapt(
         threads=threads,
     )
     start = _detector(detector)
-    layout_of(start)  # what cannot be learnt from is refused before anything is looked at
+    # What cannot be learnt from, or looked with, is refused before anything is looked at.
+    layout_of(start)
+    looking = _teacher(teacher, detector_options)
     with output.run() as run:
-        key = {"sources": sources, "frames": frames, "view": view, "settings": asdict(settings)}
+        tell_reading(run, looking)
+        key: dict[str, Any] = {"sources": sources, "frames": frames, "view": view, "settings": asdict(settings)}
+        key |= {"contents": [state_of(source) for source in sources], "options": asdict(detector_options)}
+        key |= {"detector": digest_of(start), "teacher": digest_of(teacher) if teacher else ""}
         work = output.out / WORK
-        if resumed(work, key | {"detector": str(start), "teacher": str(teacher)}):
+        if resumed(work, key):
             print("going on with what an earlier run has finished")
         try:
             camera = open_camera(sources, stretch, work, settings, view)
-            if not camera.fixed:
-                print(MOVING)
-            _run(run, Adaptation(camera, start, work, settings, teacher))
+            for line in _said_of_motion(camera):
+                print(line, flush=True)
+            _run(run, Adaptation(camera, start, work, settings, teacher, teacher_options=detector_options))
         except RequestError:
             shutil.rmtree(work, ignore_errors=True)
             raise
@@ -99,6 +111,31 @@ def adapt(
     if not run.status:
         shutil.rmtree(work, ignore_errors=True)
     return run.status
+
+
+def _said_of_motion(camera: Camera) -> list[str]:
+    """What of the camera's movement is worth a line, and what follows."""
+    said = []
+    for video in camera.videos:
+        if video.turned is not None:
+            at = f"the camera turns at about frame {video.turned + 1}; give --frames of one place"
+            said.append(f"{video.source}: {at}; as it is, {_ALONE}")
+        elif video.motion == "unknown":
+            said.append(f"{video.source}: too little to see to tell whether the camera moves: {_ALONE}")
+        elif not video.fixed:
+            said.append(f"{video.source}: the camera moves: {_ALONE}")
+    return said
+
+
+def _teacher(given: Path | None, options: DetectorOptions) -> Detect | None:
+    """The detector that looks first, opened to see whether it can."""
+    from tsuiseki.tracking.features.networks.exported import open_detector
+
+    if given is not None:
+        return open_detector(given, threads=1, options=options)
+    if options != DETECTOR_OPTIONS:
+        raise RequestError("expected `detector_options` with a `teacher` of another project, got no teacher")
+    return None
 
 
 def _detector(given: Path | None) -> Path:
@@ -117,7 +154,7 @@ def _run(run: Run, adaptation: Adaptation) -> None:
     for here in rounds(adaptation):
         finished.append(here)
         print(_line(here, finished[0]), flush=True)
-    notes = [] if adaptation.camera.fixed else [MOVING]
+    notes = _said_of_motion(adaptation.camera)
     notes += [_line(here, finished[0]) for here in finished if here.scores.collapsed(finished[0].scores)]
     best = best_of(finished)
     run.facts["rounds"] = [asdict(here.scores) for here in finished]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.features.networks.exported import open_appearance, open_detector
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.pipelines.people.finding import PeopleInputs
@@ -28,11 +29,13 @@ class Models:
         detector: of people.
         appearance: None takes the shipped one.
         affinity: None takes the shipped one where it knows the detector's scores, ``none`` hand-set costs.
+        options: what the file of another project's detector does not tell.
     """
 
     detector: Path
     appearance: Path | None = None
     affinity: Path | None = None
+    options: DetectorOptions | None = None
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ def find(watched: Watched, models: Models, score_threshold: float, view: str, th
     """
     from tsuiseki.tracking.weights import shipped
 
-    looking = open_detector(models.detector, LOWEST_SCORE, threads=1)
+    looking = open_detector(models.detector, LOWEST_SCORE, threads=1, options=models.options)
     detector = ViewedDetector(looking, parse_view(view), frame_rate=watched.frame_rate)
     describe = open_appearance(models.appearance or shipped("appearance_people"), 1)
     inputs = PeopleInputs(watched.open(), detector, describe, threads=threads)

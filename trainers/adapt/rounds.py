@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.formats.mot import read_detections, write_detections
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.pipelines.people.finding import NONE
@@ -131,6 +132,7 @@ class Adaptation:
         settings: how.
         teacher: detector that looks first, in place of ``start``; may be of another project.
         tell: gets a line about what is being done.
+        teacher_options: what the teacher's file does not tell.
     """
 
     camera: Camera
@@ -139,6 +141,7 @@ class Adaptation:
     settings: AdaptSettings
     teacher: Path | None = None
     tell: Callable[[str], None] = print
+    teacher_options: DetectorOptions | None = None
 
     def folder(self, number: int) -> Path:
         """Of a round."""
@@ -156,7 +159,8 @@ def rounds(adaptation: Adaptation) -> Iterator[Round]:
     Raises:
         RequestError: nobody is followed with confidence, or a file is no such model.
     """
-    first = best = _look(adaptation, 0, Models(adaptation.teacher or adaptation.start))
+    looking = Models(adaptation.teacher or adaptation.start, options=adaptation.teacher_options)
+    first = best = _look(adaptation, 0, looking)
     _refuse_nobody(first, adaptation.camera)
     yield first
     for number in range(1, adaptation.settings.rounds + 1):

@@ -16,20 +16,16 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.image_folder import read_image
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.video import Source, open_source
+from tsuiseki.trainers.adapt.standing import CameraMotion, edge_correlation, motion_of
 
 FEWEST_FRAMES = 100
 _QUALITY = 95
 _INFO = "watched.json"
-# Movement between pictures, as a share of the width, from which a camera does not stand still.
-_MOVED = 0.01
 _COMPARED = 9
-# Least correlation of the edges of two pictures of one camera, people before them included.
-_SAME_EDGES = 0.3
 # Correlation of the edges of two empty views: over 0.7 for one camera, under 0.1 for two.
 _SAME_VIEW = 0.3
-_EDGE_WIDTH = 240
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,8 @@ class Watched:
         length: frames looked at.
         frame_rate: frames a second.
         size: width and height, pixels.
-        fixed: the camera stands still.
+        motion: of the camera.
+        turned: 0-based frame at which a camera that stands still otherwise has turned; None where it has not.
     """
 
     source: str
@@ -54,7 +51,13 @@ class Watched:
     length: int
     frame_rate: float
     size: tuple[int, int]
-    fixed: bool
+    motion: CameraMotion
+    turned: int | None = None
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the camera stands still, as far as can be told."""
+        return self.motion == "still"
 
     def open(self) -> Source:
         """The video, to be read again."""
@@ -97,7 +100,8 @@ def watch(source: str, stretch: FrameRange, folder: Path, most: int) -> Watched:
             "give a longer video"
         )
     write_sequence_info(folder, folder.name, opened.frame_rate, len(kept), *size)
-    pictures = [read_image(folder / "img1" / f"{n + 1:06d}.jpg") for n in _spread(len(kept), _COMPARED)]
+    shown = _spread(len(kept), _COMPARED)
+    motion, turned = motion_of([read_image(folder / "img1" / f"{n + 1:06d}.jpg") for n in shown])
     last = None if stretch.last is None else int(stretch.last)
     watched = Watched(
         source,
@@ -107,7 +111,8 @@ def watch(source: str, stretch: FrameRange, folder: Path, most: int) -> Watched:
         length,
         opened.frame_rate,
         size,
-        stands_still(pictures),
+        motion,
+        None if turned is None else kept[shown[turned]],
     )
     (folder / _INFO).write_text(json.dumps(asdict(watched)), encoding="utf-8")
     return watched
@@ -145,26 +150,6 @@ def _spread(count: int, most: int) -> list[int]:
     return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist() if count else []
 
 
-def stands_still(pictures: Sequence[ImageArray]) -> bool:
-    """Whether the camera of ``pictures``, each ``(H, W, 3)`` uint8 RGB, stands still.
-
-    Each is compared with the middle one; the camera moves where most have moved.
-    """
-    middle = pictures[len(pictures) // 2]
-    others = [picture for picture in pictures if picture is not middle]
-    return 2 * sum(same_place(middle, picture) for picture in others) > len(others)
-
-
-def same_place(first: ImageArray, second: ImageArray) -> bool:
-    """Whether the edges of two pictures of one size agree best where they are."""
-    a, b = _edges(first), _edges(second)
-    agreement = np.fft.irfft2(np.fft.rfft2(a) * np.conj(np.fft.rfft2(b)), a.shape)
-    at = np.array(np.unravel_index(int(agreement.argmax()), a.shape))
-    shift = np.minimum(at, np.array(a.shape) - at)
-    least = _SAME_EDGES * np.sqrt(np.sum(a * a) * np.sum(b * b))
-    return bool(agreement.max() > least and np.hypot(*shift) <= _MOVED * _EDGE_WIDTH)
-
-
 def plain_view(watched: Watched, most: int = 45) -> ImageArray:
     """The median of each pixel over the kept pictures: what is there most of the time."""
     nobody = np.empty((0, 4)), np.empty(0, dtype=np.bool_)
@@ -184,7 +169,7 @@ def refuse_other_sizes(videos: Sequence[Watched]) -> None:
                 f"expected videos of one camera, got {a}x{b} pixels in {videos[0].source} and {w}x{h} in "
                 f"{video.source}; adapt to one camera at a time"
             )
-        if video.fixed != videos[0].fixed:
+        if video.fixed != videos[0].fixed and "unknown" not in (video.motion, videos[0].motion):
             still, moving = (videos[0], video) if videos[0].fixed else (video, videos[0])
             raise RequestError(
                 f"expected videos of one camera, but it stands still in {still.source} and moves in {moving.source}; "
@@ -208,20 +193,3 @@ def refuse_two_cameras(videos: Sequence[Watched], views: Sequence[ImageArray]) -
                 f"expected videos of one camera, but {videos[0].source} and {video.source} show different places; "
                 "adapt to one camera at a time"
             )
-
-
-def edge_correlation(first: ImageArray, second: ImageArray) -> float:
-    """Correlation of the edges of two pictures of one size, which light changes little; 1 for equal ones."""
-    a, b = _edges(first), _edges(second)
-    return float(np.sum(a * b) / max(np.sqrt(np.sum(a * a) * np.sum(b * b)), 1e-9))
-
-
-def _edges(image: ImageArray) -> FloatArray:
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    scale = _EDGE_WIDTH / grey.shape[1]
-    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float64)
-    x, y = cv2.Sobel(small, cv2.CV_64F, 1, 0), cv2.Sobel(small, cv2.CV_64F, 0, 1)
-    length = cv2.GaussianBlur(np.hypot(x, y), (0, 0), 1.5)
-    # Strong edges must not outweigh all others.
-    length = np.sqrt(length)
-    return np.asarray(length - length.mean(), dtype=np.float64)

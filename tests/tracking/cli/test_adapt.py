@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.tracking.features.networks.tiny_onnx import save_constant
 from tests.trainers.adapt import street
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import Interrupted
@@ -49,6 +50,22 @@ def test_files_that_are_no_detector(video: Path, tmp_path: Path, capsys: pytest.
     line = refused(capsys, tmp_path / "o", str(video), "--detector", str(shipped("appearance_people")))
     assert "expected a detector" in line
     assert "expected" in refused(capsys, tmp_path / "o", str(video), "--detector", str(tmp_path / "gone.onnx"))
+
+
+def test_a_teacher_that_cannot_look(video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = np.zeros((7, 126), np.float32)
+    rows[:4] = [[40], [30], [10], [30]]
+    teacher = save_constant(tmp_path / "teacher.onnx", {"output0": rows})
+    # Refused before the video is looked for.
+    words = (str(tmp_path / "gone"), "--teacher", str(teacher))
+    assert "say which one is people with the detector option person" in refused(capsys, tmp_path / "o", *words)
+    words += ("--detector-options.person", "1")
+    assert main(["adapt", *words, "--out", str(tmp_path / "o")]) == 2
+    said = capsys.readouterr()
+    assert "teacher.onnx is read as layout yolov8, people are class 1; pictures letterbox, RGB, [0, 1]" in said.out
+    assert "gone" in said.err
+    line = refused(capsys, tmp_path / "o", str(video), "--detector-options.person", "1")
+    assert "with a --teacher of another project, got no teacher" in line
 
 
 @pytest.mark.slow

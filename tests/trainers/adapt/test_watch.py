@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
-from tsuiseki.trainers.adapt.watch import plain_view, refuse_other_sizes, refuse_two_cameras, stands_still, watch
+from tsuiseki.trainers.adapt.watch import plain_view, refuse_other_sizes, refuse_two_cameras, watch
 
 
 @pytest.fixture(scope="module")
@@ -50,9 +51,15 @@ def test_a_short_video_is_refused(tmp_path: Path) -> None:
         watch(str(short), EVERY_FRAME, tmp_path / "kept", 20)
 
 
-def test_a_moving_camera_is_told() -> None:
-    assert stands_still([street.picture(f) for f in range(0, 100, 12)])
-    assert not stands_still([street.picture(f, moved=f // 3) for f in range(0, 100, 12)])
+def test_the_frame_of_a_turn_is_kept(tmp_path: Path) -> None:
+    video = street.write_video(tmp_path / "turned")
+    for frame in range(60, street.FRAMES):
+        image = street.picture(frame, moved=50)
+        cv2.imwrite(str(video / "img1" / f"{frame + 1:06d}.jpg"), image[..., ::-1])
+    watched = watch(str(video), EVERY_FRAME, tmp_path / "kept", 40)
+    assert (watched.motion, watched.fixed) == ("moves", False)
+    assert watched.turned is not None
+    assert 60 <= watched.turned < 60 + street.FRAMES / 8
 
 
 def test_two_cameras_are_refused(video: Path, tmp_path: Path) -> None:
@@ -69,4 +76,5 @@ def test_videos_of_one_camera_have_one_size_and_move_alike(tmp_path: Path) -> No
     with pytest.raises(RequestError, match=r"got 160x120 pixels in .* and 320x240"):
         refuse_other_sizes([one, replace(one, size=(320, 240))])
     with pytest.raises(RequestError, match="it stands still in one and moves in other; adapt to one camera"):
-        refuse_other_sizes([replace(one, source="one"), replace(one, source="other", fixed=False)])
+        refuse_other_sizes([replace(one, source="one"), replace(one, source="other", motion="moves")])
+    refuse_other_sizes([one, replace(one, motion="unknown")])
