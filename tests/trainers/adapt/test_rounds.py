@@ -12,6 +12,7 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt import rounds as module
@@ -102,6 +103,22 @@ def test_a_round_competes_with_the_start_and_not_with_its_teacher(
         assert finished[0].models.detector == TEACHER
         assert finished[0].scores.agreement < 1 or not best
         assert best_of(finished).number == best
+
+
+def test_what_the_user_says_of_the_teacher_is_not_said_of_the_others(
+    adaptation: Callable[[list[Found]], Adaptation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options, opened = DetectorOptions(person=2), []
+    given = replace(adaptation([seeing(2, 0.0), seeing(2, 1.0)]), teacher=TEACHER, teacher_options=options)
+    look = module.find
+
+    def find(watched: Watched, models: Models, *rest: Any) -> Found:
+        opened.append((models.detector == TEACHER, models.options))
+        return look(watched, Models(START) if models.detector == TEACHER else models, *rest)
+
+    monkeypatch.setattr(module, "find", find)
+    list(rounds(given))
+    assert opened == [(True, options), (False, None), (False, None)]
 
 
 def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[Found]], Adaptation]) -> None:
