@@ -52,7 +52,7 @@ from tsuiseki.tracking.trackers.fisheye import DEFAULT_FLOW, FisheyeSettings
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.fisheye.distances import by_ring, rings_of
+from tsuiseki.trainers.experiments.fisheye.distances import by_part, ring_names, rings_of
 
 # Height of the camera over the floor; only the person's share of it matters in the image.
 CAMERA = 3.0
@@ -254,8 +254,8 @@ def detected(folder: Path, detector: Callable[[int, int], Detect], tables: dict[
     def ring_of(name: str, pixels: FloatArray) -> IntArray:
         return rings_of(_generic(*sizes[name][::-1]))(pixels)
 
-    for row in by_ring(labels, rotated, ring_of, LEAST_SCORE):
-        print(f"{folder.name}, {row['ring']} from the axis: {row['boxes']} people, rotated AP50 {row['ap50']:.3f}, "
+    for row in by_part(labels, rotated, ring_of, ring_names(), LEAST_SCORE):
+        print(f"{folder.name}, {row['part']} from the axis: {row['boxes']} people, rotated AP50 {row['ap50']:.3f}, "
               f"recall {row['recall']:.2f} from {LEAST_SCORE:g} on")  # fmt: skip
 
 

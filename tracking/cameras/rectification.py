@@ -1,8 +1,9 @@
 """People cut out of a wide image and turned upright: the local panorama of thesis 4.2.2.2, eq. (4.2)-(4.4).
 
 Eq. (4.2) turns the image about the centre of a rotated box until the feet are below. As printed its last column does
-not keep that centre in place (the signs of ``beta y_r`` and of the last entry are those of a matrix turned the other
-way); here it does. Turning and cutting out are one map for each box, from the crop's pixels to the image's.
+not keep that centre in place (the signs of ``beta y_r`` and ``beta x_r`` are those of a matrix turned the other way,
+that of ``(1 - alpha) y_r`` is of neither); here it does. Turning and cutting out are one map for each box, from the
+crop's pixels to the image's.
 """
 
 from __future__ import annotations

@@ -266,6 +266,35 @@ def test_where_somebody_stands_is_told(tmp_path, capsys):
     assert float(line.split("rotated ")[1].split(" ")[0].split(",")[4]) == pytest.approx(90, abs=0.2)
 
 
+def with_box(room, tmp_path, box, change=lambda _: None):
+    """The first camera with its given boxes and one more in the first frame, centre x, y and size."""
+    content = yaml.safe_load((room / "cameras.yaml").read_text())
+    change(content["cameras"][0])
+    (tmp_path / "one.yaml").write_text(yaml.safe_dump({"cameras": content["cameras"][:1]}))
+    x, y, w, h = box
+    text = f"1,-1,{x - w / 2},{y - h / 2},{w},{h},0.9,-1,-1,-1\n" + (room / "camera1.txt").read_text()
+    (tmp_path / "more.txt").write_text(text)
+    more = ["--cameras", str(tmp_path / "one.yaml"), "--appearance", "none"]
+    return ["--detections", str(tmp_path / "more.txt"), *more]
+
+
+def test_a_box_beyond_the_rim_is_nobodys(room, tmp_path, capsys):
+    assert track(room, tmp_path / "out", *with_box(room, tmp_path, (6, 6, 8, 8)), sources=("camera1",)) == 2
+    one_line(capsys, "frame 1: expected boxes of people on the floor, got one about")
+
+
+def test_people_outside_the_floor_are_left_out_and_counted(room, tmp_path, capsys):
+    def one_metre(camera):
+        camera.update(floor=[*(v - 0.5 for v in camera["position"][:2]), *(v + 0.5 for v in camera["position"][:2])])
+
+    # At half the image's height from its middle somebody stands metres away.
+    words = with_box(room, tmp_path, (160, 16, 10, 20), one_metre)
+    assert track(room, tmp_path / "out", *words, sources=("camera1",)) == 0
+    left_out = json.loads((tmp_path / "out" / "run.json").read_text())["facts"]["camera1"]["outside_floor"]
+    assert left_out >= 1
+    assert f"{left_out} detection" in capsys.readouterr().out
+
+
 def test_a_calibration_is_scaled_on_request(room, tmp_path):
     def twice(camera):
         camera.update(image_size=[640, 480], centre=[2 * v for v in camera["centre"]])

@@ -79,6 +79,7 @@ def fisheye(
     from tsuiseki.tracking.cameras.person_model import PersonModel
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.features.networks.exported import Detect, open_appearance, open_detector
+    from tsuiseki.tracking.pipelines.fisheye.floor_gate import FloorGate
     from tsuiseki.tracking.pipelines.fisheye.tracking import (
         DETECTORS,
         given_detections,
@@ -113,19 +114,32 @@ def fisheye(
                 break
             with run.times.measure("table"):
                 ceiling = each.view(tables, person).looking(describe, crops)
-            people = people_on_floor(run.frames(each.source), detect, ceiling, run.times, each.source.length)
+            gate = FloorGate(each.placed.camera, each.floor, person.height / 2)
+            people = people_on_floor(run.frames(each.source), detect, ceiling, run.times, each.source.length, gate)
             before, name = run.count, each.placed.name
             watched = run.steps(people, f"tracking {name}", frames_expected(each.source))
             tracks = link_on_floor(watched, each.rate, method, hungarian, flow, run.times)
             done.append(_written(run, each, tracks, "" if len(views) == 1 else f"{name}/", overlay))
-            run.facts[name] = {"people": len(tracks), "frames": run.count - before, "frame_rate": each.rate}
+            run.facts[name] = {
+                "people": len(tracks),
+                "frames": run.count - before,
+                "frame_rate": each.rate,
+                "outside_floor": gate.left_out,
+            }
         tell_blank(detector)
         settings = {name: str(value) for name, value in output.given.settings.items()}
         page = floor_page(done, run.times.seconds, settings)
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-        lines = [f"{one.name}: {count(len(one.tracks), 'person', 'people')}" for one in done]
+        lines = [f"{one.name}: {count(len(one.tracks), 'person', 'people')}{_left_out(run, one)}" for one in done]
         run.done("\n".join([*lines, f"results: {output.out}"]))
     return run.status
+
+
+def _left_out(run: Run, one: FloorSection) -> str:
+    """What to tell of detections outside the floor."""
+    number = run.facts[one.name]["outside_floor"]
+    floor = ",".join(f"{value:g}" for value in one.floor)
+    return f"; {count(number, 'detection', 'detections')} left out, outside the floor {floor}" if number else ""
 
 
 def _written(run: Run, view: CeilingSource, tracks: list[FloorTrack], prefix: str, overlay: bool) -> FloorSection:

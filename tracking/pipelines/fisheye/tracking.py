@@ -23,6 +23,7 @@ from tsuiseki.tracking.formats.space.rotated import (
     read_rotated_labels,
 )
 from tsuiseki.tracking.image_folder import ImageFolder
+from tsuiseki.tracking.pipelines.fisheye.floor_gate import FloorGate
 from tsuiseki.tracking.pipelines.fisheye.view import CeilingView
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import (
@@ -140,7 +141,7 @@ def given_detections(
 
     Raises:
         RequestError: the file is missing or malformed, names images that the source has not, or has boxes outside the
-            image or scores outside the range.
+            image or the lens's rim or scores outside the range.
     """
     rotated = path.is_dir() or path.suffix.lower() == ".json"
     if rotated:
@@ -156,6 +157,12 @@ def given_detections(
             raise RequestError(
                 f"{path}: frame {index + 1}: expected boxes in images of {size[0]}x{size[1]}, got one about "
                 f"{outside[0, 0]:g}, {outside[0, 1]:g}; was it found in images of another size?"
+            )
+        nowhere = middle[np.isnan(view.placed.camera.ground(middle)).any(axis=1)]
+        if len(nowhere):
+            raise RequestError(
+                f"{path}: frame {index + 1}: expected boxes of people on the floor, got one about {nowhere[0, 0]:g}, "
+                f"{nowhere[0, 1]:g}, where {view.placed.name} sees none: beyond the lens's rim or above the horizon"
             )
     return found
 
@@ -196,6 +203,7 @@ def people_on_floor(
     ceiling: CeilingView,
     times: StageTimes,
     length: int | None = None,
+    gate: FloorGate | None = None,
 ) -> Iterator[FloorDetections]:
     """The people of each frame, located and described.
 
@@ -205,10 +213,14 @@ def people_on_floor(
         ceiling: the camera.
         times: gets the stages.
         length: of the source; by default as many frames as detections.
+        gate: leaves out detections of nobody on the floor; by default all are kept.
     """
 
+    def kept(found: Detections) -> Detections:
+        return found if gate is None else gate.keep(found)
+
     def found_at(given: Sequence[Detections], index: int) -> Detections:
-        return given[index] if index < len(given) else Detections.empty()
+        return kept(given[index]) if index < len(given) else Detections.empty()
 
     if isinstance(detect, Sequence) and ceiling.appearance is None:
         for index in range(len(detect) if length is None else length):
@@ -219,7 +231,7 @@ def people_on_floor(
             found = found_at(detect, frame.index)
         else:
             with times.measure("detect"):
-                found = detect.detect([frame.image])[0]
+                found = kept(detect.detect([frame.image])[0])
         yield ceiling.describe(frame.image, ceiling.locate(found, times), times)
 
 

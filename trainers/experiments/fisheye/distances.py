@@ -1,4 +1,4 @@
-"""How well the detector finds people near the centre of the image and far from it."""
+"""How well the detector finds people near the centre of the image and far from it, and on all sides of it."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from tsuiseki.trainers.experiments.fisheye.observations import Observed
 ANGLES = (20, 40, 60)
 # Less visible people are not asked for.
 VISIBLE = 0.3
+# About the image's centre, the first from +x on towards +y.
+SECTORS = 8
 
 
 def ring_names() -> list[str]:
@@ -35,18 +37,29 @@ def rings_of(lens: OmnidirectionalLens) -> Callable[[FloatArray], IntArray]:
     return ring_of
 
 
-def by_ring(
+def sectors_of(lens: OmnidirectionalLens) -> Callable[[FloatArray], IntArray]:
+    """Pixels ``(N, 2)`` to eight sectors ``(N,)`` about the lens's centre."""
+
+    def sector_of(pixels: FloatArray) -> IntArray:
+        x, y = (pixels - lens.centre).T
+        return np.asarray(np.floor(np.arctan2(y, x) / (2 * np.pi) * SECTORS).astype(np.int64) % SECTORS)
+
+    return sector_of
+
+
+def by_part(
     truth: Mapping[str, RotatedBoxes],
     found: Mapping[str, RotatedBoxes],
-    ring_of: Callable[[str, FloatArray], IntArray],
+    part_of: Callable[[str, FloatArray], IntArray],
+    names: Sequence[str],
     least_score: float,
 ) -> list[dict[str, Any]]:
-    """Labelled boxes, AP50, and recall and precision from a score on, of each ring."""
+    """Labelled boxes, AP50, and recall and precision from a score on, of each named part of the images."""
     rows = []
-    for name, scores in zip(ring_names(), evaluate_rings(truth, found, ring_of, len(ANGLES) + 1), strict=True):
+    for name, scores in zip(names, evaluate_rings(truth, found, part_of, len(names)), strict=True):
         if scores is None:
             continue
-        row: dict[str, Any] = {"ring": name, "boxes": scores.boxes, "ap50": scores.average_precision}
+        row: dict[str, Any] = {"part": name, "boxes": scores.boxes, "ap50": scores.average_precision}
         kept = int((scores.scores >= least_score).sum())
         row["recall"] = float(scores.recall[kept - 1]) if kept else 0.0
         row["precision"] = float(scores.precision[kept - 1]) if kept else None
@@ -54,10 +67,10 @@ def by_ring(
     return rows
 
 
-def detections_by_ring(
+def detections_by_part(
     sequences: Sequence[Observed], lens: OmnidirectionalLens, least_score: float
 ) -> list[dict[str, Any]]:
-    """`by_ring` of upright boxes over sequences whose cameras have one lens."""
+    """`by_part` of upright boxes, by rings and then by sectors, over sequences whose cameras have one lens."""
     truth, found = {}, {}
     for number, observed in enumerate(sequences):
         seen = observed.truth.visibility >= VISIBLE
@@ -66,8 +79,12 @@ def detections_by_ring(
             labels = observed.truth.boxes[seen & (observed.truth.frames == frame)]
             truth[name] = _upright(labels, np.ones(len(labels)))
             found[name] = _upright(detections.boxes, detections.scores)
-    ring_of = rings_of(lens)
-    return by_ring(truth, found, lambda _, pixels: ring_of(pixels), least_score)
+    ring_of, sector_of = rings_of(lens), sectors_of(lens)
+    sectors = [f"sector {k + 1} of {SECTORS}" for k in range(SECTORS)]
+    return [
+        *by_part(truth, found, lambda _, pixels: ring_of(pixels), ring_names(), least_score),
+        *by_part(truth, found, lambda _, pixels: sector_of(pixels), sectors, least_score),
+    ]
 
 
 def _upright(boxes: FloatArray, scores: FloatArray) -> RotatedBoxes:

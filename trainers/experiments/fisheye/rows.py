@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -37,6 +37,10 @@ from tsuiseki.trainers.experiments.fisheye.observations import Observed, restric
 PATIENCE, CONFIRM = 3.0, 0.2
 # Scale of the difference of two detected centres, in heights, for the flow over boxes in the image.
 IMAGE_NOISE = 0.1
+# Heights that such a box may move besides those of the time that has passed.
+IMAGE_REACH = 0.5
+# The largest distance 1 - IoU of DeepSORT's second stage.
+ANY_OVERLAP = 0.99
 Choice = dict[str, float]
 Tracking = Callable[[Sequence[FloorDetections], float, Choice], list[FloorTrack]]
 Boxes = Literal["filtered", "detected"]
@@ -53,6 +57,9 @@ class Row:
         track: detections of a sequence, its rate and a choice of settings to tracks.
         grid: what the settings are chosen from.
         like: the row whose settings it takes instead of choosing; empty for its own.
+        starts: scores from which a detection may start a track, chosen from after the grid; none for the flow, whose
+            costs weigh scores.
+        least_score: of its detections, where it is not the common one.
     """
 
     name: str
@@ -61,6 +68,8 @@ class Row:
     track: Tracking
     grid: Mapping[str, Sequence[float]]
     like: str = ""
+    starts: Sequence[float] = ()
+    least_score: float | None = None
 
     def choices(self) -> Iterator[Choice]:
         """Every combination of the grid."""
@@ -70,19 +79,35 @@ class Row:
 
 def _hungarian(by_appearance: bool, by_place: bool) -> Tracking:
     def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-        settings = FisheyeSettings(
-            by_appearance=by_appearance, by_place=by_place, confirm=CONFIRM, max_age=PATIENCE, start_score=0.0, **choice
-        )
-        tracker = FisheyeTracker(rate, settings)
-        for each in found:
-            tracker.update(each)
-        return tracker.tracks()
+        given = {"start_score": 0.0, **choice}
+        settings = FisheyeSettings(by_appearance, by_place, confirm=CONFIRM, max_age=PATIENCE, **given)
+        return _online(found, rate, settings)
 
     return track
 
 
-def _lifecycle(rate: float, boxes: Boxes) -> LifecycleSettings:
-    return LifecycleSettings(max(1, round(CONFIRM * rate)), round(PATIENCE * rate), 0.0, boxes)
+def _online(found: Sequence[FloorDetections], rate: float, settings: FisheyeSettings) -> list[FloorTrack]:
+    tracker = FisheyeTracker(rate, settings)
+    for each in found:
+        tracker.update(each)
+    return tracker.tracks()
+
+
+def _shipped(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+    """As ``tsuiseki track fisheye`` does it, whatever validation says."""
+    del choice
+    return _online(found, rate, FisheyeSettings())
+
+
+def _shipped_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+    """As ``tsuiseki track fisheye --method flow`` does it."""
+    del choice
+    return flow_on_floor(found, rate)
+
+
+def _lifecycle(rate: float, boxes: Boxes, choice: Choice) -> LifecycleSettings:
+    hits, age = max(1, round(CONFIRM * rate)), round(PATIENCE * rate)
+    return LifecycleSettings(hits, age, choice.get("start_score", 0.0), boxes)
 
 
 def _motion(rate: float, walk: float) -> BoxMotion:
@@ -92,7 +117,7 @@ def _motion(rate: float, walk: float) -> BoxMotion:
 
 def _sort(boxes: Boxes) -> Tracking:
     def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-        settings = SortSettings(choice["min_iou"], _lifecycle(rate, boxes), _motion(rate, choice["walk"]))
+        settings = SortSettings(choice["min_iou"], _lifecycle(rate, boxes, choice), _motion(rate, choice["walk"]))
         return _with_places(run_tracker((f.detections for f in found), Sort(settings)), found)
 
     return track
@@ -100,12 +125,14 @@ def _sort(boxes: Boxes) -> Tracking:
 
 def _deepsort(boxes: Boxes) -> Tracking:
     def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+        growth = choice["growth"] / rate
         settings = DeepSortSettings(
             feature_gate=choice["feature_gate"],
-            position_gate=choice["position_gate"],
-            reach=choice["reach"],
+            position_gate=ANY_OVERLAP,
+            reach=choice["reach"] + growth,
+            reach_growth=growth,
             memory=0.7,
-            lifecycle=_lifecycle(rate, boxes),
+            lifecycle=_lifecycle(rate, boxes, choice),
             motion=_motion(rate, choice["walk"]),
         )
         return _with_places(run_tracker((f.detections for f in found), DeepSort(settings)), found)
@@ -114,7 +141,8 @@ def _deepsort(boxes: Boxes) -> Tracking:
 
 
 def _image_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-    gate = GateSettings(round(PATIENCE * rate), choice["reach"], 1.0 / rate, 3.0)
+    growth = choice["growth"] / rate
+    gate = GateSettings(round(PATIENCE * rate), IMAGE_REACH + growth, growth, 3.0)
     pace = choice["pace"] / rate
     transition = HandSetCost(
         bias=choice["bias"],
@@ -141,31 +169,37 @@ def _floor_flow(by_place: bool) -> Tracking:
     return track
 
 
-# Chosen gates are meant to lie within these. A cosine distance of 1 is as good as no gate, an overlap of .01 as any.
+# Chosen values are meant to lie within these. A cosine distance of 1 is as good as no gate, an overlap of .01 as any.
+# Heights and metres are of the image and of the floor; what grows does so in a second.
 LOOKS = {"feature_gate": (0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)}
-WORLD = {"reach": (0.5, 0.9, 1.4, 2.0), "speed": (0.8, 1.4, 2.0, 3.0)}
-OVERLAP = {"min_iou": (0.01, 0.03, 0.1, 0.2, 0.3), "walk": (0.1, 0.3, 1.0, 3.0)}
-IMAGE = {"position_gate": (0.7, 0.99), "reach": (1.0, 2.0, 4.0, 8.0), "walk": (0.1, 0.3)}
-BIAS = {"bias": (-5.0, -3.0, -1.0, 1.0)}
-COSTS = {"appearance": (2.0, 4.0, 8.0, 16.0), "neutral": (0.1, 0.2, 0.3, 0.5), **BIAS}
-PACE = {"pace": (0.3, 0.6, 1.2)}
-PLANE = {"reach": (2.0, 4.0, 8.0), "pace": (0.3, 1.0, 3.0), "size": (0.15, 0.3, 0.6), **BIAS}
+WORLD = {"reach": (0.25, 0.5, 0.9, 1.4, 2.0, 2.8), "speed": (0.4, 0.8, 1.4, 2.0, 3.0)}
+OVERLAP = {"min_iou": (0.01, 0.03, 0.1, 0.2, 0.3), "walk": (0.03, 0.1, 0.3, 1.0, 3.0)}
+IMAGE = {"reach": (0.25, 0.5, 1.0, 2.0), "growth": (0.5, 1.0, 2.0, 4.0), "walk": (0.03, 0.1)}
+BIAS = (-3.0, -1.0, 1.0, 3.0)
+COSTS = {"appearance": (1.0, 2.0, 4.0, 8.0, 16.0), "neutral": (0.05, 0.1, 0.3, 0.5, 0.7), "bias": BIAS}
+PACE = {"pace": (0.6, 1.2, 2.4)}
+PLANE = {"growth": (4.0, 8.0, 16.0), "pace": (0.3, 1.0, 3.0), "size": (0.3, 0.6, 1.2), "bias": (-3.0, -1.0, 1.0)}
+STARTS = (0.0, 0.45, 0.5, 0.55, 0.6, 0.7)
+# What `track fisheye` takes of its detector.
+SHIPPED_SCORE = 0.3
 ROWS: tuple[Row, ...] = (
-    Row("baseline", "image", "none", _hungarian(True, False), LOOKS),
-    Row("SORT", "none", "image", _sort("detected"), OVERLAP),
-    Row("DeepSORT", "image", "image", _deepsort("detected"), {**LOOKS, **IMAGE}),
-    Row("rectification", "upright", "none", _hungarian(True, False), LOOKS),
-    Row("world", "none", "world", _hungarian(False, True), WORLD),
-    Row("both", "upright", "world", _hungarian(True, True), {**LOOKS, **WORLD}),
-    Row("both, standing crops", "standing", "world", _hungarian(True, True), {**LOOKS, **WORLD}),
+    Row("baseline", "image", "none", _hungarian(True, False), LOOKS, starts=STARTS),
+    Row("SORT", "none", "image", _sort("detected"), OVERLAP, starts=STARTS),
+    Row("DeepSORT", "image", "image", _deepsort("detected"), {**LOOKS, **IMAGE}, starts=STARTS),
+    Row("rectification", "upright", "none", _hungarian(True, False), LOOKS, starts=STARTS),
+    Row("world", "none", "world", _hungarian(False, True), WORLD, starts=STARTS),
+    Row("both", "upright", "world", _hungarian(True, True), {**LOOKS, **WORLD}, starts=STARTS),
+    Row("both, standing crops", "standing", "world", _hungarian(True, True), {**LOOKS, **WORLD}, starts=STARTS),
     Row("SORT, filtered boxes", "none", "image", _sort("filtered"), OVERLAP, like="SORT"),
     Row("DeepSORT, filtered boxes", "image", "image", _deepsort("filtered"), {**LOOKS, **IMAGE}, like="DeepSORT"),
     Row("flow: baseline", "image", "none", _floor_flow(False), COSTS),
     Row("flow: SORT", "none", "image", _image_flow, PLANE),
-    Row("flow: DeepSORT", "image", "image", _image_flow, {**PLANE, "appearance": (4.0, 8.0, 16.0)}),
+    Row("flow: DeepSORT", "image", "image", _image_flow, {**PLANE, "appearance": (2.0, 4.0, 8.0)}),
     Row("flow: rectification", "upright", "none", _floor_flow(False), COSTS),
-    Row("flow: world", "none", "world", _floor_flow(True), {**PACE, "noise": (0.15, 0.3, 0.6), **BIAS}),
+    Row("flow: world", "none", "world", _floor_flow(True), {**PACE, "noise": (0.07, 0.15, 0.3), "bias": BIAS}),
     Row("flow: both", "upright", "world", _floor_flow(True), {**PACE, **COSTS}),
+    Row("track fisheye", "upright", "world", _shipped, {}, least_score=SHIPPED_SCORE),
+    Row("track fisheye, flow", "upright", "world", _shipped_flow, {}, least_score=SHIPPED_SCORE),
 )  # fmt: skip
 
 
@@ -196,7 +230,8 @@ def each_second(tracks: Sequence[FloorTrack], rate: int) -> list[FloorTrack]:
 
 def run_row(row: Row, observed: Observed, choice: Choice, least_score: float) -> list[FloorTrack]:
     """The tracks of a sequence in the seconds that have a truth."""
-    tracks = row.track(observed.described(row.crops, least_score), float(observed.rate), choice)
+    least = least_score if row.least_score is None else row.least_score
+    tracks = row.track(observed.described(row.crops, least), float(observed.rate), choice)
     return each_second(tracks, observed.rate)
 
 
@@ -216,15 +251,19 @@ def score(pairs: Sequence[SequencePair]) -> PeopleScores:
 
 
 def select(row: Row, validation: Sequence[Observed], least_score: float) -> tuple[Choice, float]:
-    """The choice of the best MOTA over the validation sequences, and that MOTA."""
-    best: tuple[Choice, float] | None = None
-    for choice in row.choices():
-        pairs = [pair_of(str(k), o, run_row(row, o, choice, least_score)) for k, o in enumerate(validation)]
-        mota = score(pairs).mota
-        if best is None or mota > best[1]:
-            best = choice, mota
-    assert best is not None
-    return best
+    """The choice of the best MOTA over the validation sequences, and that MOTA; the start's score after the rest."""
+
+    def best(choices: Iterable[Choice]) -> tuple[Choice, float]:
+        motas = [(choice, validated(row, validation, choice, least_score)) for choice in choices]
+        return max(motas, key=lambda one: one[1])
+
+    choice, mota = best(row.choices())
+    return best({**choice, "start_score": start} for start in row.starts) if row.starts else (choice, mota)
+
+
+def validated(row: Row, validation: Sequence[Observed], choice: Choice, least_score: float) -> float:
+    """MOTA of a choice over the validation sequences."""
+    return score([pair_of(str(k), o, run_row(row, o, choice, least_score)) for k, o in enumerate(validation)]).mota
 
 
 def world_errors(observed: Observed, tracks: Sequence[FloorTrack]) -> FloatArray:

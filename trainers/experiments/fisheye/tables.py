@@ -21,7 +21,8 @@ PAPER: dict[str, tuple[float, float, float, float]] = {
     "both": (11.7, 53.3, 6.6, 52.0),
 }
 PAPER_STAGES = {"detect": (18.8, 19.9), "look up": (0.3, 0.4), "describe": (64.4, 46.5), "associate": (2.1, 1.0)}
-PAPER_GAINS = {"aligned": 0.011, "oblique": 0.031, "centre": 17.703, "rim": 1.757}
+# The first two are printed as 0.011 and 0.031, which is shares: the whole gain of that row is 1.8 points.
+PAPER_GAINS = {"aligned": 1.1, "oblique": 3.1, "centre": 17.703, "rim": 1.757}
 # Where these people are in an image of 1280x960, by the middle of their upright boxes.
 REGIONS = {
     "aligned": "aligned, at most 22.5° from the image's axes",
@@ -53,11 +54,12 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
         lines = []
         for name, row in rows.items():
             paper = f"{PAPER[name][column]:g}" if name in PAPER else ""
-            world = "" if row["world_error_median"] is None else f"{row['world_error_median']:.2f}"
+            errors = [row[f"world_error_{name}"] for name in ("median", "mean", "90")]
+            world = "" if errors[0] is None else ", ".join(f"{error:.2f}" for error in errors)
             lines.append([name, paper, _shown(interval(row["mota"])), f"{np.mean(row['idf1']):.1f}",
                           f"{np.mean(row['hota']):.1f}", f"{np.mean(row['id_switches']):.0f}", world])  # fmt: skip
         title = f"{'Table 4.3: ' if k == 0 else ''}{label}"
-        columns = ("row", "MOTA, thesis", "MOTA", "IDF1", "HOTA", "switches", "world error, m (median)")
+        columns = ("row", "MOTA, thesis", "MOTA", "IDF1", "HOTA", "switches", "world error, m (median, mean, 90 %)")
         result.append(Table(title, columns, lines))
     lines = [
         [
@@ -73,14 +75,15 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
                         ("people", "row", "against", "thesis", "here"), lines))  # fmt: skip
     lines = [
         [
-            room, row["ring"], str(row["boxes"]), f"{row['ap50']:.3f}", f"{row['recall']:.3f}",
+            room, row["part"], str(row["boxes"]), f"{row['ap50']:.3f}", f"{row['recall']:.3f}",
             "" if row["precision"] is None else f"{row['precision']:.3f}",
         ]
         for room, rows in values["detector"].items()
         for row in rows
     ]  # fmt: skip
-    title = f"Detections by angle to the camera's axis, 1 fps; recall and precision from {values['least_score']:g} on"
-    result.append(Table(title, ("room", "angle", "people", "AP50", "recall", "precision"), lines))
+    least = values["least_score"]
+    title = f"Detections by angle to the axis and by side, 1 fps; recall and precision from {least:g} on"
+    result.append(Table(title, ("room", "where", "people", "AP50", "recall", "precision"), lines))
     stages = values["milliseconds"]
     names = [*STAGES, "associate"]
     lines = [

@@ -76,7 +76,7 @@ def test_the_best_choice_on_validation_is_taken():
     row = next(row for row in ROWS if row.name == "world")
     choice, mota = select(row, [observed()], 0.1)
     assert mota > 0.9
-    assert set(choice) == {"reach", "speed"}
+    assert set(choice) == {"reach", "speed", "start_score"}
 
 
 @pytest.mark.parametrize(("argument", "value"), [("seeds", 0), ("seconds", 0), ("fast_seconds", 0), ("fast_seeds", -1)])
@@ -151,8 +151,9 @@ def test_filtered_boxes_take_the_settings_of_their_row():
 def test_tables_of_one_room_have_no_interval():
     values = {
         "validation_seeds": [900], "least_score": 0.4, "rows": {"large 1 fps": {"both": {
-            "mota": [50.0], "idf1": [50.0], "hota": [40.0], "id_switches": [3], "world_error_median": None}}},
-        "where": {}, "detector": {"large": [{"ring": "0 to 20°", "boxes": 3, "ap50": 0.5, "recall": 0.2,
+            "mota": [50.0], "idf1": [50.0], "hota": [40.0], "id_switches": [3], "world_error_median": None,
+            "world_error_mean": None, "world_error_90": None}}},
+        "where": {}, "detector": {"large": [{"part": "0 to 20°", "boxes": 3, "ap50": 0.5, "recall": 0.2,
                                              "precision": None}]},
         "milliseconds": {"large": dict.fromkeys((*STAGES, "associate"), 1.0)},
         "margins": {"large": {"asked": (3.3, 16.0), **{f"{m} over {b}": {"row": "SORT", "interval": interval([8.3])}
@@ -160,3 +161,24 @@ def test_tables_of_one_room_have_no_interval():
     }  # fmt: skip
     assert tables(values)[0].rows[0][2] == "50.0 (one room)"
     assert notes(values)[1] == "large: MOTA of both over best image row (SORT): 8.3 (one room, asked 3.3)"
+
+
+def test_rooms_that_settings_are_chosen_on_are_not_tested_on(tmp_path):
+    with pytest.raises(RequestError, match="`first_seed`: expected rooms that settings are not chosen on"):
+        reproduce(Bench(Store(tmp_path)), seeds=6, first_seed=896)
+
+
+@pytest.mark.parametrize(("rate", "step"), [(1.0, 360.0), (5.0, 72.0)])
+def test_the_reach_of_an_image_row_grows_by_the_second(rate, step):
+    row = next(row for row in ROWS if row.name == "DeepSORT")
+    # Somebody 60 pixels high who moves by 6 heights a second, whose boxes never overlap.
+    found = []
+    for frame in range(4):
+        box = np.array([[100 + step * frame, 100, 130 + step * frame, 160]])
+        detections = Detections(box, np.ones(1), np.array([[1.0, 0.0]]))
+        found.append(FloorDetections(detections, np.zeros((1, 5)), np.zeros((1, 2))))
+
+    def people(growth):
+        return len(row.track(found, rate, {"feature_gate": 0.5, "reach": 0.05, "growth": growth, "walk": 0.03}))
+
+    assert (people(8.0), people(4.0)) == (1, 4)
