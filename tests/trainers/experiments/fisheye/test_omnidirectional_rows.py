@@ -179,6 +179,6 @@ def test_the_reach_of_an_image_row_grows_by_the_second(rate, step):
         found.append(FloorDetections(detections, np.zeros((1, 5)), np.zeros((1, 2))))
 
     def people(growth):
-        return len(row.track(found, rate, {"feature_gate": 0.5, "reach": 0.05, "growth": growth, "walk": 0.03}))
+        return len(row.track(found, rate, {"feature_gate": 0.5, "reach": 0.05, "growth": growth, "walk": 3.0}))
 
     assert (people(8.0), people(4.0)) == (1, 4)
