@@ -56,7 +56,9 @@ def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: Group | Non
             for row, errors in zip(alike, found, strict=True):
                 results[row][number] = errors
     groups = dict.fromkeys(row.group for row in rows)
-    tables = [*(_group_table(group, results) for group in groups), _film_table(results)]
+    tables = [_group_table(group, results) for group in groups]
+    if "section 3" in groups:
+        tables.append(_film_table(results))
     return Outcome(
         [_values(row, films) for row, films in results.items()],
         tables,
