@@ -33,8 +33,8 @@ from tsuiseki.trainers.affinity.affinity_samples import LabelledDetections
 APPEARANCE, COSTS = "appearance.onnx", "affinity.onnx"
 # What is learnt must be better by this much to be taken.
 _BETTER = 0.002
-# The end of a video holds few identities, so costs must be clearly better there: one of 0.005 did harm later.
-_BETTER_COSTS = 0.02
+# A camera shows few identities: rises of up to 0.03 over gaps, and of 0.005 of costs, did harm later.
+_BETTER_OVER_GAPS, _BETTER_COSTS = 0.05, 0.02
 # Frames that are missing, after as many that are there, where it is tried how well appearance keeps identities.
 _GAP = 12
 
@@ -80,7 +80,8 @@ class LinkScores:
     @property
     def better_appearance(self) -> bool:
         """Whether the learnt network is taken."""
-        return _rises(self.separation, self.separation_learnt) and _rises(self.followed, self.followed_learnt)
+        kept = _rises(self.followed, self.followed_learnt, _BETTER_OVER_GAPS)
+        return kept and _rises(self.separation, self.separation_learnt)
 
     @property
     def better_costs(self) -> bool:

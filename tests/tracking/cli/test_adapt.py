@@ -102,7 +102,7 @@ def test_the_best_round_is_written(
             verdicts = (Verdict(1, "taken", 110, 0, 0.9, 1.0), Verdict(9, "never moves", 110, 0, 0.9, 0.0))
             (folder / "appearance.onnx").write_bytes(b"appearance")
             models = Models(folder / "detector.onnx", folder / "appearance.onnx", folder / "affinity.onnx")
-            links = LinkScores(0.8, 0.9, 0.7, 0.7, 0.6, 0.65) if number else LinkScores()
+            links = LinkScores(0.8, 0.9, 0.7, 0.7, 0.6, 0.7) if number else LinkScores()
             yield Round(number, models, scores, links, (verdicts,), 1, folder)
 
     monkeypatch.setattr(module, "rounds", fake)
@@ -119,7 +119,7 @@ def test_the_best_round_is_written(
     assert page.count("<img") > 8
     said = capsys.readouterr().out
     assert "round 1 is the best, agreement 0.700 -> 0.800" in said
-    assert "appearance separates 0.800 -> 0.900; appearance keeps identities 0.600 -> 0.650; costs keep" in said
+    assert "appearance separates 0.800 -> 0.900; appearance keeps identities 0.600 -> 0.700; costs keep" in said
     assert "costs keep identities 0.700 -> 0.700, not taken" in said
     assert (out / "appearance.onnx").read_bytes() == b"appearance"
     assert not (out / "affinity.onnx").exists()
