@@ -140,7 +140,7 @@ def build_table(
         RequestError: the camera hangs no higher than the person, or sees nobody on this floor.
     """
     person, grid = person or PersonModel(), grid or GridSettings()
-    _check_height(camera, person)
+    check_height(camera, person)
     feet = _foot_positions(camera, floor, grid)
     upright, rotated, feet = outlines(camera, feet, person, grid.inside)
     if not len(feet):
@@ -188,7 +188,7 @@ def stand(
             f"expected a foot position on the floor {floor.tolist()}, got {np.asarray(place).tolist()}; move it, or "
             "give a larger floor"
         )
-    _check_height(camera, person)
+    check_height(camera, person)
     upright, rotated, _ = outlines(camera, np.asarray(place, dtype=np.float64)[None], person)
     if not len(upright):
         raise RequestError(
@@ -198,7 +198,12 @@ def stand(
     return upright[0], rotated[0]
 
 
-def _check_height(camera: FloorCamera, person: PersonModel) -> None:
+def check_height(camera: FloorCamera, person: PersonModel) -> None:
+    """Refuse a camera that hangs no higher than the person.
+
+    Raises:
+        RequestError: it does.
+    """
     if camera.position[2] <= person.height:
         raise RequestError(
             f"expected a camera above the person of {person.height:g} m, got one at a height of "

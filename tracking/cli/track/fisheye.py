@@ -76,7 +76,7 @@ def fisheye(
         unrolling: the unrolled views.
         detector_options: what the file of another project's detector does not tell.
     """
-    from tsuiseki.tracking.cameras.person_model import PersonModel
+    from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.features.networks.exported import Detect, open_appearance, open_detector
     from tsuiseki.tracking.pipelines.fisheye.floor_gate import FloorGate
@@ -96,6 +96,8 @@ def fisheye(
     person = PersonModel(height=person_height, body_radius=body_radius)
     needs_images = detections is None or network is not None or overlay
     views = open_ceiling(source, cameras, resize, needs_images=needs_images)
+    for each in views:
+        check_height(each.placed.camera, person)
     found: list[Detect | list[Detections]] = []
     detector: Detect | None = None
     if detections is None:
