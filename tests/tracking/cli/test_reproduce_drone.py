@@ -37,9 +37,10 @@ def test_all_tables_and_figures_and_what_was_there_is_used_again(
     assert main(words(drone_models, tmp_path, "first")) == 0
     printed = capsys.readouterr()
     assert "test-3000-12: drawn and looked at, 1 of 2 clips" in printed.err
+    tables = (tmp_path / "first" / "tables.md").read_text()
     for text in (
         "Table 5.3",
-        "32.42 73.93 597 21.43 32.99",
+        "| 32.42 73.93 597 21.43 32.99 |",
         "Table 5.4",
         "Table 5.3, the camera's motion left in",
         "Camera's motion, the largest error",
@@ -48,7 +49,7 @@ def test_all_tables_and_figures_and_what_was_there_is_used_again(
         "42.88",
         "switches in 100 frames",
     ):
-        assert text in printed.out
+        assert text in printed.out + tables
     values: dict[str, Any] = json.loads((tmp_path / "first/results.json").read_text())
     assert set(values["people"]) == {"taken out", "left in", "taken out, actions as labelled"}
     for rows in values["people"].values():

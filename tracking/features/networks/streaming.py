@@ -46,6 +46,9 @@ def stream(
         for batch in batches:
             yield from _look(batch, _ready(detect, batch, times), describe, times)
         return
+    # The first batch is not kept waiting for those behind it.
+    for batch in itertools.islice(batches, 1):
+        yield from _look(batch, _ready(detect, batch, times), describe, times)
     waiting: deque[Future[_Found]] = deque()
     with ThreadPoolExecutor(workers, "tsuiseki") as pool:
         try:
