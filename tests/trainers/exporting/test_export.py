@@ -109,6 +109,7 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
 
 @pytest.mark.thesis_size
 def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -> None:
+    torch.manual_seed(0)
     module = DetectorTraining(
         trunk="mobilenet_v3_small", height=64, width=96, anchors=[[(12, 28)], [(20, 50)], [(30, 60)]], channels=16
     ).eval()
@@ -133,8 +134,12 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
         expected = detections(*module(torch.from_numpy(fitted[None])), module.network.anchors, module.card)[0]
     found = detector.detect([image])[0]
     inside = found.boxes * np.tile(scale, 2)
-    # The best are the same; further down, boxes that are cut off at the image's and not the input's border differ.
-    assert np.allclose(inside[:1], expected.boxes[:1], atol=1e-2)
+    # Boxes are cut off at the image's border here, and at the input's there.
+    border = np.tile(np.array([image.shape[1], image.shape[0]]) * scale, 2)
+    # A network without training scores many alike, so their order is chance.
+    assert found.scores[0] == pytest.approx(expected.scores[0], abs=1e-3)
+    apart = np.abs(np.minimum(expected.boxes, border) - inside[0]).max(axis=1)
+    assert apart.min() < 1e-2
     assert np.allclose(found.scores[:1], expected.scores[:1], atol=1e-4)
 
 
