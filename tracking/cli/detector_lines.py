@@ -30,7 +30,7 @@ def tell_blank(detect: object) -> None:
 
 def _foreign(detect: object) -> ForeignDetector | None:
     from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
-    from tsuiseki.tracking.features.view_choice import ViewedDetector
+    from tsuiseki.tracking.features.view_choice import inner_detector
 
-    inner = detect.detector if isinstance(detect, ViewedDetector) else detect
+    inner = inner_detector(detect)
     return inner if isinstance(inner, ForeignDetector) else None

@@ -204,17 +204,18 @@ class ViewedDetector:
 
 def knows_scores(detect: object) -> bool:
     """Whether the scores of ``detect`` mean what those of the shipped detectors do."""
-    inner = _inner(detect)
+    inner = inner_detector(detect)
     return isinstance(inner, Detector) and not inner.calibrated
 
 
 def scores_are_probabilities(detect: object) -> bool:
     """Whether ``detect`` says that its scores are probabilities in the video of its own camera."""
-    inner = _inner(detect)
+    inner = inner_detector(detect)
     return isinstance(inner, Detector) and inner.calibrated
 
 
-def _inner(detect: object) -> object:
+def inner_detector(detect: object) -> object:
+    """What looks at the pictures that a `ViewedDetector` gives it; anything else is that itself."""
     return detect.detector if isinstance(detect, ViewedDetector) else detect
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
+
+from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
 
 
 def digest_of(model: Path) -> str:
     """Of the contents of a model's file; empty where there is none."""
-    if not model.is_file():
-        return ""
-    with model.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return file_digest(model) if model.is_file() else ""
 
 
 def state_of(source: str) -> list[int]:

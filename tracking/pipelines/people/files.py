@@ -141,8 +141,8 @@ def _said_of_flow(tracker: FlowTracker) -> list[str]:
     """What of the facts of a flow is worth a line."""
     lines = []
     camera = tracker.camera
-    if lost := camera.unknown if camera.source == "images" else camera.lost:
-        lines.append(said_of_camera([frame + 1 for frame in lost], camera.source))
+    if camera.lost:
+        lines.append(said_of_camera([frame + 1 for frame in camera.lost], camera.source))
     if tracker.duplicates:
         boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
         lines.append(f"{boxes} left out that lay on another")

@@ -95,13 +95,11 @@ class FlowInput:
         self._shifts: list[float] = []
         # Steps to frames whose detections have not come to `rows` yet.
         self._steps: list[CameraStep] = []
-        self._met = 0
 
     def meet(self) -> None:
         """Ask the images how the camera came to the next frame; its detections may come to `rows` much later."""
         if self.path is not None:
-            self._steps.append(self.path.step(self._met))
-            self._met += 1
+            self._steps.append(self.path.step(len(self.camera) + len(self._steps)))
 
     def copy(self) -> FlowInput:
         """A copy that goes on by itself."""
