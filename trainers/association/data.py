@@ -25,7 +25,7 @@ from tsuiseki.trainers.association.window_appearance import WindowCrops, crops_o
 from tsuiseki.trainers.association.window_detector import WindowFrames, frames_of
 
 TrackerName = Literal["people", "drone"]
-FLOWS: dict[TrackerName, FlowSettings] = {"people": FlowSettings(), "drone": DRONE_FLOW}
+FLOWS: dict[TrackerName, FlowSettings] = {"people": FlowSettings().alike(), "drone": DRONE_FLOW}
 # A link that costs more by default is none that training could still make worth taking.
 DEAREST = 12.0
 

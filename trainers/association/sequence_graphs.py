@@ -44,7 +44,7 @@ def sequence_graphs(
         settings: of the tracker.
         changes: learnt costs with which the tracker finds the tracks along which links are priced; by default none.
     """
-    settings = settings or FlowSettings()
+    settings = settings or FlowSettings().alike()
     preparing = FlowInput(settings.input, settings.costs.link.motion, video.frame_rate, video.size, video.path())
     seen, scores = preparing.rows(list(video.detections) or [Detections.empty()])
     settings = replace(settings, costs=preparing.flow_costs(settings.costs))

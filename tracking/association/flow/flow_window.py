@@ -64,7 +64,7 @@ class FlowCosts:
     rounds: RoundSettings = field(default_factory=RoundSettings)
     entry: float = 5.0
     exit: float = 5.0
-    places: EntryPlaces | None = None
+    places: EntryPlaces | None = field(default_factory=EntryPlaces)
 
     def __post_init__(self) -> None:
         if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf):

@@ -42,9 +42,11 @@ class FlowTracker:
         changes: by how much costs learnt on whole tracks differ from the settings'; by default not at all.
         delay: seconds from a frame to its answer, 0 or more; None answers at the end.
 
+    With a delay or with ``changes`` all places are taken alike, whatever ``settings.costs.places`` says: the one
+    answers before all tracks could be looked at twice, the others were learnt so.
+
     Raises:
         ValueError: the frame rate is not above 0, or the delay below 0.
-        RequestError: a delay and costs by places.
 
     >>> tracker = FlowTracker(frame_rate=10.0, delay=0.5)
     >>> for t in range(9):
@@ -69,11 +71,10 @@ class FlowTracker:
             raise ValueError(f"expected a frame rate above 0, got {frame_rate}")
         if delay is not None and not 0 <= delay < np.inf:
             raise ValueError(f"expected a delay of 0 seconds or more, got {delay}")
-        self.settings = settings = settings or FlowSettings()
-        if delay is not None and settings.costs.places is not None:
-            raise RequestError(
-                "expected no `delay` with `costs.places`, which looks at all tracks twice; leave one out"
-            )
+        settings = settings or FlowSettings()
+        if delay is not None or changes is not None:
+            settings = settings.alike()
+        self.settings = settings
         self.delay = delay
         given = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, camera, observation)
         most_undecided = None if settings.most_undecided is None else round(settings.most_undecided * frame_rate)
@@ -123,6 +124,7 @@ class FlowTracker:
         return {
             "delay": self.delay,
             "exact": self.exact,
+            "entry_and_exit_by_place": self.settings.costs.places is not None,
             "camera_from": camera.source,
             "camera_unknown": [frame + 1 for frame in camera.unknown],
             "duplicates": self.duplicates,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from tsuiseki.tracking.association.flow.flow_window import FlowCosts
 from tsuiseki.tracking.association.tracklets.joining import JoinSettings
@@ -48,6 +48,10 @@ class FlowSettings:
             raise ValueError("expected min_detections, min_time, fill and settle from 0")
         if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + self.settle:
             raise ValueError(f"expected most_undecided above window + settle, got {self.most_undecided}")
+
+    def alike(self) -> FlowSettings:
+        """These settings with entry and exit costs that take all places alike."""
+        return replace(self, costs=replace(self.costs, places=None))
 
     def fewest(self, frame_rate: float) -> int:
         """Detections that a track needs."""

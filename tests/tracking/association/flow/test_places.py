@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.flow.places import Counts, EntryPlaces, no_counts, place_costs, starts_and_ends
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.types import FloatArray
 
@@ -105,10 +104,26 @@ def test_a_weight_of_nothing_changes_no_track() -> None:
         np.testing.assert_array_equal(plain.boxes, same.boxes)
 
 
-def test_places_and_a_delay_exclude_each_other() -> None:
-    settings = FlowSettings()
-    with pytest.raises(RequestError, match="places"):
-        FlowTracker(replace(settings, costs=replace(settings.costs, places=EntryPlaces())), delay=1.0)
+class NoChanges:
+    """Learnt costs that change nothing."""
+
+    def links(self, rows: FloatArray) -> FloatArray:
+        return np.zeros(len(rows))
+
+    def detections(self, rows: FloatArray) -> FloatArray:
+        return np.zeros((len(rows), 3))
+
+    def joins(self, rows: FloatArray) -> FloatArray:
+        return np.zeros(len(rows))
+
+
+def test_a_delay_and_costs_learnt_on_tracks_take_all_places_alike() -> None:
+    assert FlowTracker(frame_rate=10.0).facts()["entry_and_exit_by_place"]
+    delayed = FlowTracker(frame_rate=10.0, delay=1.0)
+    learnt = FlowTracker(frame_rate=10.0, changes=NoChanges())
+    for one in (delayed, learnt):
+        assert not one.facts()["entry_and_exit_by_place"]
+        assert one.settings.costs.places is None
 
 
 def test_bad_settings_are_named() -> None:
