@@ -6,6 +6,10 @@ how fast targets move, so a car that passes its own width between two frames is 
 
 The same triples tell the speed of what is found, (centre₊ − centre₋) / 2τ in longer sides a second, which scales what
 the flow expects of velocities, of their changes and of how far links reach.
+
+Right detections are not found again either where the detector misses the person before or after, or places the box
+ill. Of b₋ of such triples, which is right in all likelihood, the later side is there; the share of those b₋ that lie on
+a line themselves is how often the earlier one is, too. Both sides are there for its square of the right detections.
 """
 
 from __future__ import annotations
@@ -46,9 +50,24 @@ class Recurrence:
         return stride * max(1, round(self.interval * frame_rate / stride))
 
 
+@dataclass(frozen=True)
+class FoundAgain:
+    """Which of N detections lie between an earlier and a later one.
+
+    Attributes:
+        found: ``(N,)``.
+        speed: ``(N,)`` of the best triple in longer sides a second, NaN where there is none.
+        before: ``(N,)`` index of the earlier detection of the best triple, -1 where there is none.
+    """
+
+    found: BoolArray
+    speed: FloatArray
+    before: IntArray
+
+
 def found_again(
     frames: IntArray, boxes: FloatArray, frame_rate: float, settings: Recurrence, stride: int = 1
-) -> tuple[BoolArray, FloatArray]:
+) -> FoundAgain:
     """Which detections lie between an earlier and a later one, and how fast those that do move.
 
     Args:
@@ -57,13 +76,10 @@ def found_again(
         frame_rate: frames a second.
         settings: what counts as found again.
         stride: detections are in every ``stride``-th frame, see `Stride`.
-
-    Returns:
-        ``(N,)`` whether it is, and ``(N,)`` speed of its best triple in longer sides a second, NaN where there is none.
     """
-    found, speed = np.zeros(len(frames), dtype=np.bool_), np.full(len(frames), np.nan)
+    speed, earlier = np.full(len(frames), np.nan), np.full(len(frames), -1)
     if len(frames) == 0:
-        return found, speed
+        return FoundAgain(earlier >= 0, speed, earlier)
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
     gap = settings.frames(frame_rate, stride)
     side = size.max(axis=1)
@@ -74,12 +90,12 @@ def found_again(
     fit = iou_pairs((boxes[before] + boxes[after]) / 2, boxes[middle])
     good = fit > settings.overlap
     before, middle, after, fit = before[good], middle[good], after[good], fit[good]
-    found[middle] = True
     # Ascending, so that the best triple of a box is written last.
     order = np.argsort(fit, kind="stable")
     before, middle, after = before[order], middle[order], after[order]
+    earlier[middle] = before
     speed[middle] = np.hypot(*(centre[after] - centre[before]).T) * frame_rate / (2 * gap) / side[middle]
-    return found, speed
+    return FoundAgain(earlier >= 0, speed, earlier)
 
 
 def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, IntArray]:
@@ -90,6 +106,30 @@ def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, 
     first = np.repeat(np.arange(len(j)), following)
     second = np.arange(len(first)) - np.repeat(np.cumsum(following) - following - start[j], following)
     return i[first], j[first], j[order[second]]
+
+
+@dataclass
+class RateOfRight:
+    """How often right detections of a video are found again: the square of how often on one side.
+
+    Attributes:
+        expected: what is taken for one side before anything is known.
+        weight: detections that count as much as that.
+    """
+
+    expected: float = 0.9
+    weight: int = 20
+    _asked: int = 0
+    _found: int = 0
+
+    def add(self, found: BoolArray) -> None:
+        """Take ``(N,)`` whether detections were, of which one side is known to be there."""
+        self._asked += len(found)
+        self._found += int(found.sum())
+
+    def __call__(self) -> float:
+        """In (0, 1]."""
+        return float(((self._found + self.weight * self.expected) / (self._asked + self.weight)) ** 2)
 
 
 @dataclass

@@ -44,8 +44,9 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Seconds that the beliefs at undecided detections look back to decided ones.
 CONTEXT = 1.0
-# First prices are too high if, of at least so many sure detections, no more than this share is in tracks.
-LEAST_SURE, LEAST_USED = 10, 0.5
+# First prices are too high if at least so many detections, and this share of all, are right with at least this
+# probability, and no more than that share of them is in tracks.
+LEAST_RIGHT, MOST, RIGHT, LEAST_USED = 10, 2 / 3, 0.7, 0.6
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,19 @@ class FlowCosts:
     def __post_init__(self) -> None:
         if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf):
             raise ValueError("expected finite entry and exit costs of 0 or more")
+
+
+@dataclass(frozen=True)
+class Believed:
+    """U detections as the video would have them if those that it does not bear out were missed by chance.
+
+    Attributes:
+        probability: ``(U,)`` of being right.
+        change: ``(U,)`` of the cost of using them, then.
+    """
+
+    probability: FloatArray
+    change: FloatArray
 
 
 class FlowWindow:
@@ -165,6 +179,7 @@ class FlowWindow:
         start: FloatArray | None = None,
         end: FloatArray | None = None,
         rounds: int | None = None,
+        believed: Believed | None = None,
     ) -> None:
         """Alternate between the flow and the prices of its links.
 
@@ -173,6 +188,7 @@ class FlowWindow:
             start: ``(U,)`` changes of the cost of a track's start at each; none by default.
             end: ``(U,)`` likewise of its end.
             rounds: how often links are priced again at most; by default as often as the settings say.
+            believed: by which it is told whether first prices are too high; by default none are.
         """
         free, seen, places = self.free(), self._seen, self.costs.places
         nothing = np.zeros(int(free.sum()))
@@ -184,8 +200,9 @@ class FlowWindow:
         rounds = self.costs.rounds.rounds if rounds is None else rounds
         for number in range(rounds + 1):
             self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
-            if number == 0 and self._leaves_people_out(observation):
+            if number == 0 and believed is not None and self._leaves_people_out(believed.probability):
                 self._take_velocity_for_known()
+                observation = observation + believed.change
                 self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
             solution = self._flow.solution()
             undecided = self._flow.undecided
@@ -225,14 +242,15 @@ class FlowWindow:
         known = (margin, float(seen.frames.max(initial=0)) - margin)
         return Counts(seen.image, *starts_and_ends(self.labels(), seen.frames, known, places.shortest))
 
-    def _leaves_people_out(self, observation: FloatArray) -> bool:
-        """Whether most of the detections that the video bears out are in no track.
+    def _leaves_people_out(self, right: FloatArray) -> bool:
+        """Whether most of ``(U,)`` detections are right, and many of those are in no track.
 
-        Where targets move fast and frames are few, what the velocity of two detections alone is worth exceeds what
-        they are. Then the first prices make no track, no track tells the velocity, and no round mends it.
+        Where targets move fast, frames are few or boxes inexact, what the velocity of two detections alone is worth
+        exceeds what they are. Then the first prices make no track, no track tells the velocity, and no round mends it.
         """
-        sure = observation < -(self.costs.entry + self.costs.exit) / 2
-        return bool(sure.sum() >= LEAST_SURE and self._flow.solution().used[sure].mean() <= LEAST_USED)
+        sure = right >= RIGHT
+        enough = sure.sum() >= LEAST_RIGHT and sure.mean() >= MOST
+        return bool(enough and self._flow.solution().used[sure].mean() <= LEAST_USED)
 
     def _take_velocity_for_known(self) -> None:
         """Price the links that have no price along tracks as with `LinkCost.settled` = 1."""

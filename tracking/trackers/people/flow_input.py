@@ -11,13 +11,13 @@ import numpy as np
 
 from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
 from tsuiseki.tracking.association.costs import ScoreCost
-from tsuiseki.tracking.association.flow.flow_window import FlowCosts, FlowWindow
+from tsuiseki.tracking.association.flow.flow_window import Believed, FlowCosts, FlowWindow
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.association.occlusion import hidden_parts
-from tsuiseki.tracking.association.recurrence import Stride, TypicalSpeed, found_again
+from tsuiseki.tracking.association.recurrence import RateOfRight, Stride, TypicalSpeed, found_again
 from tsuiseki.tracking.association.rows import DetectionRows, rows_of
-from tsuiseki.tracking.association.score_calibration import DetectionCost, ScoreCalibration
+from tsuiseki.tracking.association.score_calibration import EXPECTED, IN_ADVANCE, DetectionCost, ScoreCalibration
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, MotionNoise
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep, CameraTrajectory
@@ -71,6 +71,7 @@ class FlowInput:
         camera: the trajectory so far.
         calibration: of the scores so far.
         speed: of the targets so far.
+        rate_of_right: how often right detections were found again so far.
         stride: of the frames with detections so far.
         duplicates: boxes left out so far.
     """
@@ -91,6 +92,7 @@ class FlowInput:
         self.camera = CameraTrajectory("boxes" if self.path is None else "images")
         self.calibration = ScoreCalibration(self.settings.detection)
         self.speed = TypicalSpeed(memory=self.settings.detection.memory)
+        self.rate_of_right = RateOfRight(EXPECTED, IN_ADVANCE)
         self.stride = Stride()
         self._shifts: list[float] = []
         # Steps to frames whose detections have not come to `rows` yet.
@@ -106,7 +108,7 @@ class FlowInput:
         other = copy(self)
         other._steps = [*self._steps]
         other.camera, other.calibration, other.speed = self.camera.copy(), copy(self.calibration), copy(self.speed)
-        other.stride = copy(self.stride)
+        other.stride, other.rate_of_right = copy(self.stride), copy(self.rate_of_right)
         return other
 
     def rows(self, found: Sequence[Detections]) -> tuple[Seen, FloatArray]:
@@ -154,6 +156,18 @@ class FlowInput:
         least = self.settings.detection.least
         odds = np.exp(self.observation(np.nan_to_num(scores)) - self.observation.b)
         return np.clip(1 / (1 + odds), least, 1 - least)
+
+    def believed(self, scores: FloatArray) -> Believed | None:
+        """How likely detections of ``(N,)`` scores are right though not found again; None where speeds are given.
+
+        A detector that misses a person in every third frame is right more often than the video bears it out.
+        """
+        if not self.settings.any_speed:
+            return None
+        known = self.probability(scores)
+        right = known if self.observation is not None else np.asarray(np.minimum(known / self.rate_of_right(), 1))
+        costs = self.settings.detection
+        return Believed(right, costs(right, self.frame_rate) - costs(known, self.frame_rate))
 
     def logits(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` logits of the probabilities of ``(N,)`` scores."""
@@ -229,11 +243,13 @@ class FlowInput:
         stride = self.stride(self.frame_rate)
         gap, last = again.frames(self.frame_rate, stride), len(self.camera) - 1
         recent = self._recent.joined(rows.frames, boxes, rows.scores)
-        found, speed = found_again(recent.frames, recent.boxes, self.frame_rate, again, stride)
+        triples = found_again(recent.frames, recent.boxes, self.frame_rate, again, stride)
         told = (recent.frames >= max(self._recent.told, gap)) & (recent.frames <= last - gap)
-        self.calibration.add(recent.scores[told], found[told])
-        self.speed.add(speed[told])
-        self._recent = recent.since(last - 2 * gap + 1, max(self._recent.told, last - gap + 1))
+        self.calibration.add(recent.scores[told], triples.found[told])
+        self.speed.add(triples.speed[told])
+        # What those on a line have before them; of the first of the video nobody knows.
+        self.rate_of_right.add(triples.found[triples.before[told & triples.found & (recent.frames >= 2 * gap)]])
+        self._recent = recent.since(last - 3 * gap + 1, max(self._recent.told, last - gap + 1))
 
 
 @dataclass(frozen=True)
@@ -279,11 +295,12 @@ def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, round
     observation, free = given.costs(scores), window.free()
     if not free.any():
         return
+    believed = given.believed(scores[free])
     if window.changes is None:
-        window.solve(observation[free], rounds=rounds)
+        window.solve(observation[free], rounds=rounds, believed=believed)
         return
     change = window.learnt(given.logits(scores), observation)
-    window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds)
+    window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds, believed)
 
 
 def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray, overlap: float) -> BoolArray:
