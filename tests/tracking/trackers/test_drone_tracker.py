@@ -141,7 +141,7 @@ def test_what_the_camera_did_not_tell_is_said() -> None:
         unknown = CameraStep(np.eye(3)[:2], np.inf if number == 7 else 0.0)
         tracker.update(found, unknown)
     tracker.tracks()
-    assert tracker.facts()["camera_unknown"] == [8]
+    assert tracker.facts()["camera_unknown"] == [[8, 8]]
     assert tracker.facts()["camera_from"] == "images"
 
 

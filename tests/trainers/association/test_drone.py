@@ -67,7 +67,7 @@ def test_the_camera_is_followed_in_the_images(clip: Path) -> None:
     path = with_images.path()
     assert path is not None
     assert len(path) == 7
-    assert path.unknown == []
+    assert len(path.unknown) == 0
     assert video.path() is None
     # The clip's camera hovers: it moves, by little.
     shift = np.linalg.norm(path.transforms[-1][:, 2])

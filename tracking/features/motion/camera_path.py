@@ -11,6 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.features.motion.camera_motion import STANDS_STILL, CameraMotionSettings, View, view_step
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.features.motion.frame_runs import FrameRuns
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 
@@ -40,7 +41,7 @@ class CameraPath:
     settings: CameraMotionSettings = field(default_factory=CameraMotionSettings)
     transforms: list[FloatArray] = field(default_factory=list)
     deviations: dict[int, float] = field(default_factory=dict)
-    unknown: list[int] = field(default_factory=list)
+    unknown: FrameRuns = field(default_factory=FrameRuns)
     _before: _Placed | None = None
     _lost_from: _Placed | None = None
     _forgotten: int = 0

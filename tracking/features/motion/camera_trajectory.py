@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from tsuiseki.tracking.features.motion.frame_runs import FrameRuns
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 STILL = np.eye(3)
@@ -42,8 +43,7 @@ class CameraTrajectory:
 
     def __init__(self, source: Literal["boxes", "images"] = "boxes") -> None:
         self.source = source
-        self.unknown: list[int] = []
-        self.lost: list[int] = []
+        self.unknown, self.lost = FrameRuns(), FrameRuns()
         self._first = 0
         self._to_now: list[FloatArray] = []
         self._variance: list[float] = []
@@ -54,7 +54,7 @@ class CameraTrajectory:
     def copy(self) -> CameraTrajectory:
         """A copy that goes on by itself."""
         other = CameraTrajectory(self.source)
-        other.unknown, other.lost = [*self.unknown], [*self.lost]
+        other.unknown, other.lost = self.unknown.copy(), self.lost.copy()
         other._to_now, other._variance = [*self._to_now], [*self._variance]
         other._first = self._first
         return other
@@ -121,13 +121,19 @@ def move_boxes(boxes: FloatArray, similarities: FloatArray) -> FloatArray:
     return np.concatenate([moved - half, moved + half], axis=1)
 
 
-def said_of_camera(unknown: Sequence[int], source: Literal["boxes", "images"] = "images") -> str:
-    """One line on the frames, counted from 1, of which too little tells how the camera moved there; at least one.
+def said_of_camera(unknown: Sequence[Sequence[int]], source: Literal["boxes", "images"] = "images") -> str:
+    """One line on the frames of which too little tells how the camera moved there.
 
-    >>> said_of_camera([13, 87])
-    'how the camera moved into frames 13, 87 is not known; links over them reach further'
+    Args:
+        unknown: first and last frame, counted from 1, of at least one run of them.
+        source: of the estimate.
+
+    >>> said_of_camera([[13, 13], [87, 95]])
+    'how the camera moved into frames 13, 87-95 is not known; links over them reach further'
     """
-    which = ", ".join(map(str, unknown[:5])) + (f" and {len(unknown) - 5} more" if len(unknown) > 5 else "")
-    frames = "frame" if len(unknown) == 1 else "frames"
+    which = ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in unknown[:5])
+    if more := sum(last - first + 1 for first, last in unknown[5:]):
+        which += f" and {more} more"
+    frames = "frame" if [*unknown[0]] == [unknown[-1][1]] * 2 else "frames"
     told = "is not known" if source == "images" else "is not known from the few boxes there"
     return f"how the camera moved into {frames} {which} {told}; links over them reach further"

@@ -142,7 +142,7 @@ def _said_of_flow(tracker: FlowTracker) -> list[str]:
     lines = []
     camera = tracker.camera
     if camera.lost:
-        lines.append(said_of_camera([frame + 1 for frame in camera.lost], camera.source))
+        lines.append(said_of_camera(camera.lost.from_one(), camera.source))
     if tracker.duplicates:
         boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
         lines.append(f"{boxes} left out that lay on another")

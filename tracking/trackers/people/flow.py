@@ -126,7 +126,7 @@ class FlowTracker:
             "exact": self.exact,
             "entry_and_exit_by_place": self.settings.costs.places is not None,
             "camera_from": camera.source,
-            "camera_unknown": [frame + 1 for frame in camera.unknown],
+            "camera_unknown": camera.unknown.from_one(),
             "duplicates": self.duplicates,
             "detections": self._given,
             "detections_rejected": self._given - self._used,
