@@ -18,8 +18,10 @@ from tsuiseki.tracking.frame_range import parse_frames
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.features.networks.exported import Detect
-    from tsuiseki.trainers.adapt.rounds import Adaptation, Camera, Round
+    from tsuiseki.tracking.features.view_choice import SizedDetect
+    from tsuiseki.trainers.adapt.camera import Camera
+    from tsuiseki.trainers.adapt.kept_round import Round
+    from tsuiseki.trainers.adapt.rounds import Adaptation
 
 # Pictures, labels and models of the rounds, until the result is whole.
 WORK = ".adapt"
@@ -37,6 +39,7 @@ def adapt(
     frames: str | None = None,
     detector: Path | None = None,
     teacher: Path | None = None,
+    appearance: Path | None = None,
     view: str = "auto",
     rounds: int = 3,
     steps: int = 100,
@@ -60,6 +63,7 @@ def adapt(
         frames: learn from this stretch of each only, counted from 1 with both ends, such as 1-300.
         detector: exported detector to start from; by default the shipped one.
         teacher: detector of any project that looks first, where the one to start from sees too little.
+        appearance: exported appearance network to start from; by default the shipped one.
         view: tiles of a frame, as in track people.
         rounds: at most; each looks, learns and looks again, as long as that gets better.
         steps: of learning in each round.
@@ -72,8 +76,10 @@ def adapt(
     """
     stretch = parse_frames(frames)
     with needs_train_extra():
+        from tsuiseki.trainers.adapt.camera import open_camera
         from tsuiseki.trainers.adapt.contents import digest_of, state_of
-        from tsuiseki.trainers.adapt.rounds import Adaptation, open_camera, resumed
+        from tsuiseki.trainers.adapt.learn_appearance import refuse_other_appearance
+        from tsuiseki.trainers.adapt.rounds import Adaptation, resumed
         from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
         from tsuiseki.trainers.exporting.exported_weights import layout_of
     settings = AdaptSettings(
@@ -88,12 +94,15 @@ def adapt(
     start = _detector(detector)
     # What cannot be learnt from, or looked with, is refused before anything is looked at.
     layout_of(start)
+    if appearance is not None:
+        refuse_other_appearance(appearance)
     looking = _teacher(teacher, detector_options)
     with output.run() as run:
         tell_reading(run, looking)
         key: dict[str, Any] = {"sources": sources, "frames": frames, "view": view, "settings": asdict(settings)}
         key |= {"contents": [state_of(source) for source in sources], "options": asdict(detector_options)}
         key |= {"detector": digest_of(start), "teacher": digest_of(teacher) if teacher else ""}
+        key |= {"appearance": digest_of(appearance) if appearance else ""}
         work = output.out / WORK
         if resumed(work, key):
             print("going on with what an earlier run has finished")
@@ -101,7 +110,7 @@ def adapt(
             camera = open_camera(sources, stretch, work, settings, view)
             for line in _said_of_motion(camera):
                 print(line, flush=True)
-            _run(run, Adaptation(camera, start, work, settings, teacher, teacher_options=detector_options))
+            _run(run, Adaptation(camera, start, work, settings, looking, appearance=appearance))
         except RequestError:
             shutil.rmtree(work, ignore_errors=True)
             raise
@@ -127,12 +136,13 @@ def _said_of_motion(camera: Camera) -> list[str]:
     return said
 
 
-def _teacher(given: Path | None, options: DetectorOptions) -> Detect | None:
-    """The detector that looks first, opened to see whether it can."""
+def _teacher(given: Path | None, options: DetectorOptions) -> SizedDetect | None:
+    """The detector that looks first."""
     from tsuiseki.tracking.features.networks.exported import open_detector
+    from tsuiseki.trainers.adapt.find import LOWEST_SCORE
 
     if given is not None:
-        return open_detector(given, threads=1, options=options)
+        return open_detector(given, LOWEST_SCORE, threads=1, options=options)
     if options != DETECTOR_OPTIONS:
         raise RequestError("expected `detector_options` with a `teacher` of another project, got no teacher")
     return None
@@ -160,7 +170,7 @@ def _run(run: Run, adaptation: Adaptation) -> None:
     run.facts["rounds"] = [asdict(here.scores) for here in finished]
     run.facts["best"] = best.number
     run.facts["links"] = [asdict(here.links) for here in finished]
-    learnt = _learnt(best, adaptation.start)
+    learnt = _learnt(best, adaptation)
     for name, file in learnt.items():
         run.write(f"{name}.onnx", partial(shutil.copyfile, file))
     page = adapted_page(summary(adaptation, finished, notes))
@@ -169,14 +179,15 @@ def _run(run: Run, adaptation: Adaptation) -> None:
     print(f"to use it: {_command(learnt, run.output.out)}")
 
 
-def _learnt(best: Round, start: Path) -> dict[str, Path]:
+def _learnt(best: Round, adaptation: Adaptation) -> dict[str, Path]:
     """The files of the best round, by the options of `track people` that take them."""
-    if not best.number:
-        return {"detector": start}
-    files = {"detector": best.models.detector}
-    if best.links.better_appearance and best.models.appearance is not None:
+    files = {"detector": adaptation.start}
+    if best.number and isinstance(best.models.detector, Path):
+        files["detector"] = best.models.detector
+    # What was given stays where nothing better was learnt.
+    if best.models.appearance is not None:
         files["appearance"] = best.models.appearance
-    if best.links.better_costs and best.models.affinity is not None:
+    if best.number and best.links.better_costs and best.models.affinity is not None:
         files["affinity"] = best.models.affinity
     return files
 

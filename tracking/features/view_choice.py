@@ -75,7 +75,7 @@ def choose_view(images: Sequence[ImageArray], detector: SizedDetect, batch_size:
     size = images[0].shape[:2]
     looked = images[:: max(1, len(images) // _LOOKS)][:_LOOKS]
     chosen, cost = view_of(size, 1, 1.0), None
-    most = _most_columns(size, detector.input_size)
+    most = most_columns(size, detector.input_size)
     if most == 1 or detector.input_size is None:
         return ViewChoice(chosen, None, {})
     people: dict[int, float] = {}
@@ -187,7 +187,7 @@ class ViewedDetector:
         """The view that was asked for, and what it takes."""
         size = image.shape[:2]
         high, wide = self.detector.input_size or size
-        columns = _most_columns(size, self.detector.input_size) if wanted == EVERY_TILE else wanted[0]
+        columns = most_columns(size, self.detector.input_size) if wanted == EVERY_TILE else wanted[0]
         view = view_of(size, columns, wide / high, wanted[1])
         if len(view) == 1:
             return ViewChoice(view, None, {})
@@ -226,7 +226,7 @@ def _timed(detector: TiledDetector, images: Sequence[ImageArray]) -> tuple[list[
     return found, 1000 * (time.perf_counter() - start) / len(images)
 
 
-def _most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None) -> int:
+def most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None) -> int:
     """Tiles across at which the input shows the frame at `LARGEST_SCALE`; 1 where the whole frame nearly does."""
     if wanted is None:
         return 1

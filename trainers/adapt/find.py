@@ -8,8 +8,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.features.networks.exported import open_appearance, open_detector
-from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
-from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
+from tsuiseki.tracking.features.view_choice import SizedDetect, ViewedDetector, knows_scores
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.pipelines.people.finding import PeopleInputs
 from tsuiseki.tracking.pipelines.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
@@ -23,19 +22,17 @@ LOWEST_SCORE = 0.1
 
 @dataclass(frozen=True)
 class Models:
-    """The files of a round.
+    """The models of a round.
 
     Attributes:
-        detector: of people.
-        appearance: None takes the shipped one.
-        affinity: None takes the shipped one where it knows the detector's scores, ``none`` hand-set costs.
-        options: what the file of another project's detector does not tell.
+        detector: of people: its file, or one that is open and gives scores from `LOWEST_SCORE` on.
+        appearance: file; None takes the shipped one.
+        affinity: file; None takes the shipped one where it knows the detector's scores, ``none`` hand-set costs.
     """
 
-    detector: Path
+    detector: Path | SizedDetect
     appearance: Path | None = None
     affinity: Path | None = None
-    options: DetectorOptions | None = None
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,8 @@ def find(watched: Watched, models: Models, score_threshold: float, view: str, th
     """
     from tsuiseki.tracking.weights import shipped
 
-    looking = open_detector(models.detector, LOWEST_SCORE, threads=1, options=models.options)
+    given = models.detector
+    looking = open_detector(given, LOWEST_SCORE, threads=1) if isinstance(given, Path) else given
     detector = ViewedDetector(looking, parse_view(view), frame_rate=watched.frame_rate)
     describe = open_appearance(models.appearance or shipped("appearance_people"), 1)
     inputs = PeopleInputs(watched.open(), detector, describe, threads=threads)

@@ -17,8 +17,9 @@ import torch
 from onnx import helper, numpy_helper
 from torch.nn import functional
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc
-from tsuiseki.tracking.features.networks.exported import open_appearance
+from tsuiseki.tracking.features.networks.exported import Appearance, open_appearance
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.types import BoolArray, FloatArray
@@ -167,6 +168,19 @@ def separation(samples: LabelledDetections, projection: Projection | None = None
     return area_under_roc(alike[same], alike[other])
 
 
+def refuse_other_appearance(network: Path) -> None:
+    """Refuse an appearance network that no last layer can be put after.
+
+    Raises:
+        RequestError: the file is none of this toolkit's.
+    """
+    if not isinstance(open_appearance(network, 1), Appearance):
+        raise RequestError(
+            f"{network}: expected an appearance network of this toolkit to learn on, got one of another project; leave "
+            "it out here, and give it to track people"
+        )
+
+
 def export_projected(network: Path, projection: Projection, out: Path) -> None:
     """Write the appearance network of the file ``network`` with ``projection`` after it.
 
@@ -176,9 +190,9 @@ def export_projected(network: Path, projection: Projection, out: Path) -> None:
         out: the file.
 
     Raises:
-        RequestError: ``network`` is no appearance network.
+        RequestError: ``network`` is no appearance network of this toolkit.
     """
-    open_appearance(network, 1)
+    refuse_other_appearance(network)
     model = onnx.load(network)
     entry = next(p for p in model.metadata_props if p.key == METADATA_KEY)
     card = ModelCard.from_json(entry.value)
@@ -186,6 +200,8 @@ def export_projected(network: Path, projection: Projection, out: Path) -> None:
     card = dataclasses.replace(card, training_data=card.training_data + _TRAINED_ON, feature_length=length)
     entry.value = card.to_json()
     graph, output = model.graph, model.graph.output[0].name
+    # A network that was learnt here before has such a layer already.
+    layer = f"projection{sum(x.name.endswith('.pads') for x in graph.initializer) or ''}"
     parts = {
         "weight": projection.weight.T,
         "bias": projection.bias,
@@ -193,26 +209,30 @@ def export_projected(network: Path, projection: Projection, out: Path) -> None:
         "same": np.sqrt(1 - projection.scale),
     }
     graph.initializer.extend(
-        numpy_helper.from_array(np.asarray(value, dtype=np.float32), f"projection.{name}")
-        for name, value in parts.items()
+        numpy_helper.from_array(np.asarray(value, dtype=np.float32), f"{layer}.{name}") for name, value in parts.items()
     )
-    graph.initializer.append(numpy_helper.from_array(np.array([0, 0, 0, 1]), "projection.pads"))
+    graph.initializer.append(numpy_helper.from_array(np.array([0, 0, 0, 1]), f"{layer}.pads"))
     graph.output[0].type.tensor_type.shape.dim[1].dim_value = length
     for node in graph.node:
         for names in (node.input, node.output):
             for n, name in enumerate(names):
                 if name == output:
-                    names[n] = "projection.input"
-    graph.node.extend(
-        [
-            helper.make_node(
-                "Gemm", ["projection.input", "projection.weight", "projection.bias"], ["projection.moved"]
-            ),
-            helper.make_node("LpNormalization", ["projection.moved"], ["projection.unit"], axis=1, p=2),
-            helper.make_node("Mul", ["projection.unit", "projection.scale"], ["projection.scaled"]),
-            helper.make_node("Pad", ["projection.scaled", "projection.pads", "projection.same"], [output]),
-        ]
-    )
+                    names[n] = f"{layer}.input"
+    graph.node.extend(_layer(layer, output))
     onnx.checker.check_model(model)
     with output_file(out, overwrite=True) as work:
         onnx.save(model, work)
+
+
+def _layer(name: str, output: str) -> list[onnx.NodeProto]:
+    """The nodes of a last layer ``name``, from its input to ``output``."""
+
+    def at(*parts: str) -> list[str]:
+        return [f"{name}.{part}" for part in parts]
+
+    return [
+        helper.make_node("Gemm", at("input", "weight", "bias"), at("moved")),
+        helper.make_node("LpNormalization", at("moved"), at("unit"), axis=1, p=2),
+        helper.make_node("Mul", at("unit", "scale"), at("scaled")),
+        helper.make_node("Pad", at("scaled", "pads", "same"), [output]),
+    ]

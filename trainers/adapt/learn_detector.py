@@ -101,7 +101,7 @@ def _data(
 ) -> DetectionData:
     learning = settings.learning
     sources = [
-        Source(v.folder, frames=(1, v.learnt(settings.held_out)), fixed_camera=v.fixed, share=v.length) for v in videos
+        Source(v.folder, frames=(1, v.learnt(settings.kept_back)), fixed_camera=v.fixed, share=v.length) for v in videos
     ]
     window = layout.window(learning.window)
     closer = _enlargement(videos[0].size, layout.size, columns) * _fitted(videos[0].size, layout.size, window)
@@ -194,7 +194,9 @@ def export_calibrated(
     out: Path,
     settings: AdaptSettings,
 ) -> tuple[float, float]:
-    """Write the detector as ONNX, its scores probabilities on the held-out labels.
+    """Write the detector as ONNX, its scores probabilities on labels that have taught it nothing.
+
+    They lie before the held-out end, which is to judge a detector that knows nothing of it.
 
     Args:
         checkpoint: of `fine_tune`.
@@ -202,10 +204,10 @@ def export_calibrated(
         videos: with their labels.
         view: tiles across and down.
         out: the file.
-        settings: say what is held out.
+        settings: say which.
 
     Returns:
-        Scale and shift of the logit; 1 and 0 where all held-out detections are right, or none is.
+        Scale and shift of the logit; 1 and 0 where all detections there are right, or none is.
     """
     module = load_module(DetectorTraining, checkpoint, size)
     network = module.network.to(memory_format=torch.contiguous_format)
@@ -261,7 +263,8 @@ def _calibration(
     detector: TorchDetector, videos: Sequence[Watched], view: tuple[int, int | None], settings: AdaptSettings
 ) -> tuple[float, float] | None:
     viewed = ViewedDetector(detector, view)
-    parts = [matched_scores(viewed, Path(v.folder), (v.learnt(settings.held_out) + 1, len(v.frames))) for v in videos]
+    stretches = [(v.learnt(settings.kept_back) + 1, v.learnt(settings.held_out)) for v in videos]
+    parts = [matched_scores(viewed, Path(v.folder), s) for v, s in zip(videos, stretches, strict=True)]
     scores, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     try:
         return fit_calibration(scores, right)

@@ -76,6 +76,7 @@ class AdaptSettings:
         rounds: at most.
         pictures: kept of the videos together, evenly spread; labels are taken from them.
         held_out: share of each video, its end, that nothing is learnt from and that says which round is best.
+        calibrated: share of each video, before that end, that no weight is learnt from and that says what scores mean.
         score_threshold: of the detections that are tracked.
         labels: which tracks become labels.
         learning: how the detector is fine-tuned.
@@ -86,6 +87,7 @@ class AdaptSettings:
     rounds: int = 3
     pictures: int = 400
     held_out: float = 0.15
+    calibrated: float = 0.1
     score_threshold: float = 0.3
     labels: LabelSettings = field(default_factory=LabelSettings)
     learning: LearningSettings = field(default_factory=LearningSettings)
@@ -98,8 +100,14 @@ class AdaptSettings:
                 "expected `rounds` from 1, `pictures` from 20 and `threads` from 0, "
                 f"got {self.rounds}, {self.pictures} and {self.threads}"
             )
-        if not (0.05 <= self.held_out <= 0.5 and 0 < self.score_threshold < 1):
+        kept = 0.05 <= self.held_out <= 0.5 and 0.05 <= self.calibrated <= 0.3
+        if not (kept and 0 < self.score_threshold < 1):
             raise RequestError(
-                "expected `held_out` from 0.05 to 0.5 and `score_threshold` between 0 and 1, "
-                f"got {self.held_out:g} and {self.score_threshold:g}"
+                "expected `held_out` from 0.05 to 0.5, `calibrated` from 0.05 to 0.3 and `score_threshold` between 0 "
+                f"and 1, got {self.held_out:g}, {self.calibrated:g} and {self.score_threshold:g}"
             )
+
+    @property
+    def kept_back(self) -> float:
+        """Share of each video, its end, that the detector learns no weight from."""
+        return self.held_out + self.calibrated

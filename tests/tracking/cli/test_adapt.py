@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.tracking.features.networks.test_foreign_appearance import mean_colour
 from tests.tracking.features.networks.tiny_onnx import save_constant
 from tests.trainers.adapt import street
 from tsuiseki.tracking.cli import main
@@ -86,10 +88,11 @@ def test_the_best_round_is_written(
     from tsuiseki.trainers.adapt import rounds as module
     from tsuiseki.trainers.adapt.agreement import RoundScores
     from tsuiseki.trainers.adapt.find import Models
+    from tsuiseki.trainers.adapt.kept_round import Round
     from tsuiseki.trainers.adapt.kept_tracks import write_everyone
     from tsuiseki.trainers.adapt.labels import Verdict
     from tsuiseki.trainers.adapt.linking import LinkScores
-    from tsuiseki.trainers.adapt.rounds import Adaptation, Round
+    from tsuiseki.trainers.adapt.rounds import Adaptation
 
     def fake(adaptation: Adaptation) -> Iterator[Round]:
         for number, score in enumerate((0.7, 0.8, 0.75)):
@@ -145,3 +148,45 @@ def test_a_moving_camera_is_said_and_an_interrupt_keeps_what_is_finished(
     assert "the same command goes on from there" in said.err
     assert main(words) == 130
     assert "going on with what an earlier run has finished" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_teacher_is_opened_once_and_what_was_given_is_kept_where_nothing_better_was_learnt(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tsuiseki.tracking.features.networks import exported
+    from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
+    from tsuiseki.trainers.adapt import rounds as module
+    from tsuiseki.trainers.adapt.rounds import Adaptation
+
+    opened, given, look = [], [], module._look
+    monkeypatch.setattr(exported, "ForeignDetector", lambda *a: opened.append(a) or ForeignDetector(*a))
+
+    def one_round(adaptation: Adaptation) -> Iterator[object]:
+        given.append(adaptation)
+        looked = look(adaptation, 0, module.Models(adaptation.start, adaptation.appearance))
+        look(replace(adaptation, work=adaptation.work / "other"), 0, module.Models(adaptation.teacher))
+        yield looked
+
+    rows = np.zeros((7, 126), np.float32)
+    rows[:4] = [[40], [30], [10], [30]]
+    teacher = save_constant(tmp_path / "teacher.onnx", {"output0": rows})
+    network = tmp_path / "mine.onnx"
+    network.write_bytes(shipped("appearance_people").read_bytes())
+    monkeypatch.setattr(module, "rounds", one_round)
+    words = ["adapt", str(video), "--teacher", str(teacher), "--detector-options.person", "1"]
+    assert main([*words, "--appearance", str(network), "--out", str(tmp_path / "o")]) == 0
+    assert len(opened) == 1
+    assert isinstance(given[0].teacher, ForeignDetector)
+    assert (tmp_path / "o" / "appearance.onnx").read_bytes() == network.read_bytes()
+    assert f"--appearance {tmp_path / 'o' / 'appearance.onnx'} --out DIR" in capsys.readouterr().out
+
+
+def test_an_appearance_network_that_nothing_can_be_learnt_on(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = refused(capsys, tmp_path / "o", str(video), "--appearance", str(shipped("detector_street")))
+    assert "appearance" in line
+    other = mean_colour(tmp_path / "other.onnx")
+    line = refused(capsys, tmp_path / "o", str(video), "--appearance", str(other))
+    assert "expected an appearance network of this toolkit to learn on" in line

@@ -17,6 +17,7 @@ from tsuiseki.tracking.errors import Interrupted
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.adapt import learn_detector
 from tsuiseki.trainers.adapt.foreground import foreground_of
 from tsuiseki.trainers.adapt.labels import label
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune
@@ -69,3 +70,17 @@ def test_a_stopped_training_goes_on(watched: Watched, tmp_path: Path, monkeypatc
     assert fine_tune(start, layout, [watched], 1, 1, tmp_path, replace(TINY, seed=1)) == checkpoint
     assert len(steps) == 6
     assert np.isfinite(sum(d.scores.sum() for d in found))
+
+
+def test_what_teaches_what_calibrates_and_what_judges_are_apart(
+    watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[int, int]] = []
+    certain = (np.array([0.9, 0.2, 0.8, 0.1]), np.array([True, False, False, True]))
+    monkeypatch.setattr(learn_detector, "matched_scores", lambda _, __, frames: asked.append(frames) or certain)
+    learn_detector._calibration(TorchDetector.__new__(TorchDetector), [watched], (1, None), TINY)
+    learnt = learn_detector._data([watched], layout_of(shipped("detector_street")), 1, 1, TINY)
+    assert [source.frames for source in learnt.sources["train"]] == [(1, 15)]
+    assert asked == [(16, 17)]
+    assert watched.learnt(TINY.held_out) == 17
+    assert len(watched.frames) == 20

@@ -149,6 +149,26 @@ def test_the_exported_network_is_the_old_one_and_the_layer(tmp_path: Path) -> No
     np.testing.assert_allclose(weight["projection.weight"], projection.weight.T, atol=1e-6)
 
 
+def test_a_learnt_network_can_be_learnt_on_again(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    image, boxes = (
+        rng.integers(0, 255, (200, 100, 3), np.uint8),
+        np.array([[10.0, 20.0, 50.0, 120.0], [30, 60, 80, 190]]),
+    )
+    network, expected = (
+        shipped("appearance_people"),
+        open_appearance(shipped("appearance_people"), 1).describe(image, boxes),
+    )
+    for name in ("once", "twice"):
+        length = expected.shape[1]
+        projection = Projection(
+            np.eye(length) + rng.normal(0, 0.05, (length, length)), rng.normal(0, 0.01, length), 0.9
+        )
+        export_projected(network, projection, tmp_path / f"{name}.onnx")
+        network, expected = tmp_path / f"{name}.onnx", projection(expected)
+    np.testing.assert_allclose(open_appearance(network, 1).describe(image, boxes), expected, atol=1e-5)
+
+
 def test_what_is_not_better_is_not_taken(seen: Seen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     models = Models(Path("detector.onnx"), affinity=Path("none"))
     monkeypatch.setattr(module, "learn_projection", lambda *_: Projection(np.zeros((LENGTH, LENGTH)), np.ones(LENGTH)))

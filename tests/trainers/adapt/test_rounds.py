@@ -12,17 +12,18 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt import rounds as module
+from tsuiseki.trainers.adapt.camera import Camera, open_camera
 from tsuiseki.trainers.adapt.find import Found, Models
 from tsuiseki.trainers.adapt.linking import LinkScores
-from tsuiseki.trainers.adapt.rounds import Adaptation, Camera, best_of, open_camera, resumed, rounds
+from tsuiseki.trainers.adapt.rounds import Adaptation, best_of, resumed, rounds
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
 
-START, TEACHER = Path("start.onnx"), Path("teacher.onnx")
+START = Path("start.onnx")
+TEACHER: Any = Path("teacher.onnx")
 LINKS = LinkScores(0.8, 0.9, 0.7, 0.6, 0.7, 0.8)
 
 
@@ -42,7 +43,9 @@ def adaptation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[lis
 
     def make(seen: list[Found]) -> Adaptation:
         def find(_: Watched, models: Models, *__: object) -> Found:
-            number = 0 if models.detector == START else int(models.detector.parent.name.removeprefix("round-"))
+            number = (
+                0 if models.detector == START else int(Path(str(models.detector)).parent.name.removeprefix("round-"))
+            )
             return seen[number]
 
         def export(*given: Any) -> None:
@@ -105,20 +108,14 @@ def test_a_round_competes_with_the_start_and_not_with_its_teacher(
         assert best_of(finished).number == best
 
 
-def test_what_the_user_says_of_the_teacher_is_not_said_of_the_others(
+def test_every_round_starts_from_the_given_appearance(
     adaptation: Callable[[list[Found]], Adaptation], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    options, opened = DetectorOptions(person=2), []
-    given = replace(adaptation([seeing(2, 0.0), seeing(2, 1.0)]), teacher=TEACHER, teacher_options=options)
-    look = module.find
-
-    def find(watched: Watched, models: Models, *rest: Any) -> Found:
-        opened.append((models.detector == TEACHER, models.options))
-        return look(watched, Models(START) if models.detector == TEACHER else models, *rest)
-
-    monkeypatch.setattr(module, "find", find)
+    given = replace(adaptation([seeing(2, 3.0), seeing(2, 1.0), seeing(2, 0.0)]), appearance=Path("mine.onnx"))
+    opened, look = [], module.find
+    monkeypatch.setattr(module, "find", lambda *a: opened.append(a[1].appearance) or look(*a))
     list(rounds(given))
-    assert opened == [(True, options), (False, None), (False, None)]
+    assert opened == [Path("mine.onnx")] * 3
 
 
 def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[Found]], Adaptation]) -> None:
@@ -168,7 +165,7 @@ def test_people_in_the_held_out_end_alone_teach_nothing(adaptation: Callable[[li
     late = street.track_of(0)
     late = Track(1, late.frames[95:], late.boxes[95:], late.scores[95:])
     found = Found([Detections.empty()] * street.FRAMES, 0, [late], 1)
-    with pytest.raises(RequestError, match="expected people before the last 15% of a video"):
+    with pytest.raises(RequestError, match="expected people before the last 25% of a video"):
         list(rounds(adaptation([found, found])))
 
 

@@ -1,0 +1,217 @@
+"""Small people in large frames: what tiles find, by the height of the person, and which rule chooses them best.
+
+    python benchmarks/views.py [--data ../shared/data] [--detector FILE] [--only NAME ...]
+
+Pictures: generated streets in HD (1920x1080) and 4K (3840x2160) seen from 5 to 15 m, with people of 24 to 200 pixels,
+of two ranges of seeds; the two halves of MOT17-13's video; the stills of MOT17-02. Rules were chosen on the first range
+and the first half. A detector looks at each picture with every number of tiles across; then each rule says which number
+it would have taken from what was found, without a label, and the labels say what that would have brought. Precision and
+recall hold at score 0.3.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from detection_accuracy import LOWEST_SCORE, labelled, recall_by_height, video_in
+
+from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene
+from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
+from tsuiseki.tracking.features.networks.exported import open_detector
+from tsuiseki.tracking.features.view_choice import WORTH, most_columns
+from tsuiseki.tracking.features.views import TiledDetector, view_of
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+
+CERTAIN = 0.3
+HD, UHD = (1920, 1080), (3840, 2160)
+Found: TypeAlias = Mapping[int, Detections]
+
+
+@dataclass(frozen=True)
+class Looked:
+    """A picture and what was found in it.
+
+    Attributes:
+        truth: who is there.
+        found: by the number of tiles across.
+        tiles: of each number.
+        milliseconds: of CPU time that each took.
+        scales: input pixels for a pixel of the picture, of each number.
+    """
+
+    truth: LabelledBoxes
+    found: Found
+    tiles: Mapping[int, int]
+    milliseconds: Mapping[int, float]
+    scales: Mapping[int, float]
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    shipped = resources.files("tsuiseki.tracking") / "weights" / "detector_street.onnx"
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("--detector", default=str(shipped))
+    parser.add_argument("--only", nargs="*", default=[])
+    arguments = parser.parse_args()
+    for name, pictures in sets(arguments.data):
+        if not arguments.only or any(word in name for word in arguments.only):
+            looked = [look(image, truth, arguments.detector) for image, truth in pictures()]
+            print(f"\n{name}, {len(looked)} pictures")
+            print("                           AP.5   prec    rec  tiles   ms CPU  recall by height")
+            for columns in sorted({c for each in looked for c in each.found}):
+                print(row(f"{columns} across", looked, [min(columns, max(each.found)) for each in looked]))
+            for rule, chosen in rules().items():
+                print(row(rule, looked, [chosen(each) for each in looked]))
+            print(row("best by its labels", looked, [best(each) for each in looked]), flush=True)
+
+
+def sets(data: Path) -> Iterator[tuple[str, Callable[[], Iterator[tuple[ImageArray, LabelledBoxes]]]]]:
+    """Names, and pictures with labels."""
+    for name, size, count in (("HD", HD, 10), ("4K", UHD, 6)):
+        for use, first in (("chosen on", 7200), ("judged on", 7300)):
+            yield f"{name}, {use}", lambda size=size, first=first, count=count: generated(size, first, count)  # type: ignore[misc]
+    moving = data / "mot" / "mot17-13-video"
+    if moving.is_dir():
+        yield "MOT17-13, chosen on", lambda: labelled(video_in(moving), moving, 0, 374, 30)
+        yield "MOT17-13, judged on", lambda: labelled(video_in(moving), moving, 375, 749, 30)
+        stills = data / "mot" / "mot17-02-stills"
+        yield "MOT17-02, judged on", lambda: labelled(stills, stills, 0, 3, 1)
+
+
+def generated(size: tuple[int, int], first: int, count: int) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
+    """Pictures of places that no training has seen."""
+    small = TrainingSettings(*size, (8, 40), (24.0, 200.0), (8, 30), (5.0, 15.0), samples=1, beside=0.4, night=0.2)
+    for seed in range(first, first + count):
+        image, boxes, visibility = random_training_scene(np.random.default_rng(seed), small)
+        yield image, LabelledBoxes(boxes, visibility < 0.25)
+
+
+def look(image: ImageArray, truth: LabelledBoxes, path: str) -> Looked:
+    """Find people with every number of tiles across that the detector's input can tell apart."""
+    detector = open_detector(path, LOWEST_SCORE, threads=1)
+    size = image.shape[:2]
+    assert detector.input_size is not None
+    high, wide = detector.input_size
+    found, tiles, cost, scales = {}, {}, {}, {}
+    for columns in range(1, most_columns(size, detector.input_size) + 1):
+        view = view_of((size[0], size[1]), columns, wide / high)
+        start = time.process_time()
+        found[columns] = TiledDetector(detector, view).detect([image])[0]
+        cost[columns] = 1000 * (time.process_time() - start)
+        x1, y1, x2, y2 = view.tiles[-1].tolist()
+        tiles[columns], scales[columns] = len(view), min(wide / (x2 - x1), high / (y2 - y1))
+    return Looked(truth, found, tiles, cost, scales)
+
+
+def rules() -> dict[str, Callable[[Looked], int]]:
+    """Ways of choosing, by name."""
+    return {
+        f"grows by {WORTH:g}": lambda each: grows(each, WORTH),
+        "grows by 1.1": lambda each: grows(each, 1.1),
+        **{f"smallest at {n} pixels": lambda each, n=n: smallest(each, n) for n in (25, 35, 50)},  # type: ignore[misc]
+        **{f"{s:g} of those confirmed": lambda each, s=s: confirmed(each, s) for s in (0.7, 0.8, 0.9)},  # type: ignore[misc]
+        "all that show more": lambda each: max(each.found),
+    }
+
+
+def grows(each: Looked, worth: float) -> int:
+    """One more tile across as long as the sum of the scores grows by the factor ``worth``."""
+    chosen = 1
+    for columns, found in each.found.items():
+        if _expected(found) > worth * _expected(each.found[chosen]):
+            chosen = columns
+        elif _expected(each.found[chosen]) >= 0.5:
+            break
+    return chosen
+
+
+def smallest(each: Looked, pixels: float) -> int:
+    """The fewest tiles that show nine tenths of those found at two numbers with ``pixels`` of the input."""
+    heights = [_heights(_twice(each.found, columns)) for columns in each.found]
+    every = max(heights, key=len)
+    if not len(every):
+        return 1
+    low = float(np.quantile(every, 0.1))
+    return next((c for c, scale in each.scales.items() if low * scale >= pixels), max(each.found))
+
+
+def confirmed(each: Looked, share: float) -> int:
+    """The fewest tiles with a ``share`` of the most people that are found at two neighbouring numbers of tiles."""
+    counts = {columns: _expected(_twice(each.found, columns)) for columns in each.found}
+    return next(columns for columns, count in counts.items() if count >= share * max(counts.values()))
+
+
+def best(each: Looked) -> int:
+    """By the labels: the most right boxes less the most false ones."""
+
+    def harmony(columns: int) -> float:
+        precision, recall = rates([each], [columns])
+        return 2 * precision * recall / max(precision + recall, 1e-9)
+
+    return max(each.found, key=harmony)
+
+
+def _twice(found: Found, columns: int) -> Detections:
+    """What is found with one tile across more or fewer, too."""
+    here = certain(found[columns])
+    again = np.zeros(len(here), dtype=bool)
+    for other in (columns - 1, columns + 1):
+        if other in found:
+            there = certain(found[other])
+            again |= (iou_matrix(here.boxes, there.boxes) >= 0.5).any(axis=1)
+    return here.select(again)
+
+
+def certain(found: Detections) -> Detections:
+    """What scores `CERTAIN` or more."""
+    return found.select(found.scores >= CERTAIN)
+
+
+def _expected(found: Detections) -> float:
+    return float(certain(found).scores.sum())
+
+
+def _heights(found: Detections) -> FloatArray:
+    heights: FloatArray = found.boxes[:, 3] - found.boxes[:, 1]
+    return heights
+
+
+def rates(looked: Sequence[Looked], columns: Sequence[int]) -> tuple[float, float]:
+    """Precision and recall with these numbers of tiles."""
+    kept = [certain(each.found[c]) for each, c in zip(looked, columns, strict=True)]
+    scores = evaluate_detections([each.truth for each in looked], kept)
+    return (float(scores.precision[-1]), float(scores.recall[-1])) if len(scores.recall) else (0.0, 0.0)
+
+
+def row(name: str, looked: Sequence[Looked], columns: Sequence[int]) -> str:
+    """One line of the table."""
+    truth = [each.truth for each in looked]
+    pairs = list(zip(looked, columns, strict=True))
+    average = evaluate_detections(truth, [each.found[c] for each, c in pairs]).average_precision
+    precision, recall = rates(looked, columns)
+    tiles = np.mean([each.tiles[c] for each, c in pairs])
+    cost = np.mean([each.milliseconds[c] for each, c in pairs])
+    heights = "  ".join(
+        f"{low}-{'' if high > 9999 else high}: {hit:.2f}/{count}"
+        for (low, high), (hit, count) in zip(
+            itertools.pairwise((0, 30, 45, 60, 90, 150, 10_000)),
+            recall_by_height(truth, [certain(each.found[c]) for each, c in pairs]),
+            strict=True,
+        )
+        if count
+    )
+    return f"{name:24} {average:6.3f} {precision:6.3f} {recall:6.3f} {tiles:6.1f} {cost:8.0f}  {heights}"
+
+
+if __name__ == "__main__":
+    main()
