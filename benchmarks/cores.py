@@ -1,10 +1,11 @@
 """What a second core brings `tsuiseki track people`: whole commands, start and report included, on one core and on all.
 
-    python benchmarks/cores.py SOURCE [--frames 1-300] [--repeat 3] [--threads 1 0]
+    python benchmarks/cores.py SOURCE [--frames 1-300] [--repeat 3] [--threads 1 0] [--pin]
 
 The commands take turns, so that a machine that slows down slows all of them. Told are the wall-clock and CPU seconds of
-the fastest turn, the ratio of the wall-clock times in each turn, how many other processes wanted a core, the seconds of
-each stage, and whether the tracks are the same, byte for byte.
+the fastest turn, the ratio of the wall-clock times in each turn, how many processes wanted a core, the seconds of each
+stage, and whether the tracks are the same, byte for byte. Decoders of video files take all cores by themselves, also
+with `--threads 1`; with `--pin` each command has as many cores as threads.
 """
 
 from __future__ import annotations
@@ -49,13 +50,15 @@ def main() -> None:
     parser.add_argument("--frames")
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 0])
+    parser.add_argument("--pin", action="store_true")
     parser.add_argument("--more", nargs=argparse.REMAINDER, default=[], help="options of the command")
     arguments = parser.parse_args()
     given = ["--frames", arguments.frames] if arguments.frames else []
     turns: dict[int, list[Turn]] = {threads: [] for threads in arguments.threads}
     for _ in range(arguments.repeat):
         for threads in arguments.threads:
-            turns[threads].append(turn([arguments.source, *given, "--threads", str(threads), *arguments.more]))
+            options = [arguments.source, *given, "--threads", str(threads), *arguments.more]
+            turns[threads].append(turn(options, threads if arguments.pin else 0))
     print(machine("numpy", "onnxruntime", "opencv-python-headless"))
     first = turns[arguments.threads[0]]
     for threads, here in turns.items():
@@ -68,14 +71,17 @@ def main() -> None:
         print("    seconds: " + ", ".join(f"{name} {seconds:.2f}" for name, seconds in best.stages.items()))
 
 
-def turn(options: Sequence[str]) -> Turn:
-    """Run the command once."""
+def turn(options: Sequence[str], cores: int) -> Turn:
+    """Run the command once, on so many ``cores``; 0 for all."""
+    there = sorted(os.sched_getaffinity(0))
+    given = set(there[: cores or None])
     program = "from tsuiseki.tracking.cli import main; raise SystemExit(main())"
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         command = [sys.executable, "-c", program, "track", "people", *options, "--out", str(out)]
         start = time.perf_counter()
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        os.sched_setaffinity(process.pid, given)
         wanting: list[int] = []
         while not (ended := os.wait4(process.pid, os.WNOHANG))[0]:
             wanting.append(running())

@@ -118,3 +118,14 @@ def test_examples_in_docstrings_run(package):
     for name in modules_of(package):
         if not name.endswith("__main__"):
             assert doctest.testmod(importlib.import_module(name)).failed == 0, name
+
+
+def test_tracking_people_starts_without_what_it_needs_late():
+    """SciPy loads its parts on first use; loaded at the start they would take as long as ten frames."""
+    late = ("scipy.optimize", "scipy.ndimage", "scipy.sparse", "scipy.fft", "rich")
+    program = (
+        "import sys, tsuiseki.tracking.cli.track.people, tsuiseki.tracking.report.people; "
+        f"print([name for name in {late} if name in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert found.strip() == "[]"

@@ -27,6 +27,10 @@ FORMAT_VERSION = 1
 _FLOATS = {"tensor(float)": "float32", "tensor(float16)": "float16"}
 
 
+class MissingCardError(RequestError):
+    """An ONNX file that this toolkit has not exported."""
+
+
 @dataclass(frozen=True)
 class ModelCard:
     """What a model expects and gives.
@@ -159,11 +163,6 @@ def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:160]
 
 
-def has_card(session: onnxruntime.InferenceSession) -> bool:
-    """Whether the file behind ``session`` was exported by this toolkit."""
-    return METADATA_KEY in session.get_modelmeta().custom_metadata_map
-
-
 def image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInput:
     """The picture that a network of others takes.
 
@@ -211,7 +210,8 @@ class OnnxModel:
         threads: CPU threads of a call; 0 takes all cores.
 
     Raises:
-        RequestError: the file is missing, not ONNX, without a card, of another kind or of a newer format version.
+        RequestError: the file is missing, not ONNX, without a card (`MissingCardError`), of another kind or of a newer
+            format version.
     """
 
     def __init__(self, path: str | Path, kind: Kind, threads: int = 0) -> None:
@@ -224,7 +224,7 @@ class OnnxModel:
     def _read_card(self, kind: Kind) -> ModelCard:
         metadata = self.session.get_modelmeta().custom_metadata_map
         if METADATA_KEY not in metadata:
-            raise RequestError(
+            raise MissingCardError(
                 f"{self.path} is ONNX but carries no tsuiseki metadata; export it with `tsuiseki export {kind}`"
             )
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -31,11 +31,13 @@ def assign(costs: FloatArray, limit: float) -> tuple[IntArray, IntArray]:
     if barred.all():
         return NOTHING, NOTHING
     if not barred.any():
-        rows, columns = linear_sum_assignment(costs)
+        rows, columns = scipy.optimize.linear_sum_assignment(costs)
         return rows, columns
     # One barred pair is dearer than any matching of allowed ones, so it is taken only where nothing else is left.
     lowest = min(float(costs[~barred].min()), 0.0)
-    rows, columns = linear_sum_assignment(np.where(barred, (limit - lowest + 1.0) * (min(costs.shape) + 1), costs))
+    rows, columns = scipy.optimize.linear_sum_assignment(
+        np.where(barred, (limit - lowest + 1.0) * (min(costs.shape) + 1), costs)
+    )
     allowed = ~barred[rows, columns]
     return rows[allowed], columns[allowed]
 
@@ -54,6 +56,6 @@ def assign_overlaps(overlaps: FloatArray, least: float) -> tuple[IntArray, IntAr
     (array([0, 1]), array([1, 0]))
     """
     valid = overlaps >= least
-    rows, columns = linear_sum_assignment(np.where(valid, overlaps, 0), maximize=True)
+    rows, columns = scipy.optimize.linear_sum_assignment(np.where(valid, overlaps, 0), maximize=True)
     kept = valid[rows, columns]
     return rows[kept], columns[kept]

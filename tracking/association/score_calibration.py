@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import isotonic_regression
+import scipy
 
 from tsuiseki.tracking.association.recurrence import Recurrence
 from tsuiseki.tracking.types import BoolArray, FloatArray
@@ -81,7 +81,7 @@ class ScoreCalibration:
     def _fit(self, scores: FloatArray, found: FloatArray) -> Interpolation:
         level, which = np.unique(scores, return_inverse=True)
         weight = np.bincount(which).astype(np.float64)
-        fit = isotonic_regression(np.bincount(which, found) / weight, weights=weight)
+        fit = scipy.optimize.isotonic_regression(np.bincount(which, found) / weight, weights=weight)
         return Interpolation(level, np.asarray(fit.x))
 
 

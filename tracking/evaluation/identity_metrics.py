@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -159,7 +159,9 @@ def hota(sequence: LabelledSequence) -> Hota:
     alignment = _alignment(sequence, true_lengths, found_lengths)
     pairs, overlaps = [], []
     for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
-        rows, columns = linear_sum_assignment(alignment[true[:, None], found[None]] * shared, maximize=True)
+        rows, columns = scipy.optimize.linear_sum_assignment(
+            alignment[true[:, None], found[None]] * shared, maximize=True
+        )
         pairs.append(true[rows] * sequence.found_count + found[columns])
         overlaps.append(shared[rows, columns])
     cells, shares = _joined(pairs), np.concatenate([np.empty(0), *overlaps])
@@ -196,7 +198,7 @@ def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
             continue
         gain = KEPT * (before[true][:, None] == found[None]) + shared
         gain[shared < least - ROUNDING] = 0
-        rows, columns = linear_sum_assignment(gain, maximize=True)
+        rows, columns = scipy.optimize.linear_sum_assignment(gain, maximize=True)
         matched = gain[rows, columns] > ROUNDING
         who, whom = true[rows[matched]], found[columns[matched]]
         switches += int(((last[who] != nobody) & (last[who] != whom)).sum())
@@ -213,7 +215,7 @@ def identity(sequence: LabelledSequence, least: float = 0.5) -> Identity:
     common = np.zeros((sequence.true_count, sequence.found_count))
     for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
         common[true[:, None], found[None]] += shared >= least
-    rows, columns = linear_sum_assignment(common, maximize=True)
+    rows, columns = scipy.optimize.linear_sum_assignment(common, maximize=True)
     hits = int(common[rows, columns].sum())
     return Identity(hits, sum(map(len, sequence.true_ids)) - hits, sum(map(len, sequence.found_ids)) - hits)
 

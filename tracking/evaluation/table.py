@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from tsuiseki.tracking.evaluation.detection import DetectionScores
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
 from tsuiseki.tracking.evaluation.pairs import DetectionEvaluation
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 # Heading and field of every column, and whether it is a share or a count.
 COLUMNS = (
@@ -40,7 +39,9 @@ def people_table(results: Mapping[str, PeopleEvaluation]) -> Table:
         results: an evaluation by name of the result.
     """
     sequences = list(next(iter(results.values())).sequences)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    from rich.text import Text
+
+    table = _empty_table()
     table.add_column("Sequence", no_wrap=True)
     table.add_column("Result", no_wrap=True)
     for heading, _, _ in COLUMNS:
@@ -58,6 +59,8 @@ def people_table(results: Mapping[str, PeopleEvaluation]) -> Table:
 
 def show(table: Table) -> None:
     """Print ``table`` in full, however narrow the terminal, with colours only on one."""
+    from rich.console import Console
+
     console = Console()
     # A table squeezed into too few columns loses digits; a line that wraps does not.
     wanted = console.measure(table, options=console.options.update(width=1000)).maximum
@@ -85,7 +88,9 @@ def detection_table(results: Mapping[str, DetectionEvaluation], iou: float) -> T
     """The average precision of several results by sequence and combined, as a table for `rich`."""
     sequences = list(next(iter(results.values())).sequences)
     headings = (f"AP{100 * iou:.0f}", "Best F1", "at score", "Boxes")
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    from rich.text import Text
+
+    table = _empty_table()
     table.add_column("Sequence", no_wrap=True)
     table.add_column("Result", no_wrap=True)
     for heading in headings:
@@ -114,3 +119,11 @@ def detection_values(results: Mapping[str, DetectionEvaluation]) -> dict[str, An
 def _plain(scores: DetectionScores) -> dict[str, Any]:
     values = dataclasses.asdict(scores)
     return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+
+
+def _empty_table() -> Table:
+    """Loaded with its library where a table is shown: pages take only its columns."""
+    from rich import box
+    from rich.table import Table
+
+    return Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))

@@ -61,7 +61,9 @@ class ViewChoice:
         return f"{tiles}{cost}"
 
 
-def choose_view(images: Sequence[ImageArray], detector: SizedDetect, batch_size: int = 4) -> ViewChoice:
+def choose_view(
+    images: Sequence[ImageArray], detector: SizedDetect, batch_size: int = 4, workers: int = 1
+) -> ViewChoice:
     """The fewest tiles beyond which more do not find more people, as far as the detector can tell.
 
     The number of people expected is the sum of the scores from 0.3 on. From the whole frame on, one more tile across
@@ -71,6 +73,7 @@ def choose_view(images: Sequence[ImageArray], detector: SizedDetect, batch_size:
         images: the first frames, of one size; `_LOOKS` of them are looked at.
         detector: finds people.
         batch_size: most pictures of one call of ``detector``.
+        workers: calls of it at a time.
     """
     size = images[0].shape[:2]
     looked = images[:: max(1, len(images) // _LOOKS)][:_LOOKS]
@@ -81,7 +84,7 @@ def choose_view(images: Sequence[ImageArray], detector: SizedDetect, batch_size:
     people: dict[int, float] = {}
     for columns in range(1, most + 1):
         view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
-        found, taken = _timed(TiledDetector(detector, view, batch_size=batch_size), looked)
+        found, taken = _timed(TiledDetector(detector, view, batch_size=batch_size, workers=workers), looked)
         people[columns] = sum(_expected(d) for d in found) / len(looked)
         if columns == 1 or people[columns] > WORTH * people[chosen.columns]:
             chosen, cost = view, taken
@@ -111,11 +114,13 @@ class ViewLooks:
     due: float | None = 0.0
     _wait: float = _FIRST_WAIT
 
-    def take(self, images: Sequence[ImageArray], detector: SizedDetect, batch_size: int) -> ViewChoice:
+    def take(
+        self, images: Sequence[ImageArray], detector: SizedDetect, batch_size: int, workers: int = 1
+    ) -> ViewChoice:
         """The view of ``images``, the next ones of the video, after a look where one is due."""
         if self.choice is None or (self.due is not None and self.frames >= self.due):
             # The first frames lie side by side; later ones are looked at one by one.
-            self._add(choose_view(images if self.choice is None else images[:1], detector, batch_size))
+            self._add(choose_view(images if self.choice is None else images[:1], detector, batch_size, workers))
         assert self.choice is not None
         self.frames += len(images)
         return self.choice
@@ -173,15 +178,15 @@ class ViewedDetector:
         """The views in words; empty before the first frame."""
         return "; ".join(map(str, self.looks.values()))
 
-    def prepare(self, images: Sequence[ImageArray]) -> ViewChoice:
-        """The view for ``images``, the next ones of a video, which are counted."""
+    def prepare(self, images: Sequence[ImageArray], workers: int = 1) -> ViewChoice:
+        """The view for ``images``, the next ones of a video, which are counted; see `prepared`."""
         size = images[0].shape[:2]
         if size not in self.looks:
             self.looks[size] = ViewLooks(self.frame_rate)
             if self.wanted is not None:
                 choice = self._as_wanted(self.wanted, images[0])
                 self.looks[size] = ViewLooks(self.frame_rate, choice, changes=[(0, choice)], due=None)
-        return self.looks[size].take(images, self.detector, self.batch_size)
+        return self.looks[size].take(images, self.detector, self.batch_size, workers)
 
     def _as_wanted(self, wanted: tuple[int, int | None], image: ImageArray) -> ViewChoice:
         """The view that was asked for, and what it takes."""
@@ -193,9 +198,9 @@ class ViewedDetector:
             return ViewChoice(view, None, {})
         return ViewChoice(view, _timed(TiledDetector(self.detector, view, batch_size=self.batch_size), [image])[1], {})
 
-    def prepared(self, images: Sequence[ImageArray]) -> TiledDetector:
-        """What is to look at ``images``, the next ones of a video; to be asked for in the order of the frames."""
-        return TiledDetector(self.detector, self.prepare(images).view, batch_size=self.batch_size)
+    def prepared(self, images: Sequence[ImageArray], workers: int = 1) -> TiledDetector:
+        """See `ChoosingDetect.prepared`."""
+        return TiledDetector(self.detector, self.prepare(images, workers).view, batch_size=self.batch_size)
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, the next ones of a video, each ``(H, W, 3)`` uint8 RGB, all of one size."""

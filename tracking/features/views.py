@@ -7,9 +7,11 @@ tile.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,18 +100,25 @@ class TiledDetector:
         view: for frames of one size.
         iou_threshold: of two boxes of different tiles that are taken for one person.
         batch_size: most pictures of one call of ``detector``.
+        workers: calls of ``detector`` at a time; the result is the same with any number.
     """
 
-    def __init__(self, detector: Detect, view: View, iou_threshold: float = 0.5, batch_size: int = 4) -> None:
+    def __init__(
+        self, detector: Detect, view: View, iou_threshold: float = 0.5, batch_size: int = 4, workers: int = 1
+    ) -> None:
         self.detector, self.view = detector, view
-        self.iou_threshold, self.batch_size = iou_threshold, batch_size
+        self.iou_threshold, self.batch_size, self.workers = iou_threshold, batch_size, workers
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the view's size, without doubles at the seams."""
         pictures = [image[y1:y2, x1:x2] for image in images for x1, y1, x2, y2 in self.view.tiles.tolist()]
-        found: list[Detections] = []
-        for start in range(0, len(pictures), self.batch_size):
-            found += self.detector.detect(pictures[start : start + self.batch_size])
+        batches = [pictures[start : start + self.batch_size] for start in range(0, len(pictures), self.batch_size)]
+        if self.workers == 1 or len(batches) == 1:
+            parts = [self.detector.detect(batch) for batch in batches]
+        else:
+            with ThreadPoolExecutor(self.workers, "tsuiseki") as pool:
+                parts = list(pool.map(self.detector.detect, batches))
+        found = list(itertools.chain.from_iterable(parts))
         count = len(self.view)
         return [
             merge(found[n * count : (n + 1) * count], self.view.tiles, self.iou_threshold) for n in range(len(images))

@@ -183,6 +183,19 @@ def test_the_view_does_not_depend_on_the_number_of_workers():
     assert one == [0] * 8 + [3] * 28
 
 
+def test_several_calls_at_a_time_find_the_same():
+    rng = np.random.default_rng(0)
+    images = [
+        frame_with([(x, y, x + 16, y + 40) for x, y in rng.integers(0, (300, 190), (12, 2)).tolist()]) for _ in range(3)
+    ]
+    view = view_of((240, 320), 3, 4 / 3)
+    one, many = (TiledDetector(MarkDetector(), view, workers=n).detect(images) for n in (1, 3))
+    assert [len(d) > 3 for d in one] == [True] * 3
+    for a, b in zip(one, many, strict=True):
+        np.testing.assert_array_equal(a.boxes, b.boxes)
+        np.testing.assert_array_equal(a.scores, b.scores)
+
+
 def test_a_view_is_chosen_once_for_each_size():
     marks = MarkDetector()
     viewed = ViewedDetector(marks)

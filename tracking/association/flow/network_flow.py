@@ -22,8 +22,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+import scipy
 
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -133,14 +132,14 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     continued = np.zeros(count, dtype=np.bool_) if inflow is None else inflow
     fresh = np.flatnonzero(~continued)
     matrix = _matching(graph, fresh)
-    rows, columns = min_weight_full_bipartite_matching(matrix)
+    rows, columns = scipy.sparse.csgraph.min_weight_full_bipartite_matching(matrix)
     # `_matching` numbers backwards.
     before = np.empty(len(rows), dtype=np.int64)
     before[len(rows) - 1 - rows] = len(rows) - 1 - columns
     return _solution(graph, fresh, before[: len(fresh)])
 
 
-def _matching(graph: FlowGraph, fresh: IntArray) -> csr_array:
+def _matching(graph: FlowGraph, fresh: IntArray) -> scipy.sparse.csr_array:
     """Costs of the choices, as a square sparse matrix whose cheapest full matching is the cheapest flow.
 
     Of N detections, F are fresh: they may start a track. Columns are the N detections as predecessors, then the F
@@ -168,7 +167,7 @@ def _matching(graph: FlowGraph, fresh: IntArray) -> csr_array:
     rows, columns, costs = (np.concatenate(parts) for parts in zip(*choices, strict=True))
     # A cost of 0 would mean that there is no such choice.
     positive = (costs - costs.min() + 1).astype(np.float64)
-    matrix = csr_array((positive, (size - 1 - rows, size - 1 - columns)), shape=(size, size))
+    matrix = scipy.sparse.csr_array((positive, (size - 1 - rows, size - 1 - columns)), shape=(size, size))
     if matrix.nnz != len(costs):
         raise ValueError("expected one transition at most from a detection to another")
     return matrix

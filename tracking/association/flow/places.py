@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+import scipy
 
 from tsuiseki.tracking.association.nearby import centres, sizes
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
@@ -134,7 +134,7 @@ def place_costs(
         """How many of some boxes lie within the kernel, which is 1 in its middle, around each cell."""
         index = _cells(which, low, cell, shape)
         table = np.bincount(index, minlength=int(shape.prod())).reshape(shape[1], shape[0]).astype(np.float64)
-        return np.asarray(gaussian_filter(table, sigma, mode="constant") * max(2 * np.pi * sigma**2, 1.0))
+        return np.asarray(scipy.ndimage.gaussian_filter(table, sigma, mode="constant") * max(2 * np.pi * sigma**2, 1.0))
 
     every, at = density(counts.boxes), _cells(boxes, low, cell, shape)
     edge = np.exp(settings.border * _near_border(boxes, size, settings.near))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solveh_banded
+import scipy
 
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 
@@ -140,4 +140,4 @@ def _smoothed(times: IntArray, values: FloatArray, observed: BoolArray, strength
     bands[1, 1:-1] -= 2 * strength
     bands[1, 2:] -= 2 * strength
     bands[0, 2:] += strength
-    return np.asarray(solveh_banded(bands, target)[times])
+    return np.asarray(scipy.linalg.solveh_banded(bands, target)[times])

@@ -10,9 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from tsuiseki.tracking.association.costs import cosine_distances
 from tsuiseki.tracking.association.flow.cost_network import CostChanges
@@ -188,8 +186,8 @@ def cheapest_matching(i: IntArray, j: IntArray, cost: FloatArray) -> Pairs:
     if len(i) == 0:
         return i, j
     rows, columns = int(i.max()) + 1, int(j.max()) + 1
-    links = coo_array((np.ones(len(i)), (i, rows + j)), shape=(rows + columns,) * 2)
-    part = connected_components(links, directed=False)[1][i]
+    links = scipy.sparse.coo_array((np.ones(len(i)), (i, rows + j)), shape=(rows + columns,) * 2)
+    part = scipy.sparse.csgraph.connected_components(links, directed=False)[1][i]
     order = np.argsort(part, kind="stable")
     before, after = [], []
     for group in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
@@ -197,7 +195,7 @@ def cheapest_matching(i: IntArray, j: IntArray, cost: FloatArray) -> Pairs:
         right, b = np.unique(j[group], return_inverse=True)
         table = np.zeros((len(left), len(right)))
         table[a, b] = cost[group]
-        chosen = linear_sum_assignment(table)
+        chosen = scipy.optimize.linear_sum_assignment(table)
         kept = table[chosen] < 0
         before.append(left[chosen[0][kept]])
         after.append(right[chosen[1][kept]])

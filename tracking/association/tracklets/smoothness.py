@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg import solveh_banded
+import scipy
 
 from tsuiseki.tracking.association.tracklets.interpolation import SmoothingSettings
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
@@ -114,4 +114,4 @@ def _curve(row: IntArray, boundaries: IntArray, values: FloatArray, kept: BoolAr
     bands[2, 1:] += middle[:-1]
     bands[1, 1:] = -2 * (middle[:-1] + middle[1:])
     bands[0, 2:] = middle[1:-1]
-    return np.asarray(solveh_banded(bands, target)[row])
+    return np.asarray(scipy.linalg.solveh_banded(bands, target)[row])

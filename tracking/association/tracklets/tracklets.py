@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
+import scipy
 
 from tsuiseki.tracking.association.flow.network_flow import FlowSolution, track_labels
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -88,5 +88,7 @@ class Tracklets:
         labels, features = labels[known], features[known]
         sums = np.zeros((self._count, features.shape[1]))
         sums[: len(self._sums), : self._sums.shape[1]] = self._sums
-        member = csr_array((np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(self._count, len(labels)))
+        member = scipy.sparse.csr_array(
+            (np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(self._count, len(labels))
+        )
         self._sums = sums + member @ features

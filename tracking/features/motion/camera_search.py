@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.fft import irfft2, next_fast_len, rfft2
 
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -130,13 +130,13 @@ def _best_shift(
 def _masked_correlation(first: Pattern, inside: Pattern, second: Pattern, overlap: float) -> FloatArray:
     """``(2h, 2w)`` correlation coefficient of the parts that overlap, for all shifts; -1 where they are too small."""
     height, width = second.shape[:2]
-    shape = next_fast_len(2 * height, real=True), next_fast_len(2 * width, real=True)
+    shape = scipy.fft.next_fast_len(2 * height, real=True), scipy.fft.next_fast_len(2 * width, real=True)
 
     def spectra(images: Pattern) -> NDArray[np.complex64]:
-        return np.asarray(rfft2(images, shape, axes=(0, 1)))
+        return np.asarray(scipy.fft.rfft2(images, shape, axes=(0, 1)))
 
     def correlated(one: NDArray[np.complex64], other: NDArray[np.complex64]) -> FloatArray:
-        return np.asarray(irfft2(np.conj(one) * other, shape, axes=(0, 1)))
+        return np.asarray(scipy.fft.irfft2(np.conj(one) * other, shape, axes=(0, 1)))
 
     seen, whole = spectra(inside[..., None]), spectra(np.ones((height, width, 1), dtype=np.float32))
     one, other = spectra(first), spectra(second)

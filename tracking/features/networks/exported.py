@@ -14,7 +14,7 @@ from tsuiseki.tracking.features.networks.foreign_appearance import ForeignAppear
 from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.geometry import clip_boxes, straddling, suppress
-from tsuiseki.tracking.onnx import OnnxModel, has_card, open_session
+from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 
@@ -32,8 +32,13 @@ class Detect(Protocol):
 class ChoosingDetect(Detect, Protocol):
     """A detector that chooses, while the video comes, how to look at it."""
 
-    def prepared(self, images: Sequence[ImageArray]) -> Detect:
-        """What is to look at ``images``; asked for in the order of the video, run in any."""
+    def prepared(self, images: Sequence[ImageArray], workers: int = 1) -> Detect:
+        """What is to look at ``images``; asked for in the order of the video, run in any.
+
+        Args:
+            images: the next ones.
+            workers: calls of the detector at a time, while it chooses.
+        """
 
 
 class Describe(Protocol):
@@ -163,11 +168,13 @@ def open_detector(
     Raises:
         RequestError: see the two; or ``options`` for a detector of this toolkit, which needs none.
     """
-    if not has_card(open_session(path, threads)):
+    try:
+        found = Detector(path, score_threshold, iou_threshold, threads)
+    except MissingCardError:
         return ForeignDetector(path, score_threshold, iou_threshold, threads, options)
     if options not in (None, DetectorOptions()):
         raise RequestError(f"{path} tells all by itself; leave the detector options out")
-    return Detector(path, score_threshold, iou_threshold, threads)
+    return found
 
 
 def open_appearance(
@@ -178,11 +185,13 @@ def open_appearance(
     Raises:
         RequestError: see the two; or ``options`` for a network of this toolkit, which needs none.
     """
-    if not has_card(open_session(path, threads)):
+    try:
+        found = Appearance(path, threads, batch_size)
+    except MissingCardError:
         return ForeignAppearance(path, threads, batch_size, options)
     if options not in (None, AppearanceOptions()):
         raise RequestError(f"{path} tells all by itself; leave the appearance options out")
-    return Appearance(path, threads, batch_size)
+    return found
 
 
 def decode_boxes(offsets: NDArray[np.float32], anchors: NDArray[np.float32], variances: Sequence[float]) -> FloatArray:

@@ -46,15 +46,13 @@ def stream(
         for batch in batches:
             yield from _look(batch, _ready(detect, batch, times), describe, times)
         return
-    # The first batch is not kept waiting for those behind it.
-    for batch in itertools.islice(batches, 1):
-        yield from _look(batch, _ready(detect, batch, times), describe, times)
     waiting: deque[Future[_Found]] = deque()
     with ThreadPoolExecutor(workers, "tsuiseki") as pool:
         try:
             for batch in batches:
-                waiting.append(pool.submit(_look, batch, _ready(detect, batch, times), describe, times))
-                if len(waiting) >= 2 * workers:
+                waiting.append(pool.submit(_look, batch, _ready(detect, batch, times, workers), describe, times))
+                # What is finished, such as the first batch, is not kept waiting for what is behind it.
+                while waiting and (len(waiting) >= 2 * workers or waiting[0].done()):
                     yield from waiting.popleft().result()
             while waiting:
                 yield from waiting.popleft().result()
@@ -74,13 +72,13 @@ def _batches(frames: Iterable[Frame], size: int, times: StageTimes) -> Iterator[
 
 
 def _ready(
-    detect: Detect | Sequence[Detections], batch: list[Frame], times: StageTimes
+    detect: Detect | Sequence[Detections], batch: list[Frame], times: StageTimes, workers: int = 1
 ) -> Detect | Sequence[Detections]:
     """What looks at ``batch``; a detector that chooses how does so here, in the order of the frames."""
     if not isinstance(detect, ChoosingDetect):
         return detect
     with times.measure("detect"):
-        return detect.prepared([frame.image for frame in batch])
+        return detect.prepared([frame.image for frame in batch], workers)
 
 
 def _look(

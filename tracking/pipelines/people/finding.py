@@ -5,7 +5,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TypeAlias
 
 import numpy as np
@@ -92,6 +94,9 @@ class PeopleInputs:
         """The frames themselves with who was found there; see `found`."""
         times, last = times or StageTimes(), -1
         images = self.source.frames() if frames is None else frames
+        if self.workers > 1:
+            # Trackers use it late; loaded while networks look at frames it takes no time.
+            Thread(target=_load_parts, name="tsuiseki-load").start()
         for frame, found in stream(images, self.detect, self.describe, self.batch_size, times, self.workers):
             last = frame.index
             if self.camera is not None:
@@ -111,6 +116,12 @@ class PeopleInputs:
                 InputWarning,
                 stacklevel=2,
             )
+
+
+def _load_parts() -> None:
+    """Load the parts of SciPy that trackers use, which SciPy itself loads on first use."""
+    for part in ("linalg", "ndimage", "optimize", "sparse"):
+        import_module(f"scipy.{part}")
 
 
 def threads_of_a_call(source: Source, threads: int) -> int:

@@ -49,6 +49,23 @@ def test_the_command_writes_what_the_function_gives(street: Path, tmp_path: Path
     assert min(int(t.frames[0]) for t in tracks) >= 2
 
 
+@pytest.mark.parametrize(
+    "more", [("1-16",), ("1-6", "--view", "2"), ("3-9", "--method", "deepsort", "--batch-size", "3")]
+)
+def test_the_tracks_are_the_same_with_any_number_of_threads(
+    street: Path, tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    """To the last byte: batches are cut and networks run as with one."""
+    written = []
+    for threads in ("1", "3"):
+        out = tmp_path / threads
+        words = ["track", "people", str(street), "--out", str(out), "--threads", threads, "--frames", *more]
+        assert main(words) == 0
+        written.append((out / "tracks.txt").read_bytes())
+    assert len(written[0]) > 200
+    assert written[0] == written[1]
+
+
 def test_each_frame_is_answered_with_its_image(street: Path) -> None:
     given = labelled(street)
     seen = list(follow_people(street, "sort", detections=given))
