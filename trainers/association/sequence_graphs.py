@@ -18,8 +18,9 @@ from tsuiseki.tracking.association.flow.evidence import (
     detection_evidence,
     link_evidence,
 )
-from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, Pricing, mean_features, priced
+from tsuiseki.tracking.association.flow.flow_rounds import mean_features
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
+from tsuiseki.tracking.association.flow.link_pricing import LinkParts, Pricing, priced
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
 from tsuiseki.tracking.association.tracklets.joining import Ends, evidence_of_joins, join_parts

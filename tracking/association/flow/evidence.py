@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.flow_rounds import LinkParts
+from tsuiseki.tracking.association.flow.link_pricing import LinkParts
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.association.tracklets.chain_motion import Beliefs, MotionNoise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,15 +11,14 @@ from tsuiseki.tracking.association.costs import TransitionCost
 from tsuiseki.tracking.association.flow.along_tracks import Along, followed
 from tsuiseki.tracking.association.flow.cost_network import LARGEST, CostChanges
 from tsuiseki.tracking.association.flow.evidence import detection_evidence, link_evidence
+from tsuiseki.tracking.association.flow.first_prices import Believed, with_known_velocity
 from tsuiseki.tracking.association.flow.flow_rounds import (
-    LinkChange,
-    Pricing,
     RoundSettings,
     candidates,
-    priced,
     repriced,
 )
 from tsuiseki.tracking.association.flow.link_cost import MOST_WORTH, LinkCost
+from tsuiseki.tracking.association.flow.link_pricing import LinkChange, Pricing, priced
 from tsuiseki.tracking.association.flow.links import Links, joined_links
 from tsuiseki.tracking.association.flow.network_flow import FlowGraph, FlowSolution, track_labels
 from tsuiseki.tracking.association.flow.places import (
@@ -44,9 +43,6 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Seconds that the beliefs at undecided detections look back to decided ones.
 CONTEXT = 1.0
-# First prices are too high if at least so many detections, and this share of all, are right with at least this
-# probability, and no more than that share of them is in tracks.
-LEAST_RIGHT, MOST, RIGHT, LEAST_USED = 10, 2 / 3, 0.7, 0.6
 
 
 @dataclass(frozen=True)
@@ -70,19 +66,6 @@ class FlowCosts:
     def __post_init__(self) -> None:
         if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf):
             raise ValueError("expected finite entry and exit costs of 0 or more")
-
-
-@dataclass(frozen=True)
-class Believed:
-    """U detections as the video would have them if those that it does not bear out were missed by chance.
-
-    Attributes:
-        probability: ``(U,)`` of being right.
-        change: ``(U,)`` of the cost of using them, then.
-    """
-
-    probability: FloatArray
-    change: FloatArray
 
 
 class FlowWindow:
@@ -200,8 +183,8 @@ class FlowWindow:
         rounds = self.costs.rounds.rounds if rounds is None else rounds
         for number in range(rounds + 1):
             self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
-            if number == 0 and believed is not None and self._leaves_people_out(believed.probability):
-                self._take_velocity_for_known()
+            if number == 0 and believed is not None and believed.left_out(self._flow.solution().used):
+                self._links = with_known_velocity(self._links, self.costs.link, seen.frame_rate)
                 observation = observation + believed.change
                 self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
             solution = self._flow.solution()
@@ -241,23 +224,6 @@ class FlowWindow:
         margin = places.unknown * seen.frame_rate
         known = (margin, float(seen.frames.max(initial=0)) - margin)
         return Counts(seen.image, *starts_and_ends(self.labels(), seen.frames, known, places.shortest))
-
-    def _leaves_people_out(self, right: FloatArray) -> bool:
-        """Whether most of ``(U,)`` detections are right, and many of those are in no track.
-
-        Where targets move fast, frames are few or boxes inexact, what the velocity of two detections alone is worth
-        exceeds what they are. Then the first prices make no track, no track tells the velocity, and no round mends it.
-        """
-        sure = right >= RIGHT
-        enough = sure.sum() >= LEAST_RIGHT and sure.mean() >= MOST
-        return bool(enough and self._flow.solution().used[sure].mean() <= LEAST_USED)
-
-    def _take_velocity_for_known(self) -> None:
-        """Price the links that have no price along tracks as with `LinkCost.settled` = 1."""
-        links, cost = self._links, self.costs.link
-        less = (1 - cost.settled) * cost.room(1 / self._seen.frame_rate)
-        known = np.maximum(links.cost - less, -MOST_WORTH)
-        self._links = replace(links, cost=np.where(np.isnan(links.price), known, links.cost))
 
     def decide(self, last_frame: int, before: int, *, whatever: bool = False) -> Decision:
         """Decide what lies before a frame and no frame after ``last_frame`` can change, or ``whatever`` those say."""

@@ -15,8 +15,8 @@ import scipy
 from tsuiseki.tracking.association.costs import cosine_distances
 from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.association.flow.evidence import join_evidence
-from tsuiseki.tracking.association.flow.flow_rounds import LinkParts
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.flow.link_pricing import LinkParts
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import Pairs
 from tsuiseki.tracking.association.occlusion import hidden_between

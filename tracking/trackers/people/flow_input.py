@@ -11,7 +11,8 @@ import numpy as np
 
 from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
 from tsuiseki.tracking.association.costs import ScoreCost
-from tsuiseki.tracking.association.flow.flow_window import Believed, FlowCosts, FlowWindow
+from tsuiseki.tracking.association.flow.first_prices import Believed
+from tsuiseki.tracking.association.flow.flow_window import FlowCosts, FlowWindow
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.association.occlusion import hidden_parts

@@ -16,8 +16,8 @@ from tsuiseki.tracking.association.flow.evidence import (
     join_evidence,
     link_evidence,
 )
-from tsuiseki.tracking.association.flow.flow_rounds import LinkParts, Pricing, priced
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.flow.link_pricing import LinkParts, Pricing, priced
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
 from tsuiseki.tracking.association.tracklets.joining import Ends, JoinSettings, join_parts
