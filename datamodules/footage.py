@@ -32,6 +32,8 @@ class Source:
         generate: fill a folder that does not exist with this many random generated pictures.
         scene: what those show: a street; streets, crowds, views from afar and empty places by day and night (varied);
             people under a drone; or people in rooms, as ceiling cameras see them in unrolled pictures.
+        sprites: folder of rendered people (`tsuiseki simulate sprites`) shown by varied pictures instead of drawn ones.
+        photographs: folder of photographs without people, ``surfaces/`` and ``views/``, for the grounds of these.
         seed: of those.
         size: their width and height, pixels; by default those of the input.
     """
@@ -43,6 +45,8 @@ class Source:
     least_visible: float = 0.25
     generate: int = 0
     scene: Literal["street", "varied", "drone", "ceiling"] = "street"
+    sprites: str = ""
+    photographs: str = ""
     seed: int = 0
     size: tuple[int, int] | None = None
 

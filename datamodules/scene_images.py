@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -12,8 +12,10 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
+from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.rooms.panoramas import PanoramaPictures, panorama_picture
-from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene, varied_settings
+from tsuiseki.datamodules.scenes.street.training import Stock, TrainingSettings, random_training_scene, varied_settings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
@@ -41,13 +43,24 @@ def write_scene_images(folder: Path, count: int, settings: TrainingSettings, see
     _write(folder, count, (settings.width, settings.height), partial(_street_picture, settings, seed))
 
 
-def write_varied_images(folder: Path, count: int, size: tuple[int, int], seed: int) -> None:
+def write_varied_images(
+    folder: Path, count: int, size: tuple[int, int], seed: int, sprites: str = "", photographs: str = ""
+) -> None:
     """Render ``count`` pictures of `varied_settings`, ``size`` (width, height); else as `write_scene_images`.
 
+    Args:
+        folder: gets the sequence.
+        count: how many pictures.
+        size: width and height, pixels.
+        seed: of all chance.
+        sprites: folder of rendered people (`scenes.figures.library`); without one people are drawn.
+        photographs: folder of photographs (`scenes.render.photographs`); without one grounds are drawn.
+
     Raises:
-        RequestError: fewer than one picture, or the folder holds files.
+        RequestError: fewer than one picture, the folder holds files, or there is nothing in the other folders.
     """
-    _write(folder, count, size, partial(_varied_picture, size, seed))
+    _stock(sprites, photographs)
+    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs))
 
 
 def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, seed: int) -> None:
@@ -93,11 +106,22 @@ def _street_picture(settings: TrainingSettings, seed: int, folder: Path, numbers
     ]
 
 
-def _varied_picture(size: tuple[int, int], seed: int, folder: Path, numbers: range) -> list[Labels]:
+@lru_cache(maxsize=1)
+def _stock(sprites: str, photographs: str) -> Stock:
+    return Stock(
+        SpriteLibrary(sprites) if sprites else None,
+        Photographs(photographs) if photographs else None,
+    )
+
+
+def _varied_picture(
+    size: tuple[int, int], seed: int, sprites: str, photographs: str, folder: Path, numbers: range
+) -> list[Labels]:
     labels = []
+    stock = _stock(sprites, photographs)
     for number in numbers:
         rng = np.random.default_rng([seed, number])
-        labels.append(_saved(folder, number, *random_training_scene(rng, varied_settings(rng, *size))))
+        labels.append(_saved(folder, number, *random_training_scene(rng, varied_settings(rng, *size), stock)))
     return labels
 
 

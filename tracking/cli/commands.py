@@ -80,6 +80,7 @@ COMMANDS: Tree = {
             "goldfish": Command("fish that bend, or balls that squash"),
             "drone": Command("people who act, before a drone's camera"),
             "fisheye": Command("people in a room, under ceiling fisheye cameras"),
+            "sprites": Command("people rendered from body meshes, for the pictures that detectors learn from"),
         },
     ),
     "train": Group(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -17,12 +18,25 @@ from tsuiseki.tracking.types import BoolArray, FloatArray
 OCCLUSION = 0.3
 
 
+class Cutout(Protocol):
+    """A picture of a thing that stands in for its solids wherever the camera looks at it."""
+
+    def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, Any] | None:
+        """The thing as the camera sees it alone, and what `shade` needs of it; None where it is not seen."""
+        ...
+
+    def shade(self, shown: Any, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
+        """Linear colours ``(n, 3)`` of the subpixels of the layer where ``seen`` is True, row by row."""
+        ...
+
+
 @dataclass(frozen=True)
 class Thing:
-    """Solids that belong together; a person's carry a look."""
+    """Solids that belong together; a person's carry a look. A ``cutout`` is shown instead; the solids cast shadows."""
 
     solids: Solids
     look: Look | None = None
+    cutout: Cutout | None = None
 
 
 @dataclass(frozen=True)
@@ -76,7 +90,11 @@ def compose(
     distance = picture.distance.copy()
     owner = np.full(distance.shape, -1, dtype=np.int16)
     # Only of people it matters how much lies outside the image.
-    layers = [trace(t.solids, camera, samples, 0.0 if t.look is None else 1.0) for t in things]
+    traced = [t.cutout.trace(camera, samples) if t.cutout else None for t in things]
+    layers = [
+        (shown[0] if shown else None) if t.cutout else trace(t.solids, camera, samples, 0.0 if t.look is None else 1.0)
+        for t, shown in zip(things, traced, strict=True)
+    ]
     for index, layer in enumerate(layers):
         slices = layer.inside(width, height) if layer else None
         if layer and slices:
@@ -89,7 +107,8 @@ def compose(
         if layer is None:
             sightings.append(None)
             continue
-        count = _draw(added, owner, index, thing, layer, camera, samples, light)
+        shown = traced[index]
+        count = _draw(added, owner, index, thing, layer, camera, samples, light, shown[1] if shown else None)
         sightings.append(Sighting(silhouette_box(layer, samples), count / max(int(layer.mask.sum()), 1)))
     return Picture(added, distance, samples), sightings
 
@@ -103,6 +122,7 @@ def _draw(
     camera: RayCamera,
     samples: int,
     light: Light,
+    shown: Any,
 ) -> int:
     """Adds the visible part of a thing to ``colour`` and returns how many subpixels that is."""
     height, width = owner.shape
@@ -118,7 +138,11 @@ def _draw(
     if thing.look is None:
         seen, weight = _fewer(layer, seen, samples)
     rows, columns = np.nonzero(seen)
-    values = shade(layer, seen, thing.solids, camera, samples, light, thing.look) * weight[rows, columns][:, None]
+    if thing.cutout is None:
+        values = shade(layer, seen, thing.solids, camera, samples, light, thing.look)
+    else:
+        values = thing.cutout.shade(shown, seen, camera, light)
+    values = values * weight[rows, columns][:, None]
     rows, columns = (rows + layer.top) // samples, (columns + layer.left) // samples
     top, left = rows[0], columns.min()
     shape = (rows[-1] - top + 1, columns.max() - left + 1)

@@ -6,13 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
+from tsuiseki.datamodules.scenes.figures.standing import Standing, dressed, tilt_of
 from tsuiseki.datamodules.scenes.people.person import person_solids, random_person
 from tsuiseki.datamodules.scenes.people.sprites import random_pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.render.night import by_night
+from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import random_light
+from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.street.staging import apparent_heights, buildings_behind, clutter_around, random_camera
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
@@ -23,6 +27,22 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 CAMERAS = 300
 # Share of the image that one piece of clutter may cover.
 LARGEST = 0.12
+
+
+@dataclass(frozen=True)
+class Stock:
+    """What pictures can be made of beside drawn shapes.
+
+    Attributes:
+        sprites: rendered people.
+        photographs: of places without people.
+    """
+
+    sprites: SpriteLibrary | None = None
+    photographs: Photographs | None = None
+
+
+NOTHING = Stock()
 
 
 @dataclass(frozen=True)
@@ -40,6 +60,9 @@ class TrainingSettings:
         samples: rays along each side of a pixel.
         beside: share of the people who stand or walk close to another.
         night: chance of a picture by night.
+        rendered: share of the people who are shown as sprites, where there is a library of them.
+        photographs: chance that a photograph lies on the ground, and 0.3 times as large one that a whole view is one,
+            where there are photographs.
     """
 
     width: int = 640
@@ -52,6 +75,8 @@ class TrainingSettings:
     samples: int = 2
     beside: float = 0.3
     night: float = 0.0
+    rendered: float = 0.9
+    photographs: float = 0.6
 
     def __post_init__(self) -> None:
         for name in ("people", "person_height", "clutter", "camera_height"):
@@ -94,9 +119,14 @@ def varied_settings(rng: np.random.Generator, width: int, height: int) -> Traini
 
 
 def random_training_scene(
-    rng: np.random.Generator, settings: TrainingSettings | None = None
+    rng: np.random.Generator, settings: TrainingSettings | None = None, stock: Stock = NOTHING
 ) -> tuple[ImageArray, FloatArray, FloatArray]:
     """One random picture with people.
+
+    Args:
+        rng: draws everything.
+        settings: what it shows.
+        stock: rendered people and photographs; without them people and ground are drawn.
 
     Returns:
         The image ``(H, W, 3)`` uint8 RGB, the boxes ``(N, 4)`` in pixels of the whole silhouettes, hidden parts
@@ -107,9 +137,20 @@ def random_training_scene(
     light = random_light(rng)
     ground, sunlit = draw_ground(random_ground(rng), camera, light)
     people = _people(rng, spots)
-    count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1))
+    # Generators of their own: the rest of a picture does not depend on what there is in stock.
+    of_people, of_photographs = rng.spawn(2)
+    if stock.sprites is not None:
+        people = [
+            _rendered(of_people, thing, spot, camera, stock.sprites, settings)
+            for thing, spot in zip(people, spots, strict=True)
+        ]
+    view = None
+    if stock.photographs is not None:
+        ground, view = _photographed(of_photographs, ground, camera, stock.photographs, settings)
+    count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1)) // (1 if view is None else 4)
     static = clutter_around(rng, camera, count, spots, LARGEST)
-    static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
+    if view is None:
+        static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
     picture = empty_picture(ground, settings.samples)
     picture, _ = darken(picture, static + people, camera, light, sunlit, float(rng.uniform(0.5, 2.5)))
     # One pass: static things and people hide each other alike.
@@ -155,6 +196,37 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
     angle = rng.uniform(0, 2 * np.pi, count)
     step = rng.uniform(0.35, 1.0, count)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return camera, np.where(beside[:, None], np.roll(chosen, 1, axis=0) + step, chosen)
+
+
+def _rendered(
+    rng: np.random.Generator,
+    thing: Thing,
+    spot: FloatArray,
+    camera: PinholeCamera,
+    sprites: SpriteLibrary,
+    settings: TrainingSettings,
+) -> Thing:
+    """Mostly the drawn person with a rendered one shown in his place."""
+    if rng.random() >= settings.rendered:
+        return thing
+    return replace(thing, cutout=Standing(dressed(rng, sprites.near(rng, tilt_of(camera, spot))), spot))
+
+
+def _photographed(
+    rng: np.random.Generator,
+    ground: Float32,
+    camera: PinholeCamera,
+    photographs: Photographs,
+    settings: TrainingSettings,
+) -> tuple[Float32, Float32 | None]:
+    """The picture without things, now and then with a photograph in it, and the view if it is one as a whole."""
+    kind = rng.random()
+    if kind < 0.3 * settings.photographs:
+        view = photographs.view(rng, camera.width, camera.height)
+        return (ground, None) if view is None else (view, view)
+    if kind < 1.3 * settings.photographs:
+        ground = photographs.covered(rng, ground, camera)
+    return ground, None
 
 
 def _people(rng: np.random.Generator, spots: FloatArray) -> list[Thing]:

@@ -1,0 +1,1 @@
+"""People rendered from body meshes with clothes, for generated pictures."""

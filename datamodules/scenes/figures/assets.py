@@ -1,0 +1,222 @@
+"""Reads the free body model of MakeHuman and its clothes from a folder of unpacked packages.
+
+Nothing of it is part of this project: `docs/detector.md` says how to get the folder and under which terms. Read are the
+base mesh, shape targets, rig and skin weights as MPFB keeps them, and clothes, hair and skins as JSON with textures.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.figures.mesh import triangles_of_quads
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+
+# Bones that are moved, and which of the rig's bones each of them carries along.
+BONES = (
+    "pelvis", "trunk", "head",
+    "upperarm.L", "lowerarm.L", "wrist.L", "upperleg.L", "lowerleg.L", "foot.L",
+    "upperarm.R", "lowerarm.R", "wrist.R", "upperleg.R", "lowerleg.R", "foot.R",
+)  # fmt: skip
+_ROOTS = {"root": "pelvis", "spine04": "trunk", "neck01": "head"} | {
+    f"{part}01.{side}": f"{part}.{side}" for part in ("upperarm", "lowerarm", "upperleg", "lowerleg") for side in "LR"
+} | {f"{part}.{side}": f"{part}.{side}" for part in ("wrist", "foot") for side in "LR"}  # fmt: skip
+_CUBES = {"pelvis": "pelvis", "trunk": "spine-4", "head": "neck"} | {
+    f"{bone}.{side}": f"{side.lower()}-{joint}"
+    for side in "LR"
+    for bone, joint in (
+        ("upperarm", "shoulder"), ("lowerarm", "elbow"), ("wrist", "hand"),
+        ("upperleg", "upper-leg"), ("lowerleg", "knee"), ("foot", "ankle"),
+    )
+}  # fmt: skip
+_TIPS = {f"wrist.{s}": f"{s.lower()}-finger-3-1" for s in "LR"} | {f"foot.{s}": f"{s.lower()}-toe-3-1" for s in "LR"}
+_LARGEST_TEXTURE = 512
+_METRES = 0.1
+
+
+@dataclass(frozen=True)
+class Garment:
+    """Something that is worn: a mesh whose vertices hang on those of the body.
+
+    Attributes:
+        name: of the asset.
+        triangles: ``(T, 3)``.
+        uv: ``(T, 3, 2)``.
+        anchors: ``(N, 3)`` vertices of the body that each vertex hangs on.
+        shares: ``(N, 3)`` of each of them.
+        offsets: ``(N, 3)`` metres from there, for a body of the base's size.
+        hidden: vertices of the body that are covered.
+        texture: ``(h, w, 4)`` uint8 RGBA.
+    """
+
+    name: str
+    triangles: IntArray
+    uv: FloatArray
+    anchors: IntArray
+    shares: FloatArray
+    offsets: FloatArray
+    hidden: IntArray
+    texture: ImageArray
+
+
+@dataclass(frozen=True)
+class Body:
+    """The base mesh with its helpers and rig; axes forward, left, up, metres.
+
+    Attributes:
+        vertices: ``(N, 3)``.
+        quads: ``(F, 4)`` of the skin.
+        uv: ``(F, 4, 2)``.
+        helpers: quads of each group of helpers, by name: what clothes can be made from.
+        weights: ``(N, B)`` of `BONES`.
+        joints: vertices whose mean is where each bone begins, in the order of `BONES`.
+        tips: the same for where hands and feet end.
+    """
+
+    vertices: FloatArray
+    quads: IntArray
+    uv: FloatArray
+    helpers: dict[str, IntArray]
+    weights: FloatArray
+    joints: list[IntArray]
+    tips: dict[str, IntArray]
+
+
+class Assets:
+    """What a folder with the unpacked packages holds.
+
+    Raises:
+        RequestError: a needed file is not there.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        base = next(iter(sorted(self.folder.rglob("3dobjs/base.obj"))), None)
+        if base is None:
+            raise RequestError(
+                f"expected the unpacked body packages under {self.folder} with a file 3dobjs/base.obj, got none; "
+                "docs/detector.md says how to get them"
+            )
+        self.model = base.parent.parent
+        proxies = next(iter(sorted(self.folder.rglob("proxies/clothes"))), None)
+        skins = sorted(self.folder.rglob("skins/*/textures/*diffuse*.png"))
+        if proxies is None or not skins:
+            raise RequestError(
+                f"expected folders proxies/clothes and skins with textures under {self.folder}, got "
+                f"{'no clothes' if proxies is None else 'no skins'}; docs/detector.md says how to get them"
+            )
+        self.proxies = proxies.parent
+        self.skins = skins
+        self.body = _read_body(self.model)
+
+    @lru_cache(maxsize=64)  # noqa: B019
+    def target(self, name: str) -> tuple[IntArray, FloatArray]:
+        """Moved vertices ``(n,)`` and by how much ``(n, 3)``, metres; nothing for a target that is not there."""
+        path = self.model / "targets" / "macrodetails" / f"{name}.target.gz"
+        if not path.exists():
+            return np.empty(0, dtype=np.int64), np.empty((0, 3))
+        text = gzip.decompress(path.read_bytes()).decode()
+        lines = [line.split() for line in text.splitlines() if line[:1].isdigit()]
+        rows = np.array(lines, dtype=np.float64).reshape(-1, 4)
+        return rows[:, 0].astype(np.int64), _axes(rows[:, 1:])
+
+    @lru_cache(maxsize=32)  # noqa: B019
+    def garment(self, kind: str, name: str) -> Garment:
+        """The clothes or the hair (``kind``) of this name."""
+        path = self.proxies / kind / name / f"{name}.json"
+        if not path.exists():
+            raise RequestError(f"expected {path}, got nothing there; docs/detector.md says which packages hold it")
+        return _read_garment(path)
+
+    @lru_cache(maxsize=8)  # noqa: B019
+    def skin(self, number: int) -> ImageArray:
+        """``(h, w, 4)`` uint8 RGBA."""
+        return read_texture(self.skins[number])
+
+
+def read_texture(path: Path) -> ImageArray:
+    """``(h, w, 4)`` uint8 RGBA, at most `_LARGEST_TEXTURE` wide."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise RequestError(f"expected a picture at {path}, got something that cannot be decoded; unpack it again")
+    if image.ndim == 2:
+        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    shrink = _LARGEST_TEXTURE / image.shape[1]
+    if shrink < 1:
+        image = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    opaque = np.full(image.shape[:2], 255, dtype=np.uint8)
+    alpha = image[..., 3] if image.shape[2] == 4 else opaque
+    return np.dstack([image[..., 2::-1], alpha])
+
+
+def _axes(points: FloatArray) -> FloatArray:
+    """From the files' left, up, forward in decimetres to forward, left, up in metres."""
+    return np.asarray(points[:, [2, 0, 1]] * _METRES)
+
+
+def _read_body(model: Path) -> Body:
+    points: list[list[str]] = []
+    places: list[list[str]] = []
+    quads: dict[str, list[list[list[int]]]] = {}
+    group = ""
+    for line in (model / "3dobjs" / "base.obj").read_text().splitlines():
+        kind, *rest = line.split() or [""]
+        if kind == "v":
+            points.append(rest[:3])
+        elif kind == "vt":
+            places.append(rest[:2])
+        elif kind == "g":
+            group = rest[0]
+        elif kind == "f":
+            quads.setdefault(group, []).append([[int(n) - 1 for n in corner.split("/")] for corner in rest])
+    vertices = _axes(np.array(points, dtype=np.float64))
+    uv = np.array(places, dtype=np.float64)
+    skin = np.array(quads["body"])
+    helpers = {name: np.array(q)[..., 0] for name, q in quads.items() if name.startswith("helper-")}
+    cubes = {name[6:]: np.unique(np.array(q)[..., 0]) for name, q in quads.items() if name.startswith("joint-")}
+    joints = [cubes[_CUBES[bone]] for bone in BONES]
+    tips = {bone: cubes[cube] for bone, cube in _TIPS.items()}
+    weights = _read_weights(model / "rigs" / "standard", len(vertices))
+    return Body(vertices, skin[..., 0], uv[skin[..., 1]], helpers, weights, joints, tips)
+
+
+def _read_weights(folder: Path, count: int) -> FloatArray:
+    rig = json.loads((folder / "rig.default.json").read_text())
+    rows = json.loads((folder / "weights.default.json").read_text())["weights"]
+    weights = np.zeros((count, len(BONES)))
+    for name, entries in rows.items():
+        bone = name
+        while bone and bone not in _ROOTS:
+            bone = rig[bone]["parent"]
+        column = BONES.index(_ROOTS[bone or "root"])
+        at = np.array(entries, dtype=np.float64).reshape(-1, 2)
+        np.add.at(weights[:, column], at[:, 0].astype(np.int64), at[:, 1])
+    weights[weights.sum(axis=1) == 0, 0] = 1
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def _read_garment(path: Path) -> Garment:
+    data: dict[str, Any] = json.loads(path.read_text())
+    rows = np.array(data["faces"]).reshape(-1, 10)
+    if not (rows[:, 0] == 11).all():
+        raise RequestError(f"expected quads with a material and texture coordinates in {path}, got other faces")
+    uv = np.array(data["uvs"][0]).reshape(-1, 2)[rows[:, 6:10]]
+    textures = [path.parent / m["mapDiffuse"] for m in data["materials"] if m.get("mapDiffuse")]
+    return Garment(
+        name=path.stem,
+        triangles=triangles_of_quads(rows[:, 1:5]),
+        uv=uv[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2),
+        anchors=np.array(data["ref_vIdxs"]),
+        shares=np.array(data["weights"]),
+        offsets=_axes(np.array(data["offsets"])),
+        hidden=np.flatnonzero(data["metadata"].get("deleteVerts") or []),
+        texture=read_texture(textures[0]),
+    )

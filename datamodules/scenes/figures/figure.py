@@ -1,0 +1,248 @@
+"""One person at rest: a body's shape, its skin, clothes, shoes, hair and what is carried."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets, Body, Garment
+from tsuiseki.datamodules.scenes.figures.fabric import fabric
+from tsuiseki.datamodules.scenes.figures.mesh import (
+    EXTRA,
+    HAIR,
+    LOWER,
+    SHOES,
+    SKIN,
+    UPPER,
+    Mesh,
+    compact,
+    ellipsoid,
+    triangles_of_quads,
+    vertex_normals,
+)
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+
+SUITS = {
+    "male": (
+        "male_casualsuit01", "male_casualsuit02", "male_casualsuit03", "male_casualsuit04", "male_casualsuit05",
+        "male_casualsuit06", "male_elegantsuit01", "male_worksuit01",
+    ),
+    "female": ("female_casualsuit01", "female_casualsuit02", "female_elegantsuit01", "female_sportsuit01"),
+}  # fmt: skip
+SHOE_PAIRS = tuple(f"shoes0{n}" for n in range(1, 7))
+HAIRS = {
+    "male": ("short01", "short02", "short03", "short04", "afro01"),
+    "female": ("bob01", "bob02", "Braid01", "long01", "ponytail01", "short01", "short03"),
+}
+HATS = ("fedora", "fedora_cocked")
+_LEGS = [BONES.index(f"{part}.{s}") for part in ("upperleg", "lowerleg", "foot") for s in "LR"]
+_UPPER_ARMS = [BONES.index(f"upperarm.{s}") for s in "LR"]
+_LOWER_ARMS = [BONES.index(f"{part}.{s}") for part in ("lowerarm", "wrist") for s in "LR"]
+_FEET = [BONES.index(f"foot.{s}") for s in "LR"]
+_SHANKS = [BONES.index(f"{part}.{s}") for part in ("lowerleg", "foot") for s in "LR"]
+# Layers must not lie in one another.
+_OVER = 0.004
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Somebody at rest.
+
+    Attributes:
+        meshes: in the body's axes, metres.
+        joints: ``(B, 3)`` where the bones begin.
+        tips: where hands and feet end, by bone.
+        height: metres.
+    """
+
+    meshes: list[Mesh]
+    joints: FloatArray
+    tips: dict[str, FloatArray]
+    height: float
+
+
+def random_figure(rng: np.random.Generator, assets: Assets) -> Figure:
+    """Somebody drawn at random."""
+    sex = "male" if rng.random() < 0.55 else "female"
+    age = str(rng.choice(["child", "young", "old"], p=[0.1, 0.65, 0.25]))
+    shape, height = _shape(rng, assets, sex, age)
+    body = assets.body
+    worn = _clothes(rng, assets, shape, sex)
+    names = [*_hair(rng, sex), ("clothes", str(rng.choice(SHOE_PAIRS)))]
+    garments = [(assets.garment(*name), {"hair": HAIR}.get(name[0], EXTRA)) for name in names]
+    garments = [(g, SHOES if g.name in SHOE_PAIRS else label) for g, label in garments]
+    fitted = [_fitted(body, shape, garment, label) for garment, label in garments]
+    hidden = [garment.hidden for garment, _ in garments]
+    for mesh, covered in worn:
+        fitted.append(mesh)
+        hidden.append(covered)
+    skins = [n for n, p in enumerate(assets.skins) if f"_{sex}" in p.parent.parent.name]
+    skin = assets.skin(int(rng.choice(skins if skins else len(assets.skins))))
+    meshes = [_skin(body, shape, np.unique(np.concatenate(hidden)).astype(np.int64), skin), *fitted]
+    joints = np.stack([shape[at].mean(axis=0) for at in body.joints])
+    meshes += _carried(rng, joints, height)
+    if rng.random() < 0.12:
+        meshes.append(_cap(rng, shape, body, joints))
+    return Figure(
+        [compact(mesh) for mesh in meshes],
+        joints,
+        {bone: shape[at].mean(axis=0) for bone, at in body.tips.items()},
+        height,
+    )
+
+
+def _shape(rng: np.random.Generator, assets: Assets, sex: str, age: str) -> tuple[FloatArray, float]:
+    """Vertices of a random body, its feet on the ground, and its height in metres."""
+    shape = assets.body.vertices.copy()
+    races = ("caucasian", "african", "asian")
+    first, second = rng.choice(races, 2)
+    part = float(rng.uniform(0.6, 1.0))
+    muscle, weight = float(rng.uniform(-0.6, 0.9)), float(np.clip(rng.normal(0.1, 0.5), -0.9, 1.0))
+    shares = {f"{first}-{sex}-{age}": part, f"{second}-{sex}-{age}": 1 - part}
+    for m, sm in _levels("muscle", muscle):
+        for w, sw in _levels("weight", weight):
+            shares[f"universal-{sex}-{age}-{m}-{w}"] = sm * sw
+    for name, share in shares.items():
+        at, moved = assets.target(name)
+        shape[at] += share * moved
+    low, high = shape[assets.body.quads.ravel(), 2].min(), shape[assets.body.quads.ravel(), 2].max()
+    mean = {"male": 1.76, "female": 1.64}[sex]
+    height = float(rng.uniform(1.1, 1.5)) if age == "child" else float(np.clip(rng.normal(mean, 0.07), 1.45, 2.0))
+    shape[:, 2] -= low
+    return shape * (height / (high - low)), height
+
+
+def _levels(name: str, value: float) -> list[tuple[str, float]]:
+    """The two targets about ``value`` in [-1, 1] and their shares."""
+    return [(f"average{name}", 1 - abs(value)), (f"{'max' if value > 0 else 'min'}{name}", abs(value))]
+
+
+def _skin(body: Body, shape: FloatArray, hidden: IntArray, texture: ImageArray) -> Mesh:
+    covered = np.zeros(len(shape), dtype=np.bool_)
+    covered[hidden] = True
+    seen = ~covered[body.quads].all(axis=1)
+    triangles = triangles_of_quads(body.quads[seen])
+    uv = body.uv[seen][:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
+    return Mesh(shape, triangles, uv, body.weights, np.full(len(triangles), SKIN, np.uint8), texture)
+
+
+def _fitted(body: Body, shape: FloatArray, garment: Garment, label: int) -> Mesh:
+    """A garment put on; a suit's label 0 stands for `UPPER` and `LOWER`, by the bones that move it."""
+    scale = (shape[:, 2].max() - shape[:, 2].min()) / (body.vertices[:, 2].max() - body.vertices[:, 2].min())
+    vertices = np.einsum("nk,nkd->nd", garment.shares, shape[garment.anchors]) + scale * garment.offsets
+    weights = np.clip(np.einsum("nk,nkb->nb", garment.shares, body.weights[garment.anchors]), 0, None)
+    weights /= weights.sum(axis=1, keepdims=True)
+    low = weights[garment.triangles][:, :, [0, *_LEGS]].sum(axis=2).mean(axis=1) > 0.5
+    labels = np.where(low, LOWER, UPPER) if label == 0 else np.full(len(low), label)
+    return Mesh(vertices, garment.triangles, garment.uv, weights, labels.astype(np.uint8), garment.texture, True)
+
+
+def _hair(rng: np.random.Generator, sex: str) -> list[tuple[str, str]]:
+    if rng.random() < 0.08:
+        return [("clothes", str(rng.choice(HATS)))]
+    return [] if sex == "male" and rng.random() < 0.1 else [("hair", str(rng.choice(HAIRS[sex])))]
+
+
+def _clothes(rng: np.random.Generator, assets: Assets, shape: FloatArray, sex: str) -> list[tuple[Mesh, IntArray]]:
+    """Meshes and the body's vertices that each hides."""
+    body = assets.body
+    nothing = np.empty(0, dtype=np.int64)
+    if rng.random() < 0.6:
+        suit = assets.garment("clothes", str(rng.choice(SUITS[sex])))
+        worn = [(_fitted(body, shape, suit, 0), suit.hidden)]
+        if rng.random() < 0.25:
+            worn.append((_sewn(rng, body, shape, "upper", float(rng.uniform(0.016, 0.032))), nothing))
+        return worn
+    worn = [(_sewn(rng, body, shape, "lower", float(rng.uniform(0.006, 0.022))), nothing)]
+    worn.append((_sewn(rng, body, shape, "upper", float(rng.uniform(0.006, 0.032))), nothing))
+    if rng.random() < (0.45 if sex == "female" else 0.06):
+        worn.append((_sewn(rng, body, shape, "skirt", float(rng.uniform(0.005, 0.03))), nothing))
+    return worn
+
+
+def _sewn(rng: np.random.Generator, body: Body, shape: FloatArray, part: str, loose: float) -> Mesh:
+    """A garment made of the body's helper meshes, ``loose`` metres off the body."""
+    quads = body.helpers["helper-skirt" if part == "skirt" else "helper-tights"]
+    triangles = triangles_of_quads(quads)
+    normals = vertex_normals(shape, triangles)
+    vertices = shape + normals * (loose + _OVER)
+    weights = body.weights[triangles].mean(axis=1)
+    legs = weights[:, _LEGS].sum(axis=1)
+    middle = shape[triangles][:, :, 2].mean(axis=1)
+    hip = shape[body.joints[BONES.index("upperleg.L")], 2].mean()
+    if part == "upper":
+        # From a short shirt to a coat that reaches the knee.
+        hem = hip - float(rng.choice([0.0, 0.08, 0.14, 0.4], p=[0.25, 0.4, 0.25, 0.1])) * (hip / 0.9)
+        kept = middle > hem
+        if rng.random() < 0.35:
+            kept &= weights[:, _LOWER_ARMS].sum(axis=1) < 0.3
+        if rng.random() < 0.08:
+            kept &= weights[:, _UPPER_ARMS].sum(axis=1) < 0.3
+    elif part == "lower":
+        kept = (legs > 0.2) | (middle < hip + 0.12)
+        kept &= weights[:, _UPPER_ARMS + _LOWER_ARMS].sum(axis=1) < 0.1
+        kept &= weights[:, _FEET].sum(axis=1) < 0.45
+        if rng.random() < 0.2:
+            kept &= weights[:, _SHANKS].sum(axis=1) < float(rng.uniform(0.1, 0.6))
+    else:
+        bottom = float(rng.uniform(0.1, 0.62)) * hip
+        kept = middle > bottom
+    kept &= weights[:, [BONES.index("wrist.L"), BONES.index("wrist.R")]].sum(axis=1) < 0.6
+    corner = vertices[triangles]
+    across = np.arctan2(corner[..., 1] - corner[..., 1].mean(), corner[..., 0]) / (2 * np.pi)
+    across = np.where(np.ptp(across, axis=1, keepdims=True) > 0.5, across % 1.0, across)
+    uv = np.stack([2 * across, corner[..., 2] / 0.6], axis=-1)
+    labels = np.full(len(triangles), UPPER if part == "upper" else LOWER, np.uint8)
+    return Mesh(vertices, triangles[kept], uv[kept], body.weights, labels[kept], fabric(rng))
+
+
+def _rigid(rng: np.random.Generator, shell: tuple[FloatArray, IntArray], bone: str) -> Mesh:
+    """A shell that moves with one bone."""
+    vertices, triangles = shell
+    weights = np.zeros((len(vertices), len(BONES)))
+    weights[:, BONES.index(bone)] = 1
+    spread = vertices[triangles] / 0.3
+    uv = np.stack([spread[..., 0] + spread[..., 1], spread[..., 2]], axis=-1)
+    return Mesh(vertices, triangles, uv, weights, np.full(len(triangles), EXTRA, np.uint8), fabric(rng))
+
+
+def _carried(rng: np.random.Generator, joints: FloatArray, height: float) -> list[Mesh]:
+    kind, size, side = rng.random(), height * float(rng.uniform(0.75, 1.2)), str(rng.choice(["L", "R"]))
+    trunk, shoulder = joints[BONES.index("trunk")], joints[BONES.index("upperarm.L")]
+    if kind < 0.18:
+        middle = np.array([shoulder[0] - 0.115 * height, 0.0, 0.45 * trunk[2] + 0.55 * shoulder[2]])
+        shell = ellipsoid(middle, size * np.array([0.055, 0.085, 0.13]), float(rng.uniform(0.5, 0.9)))
+        return [_rigid(rng, shell, "trunk")]
+    if kind < 0.3:
+        hand = joints[BONES.index(f"wrist.{side}")]
+        # In the body's rest the arms point aside; what hangs from the hand then hangs along the arm.
+        along = hand - joints[BONES.index(f"lowerarm.{side}")]
+        along /= np.linalg.norm(along)
+        vertices, triangles = ellipsoid(
+            np.zeros(3), size * np.array([0.085, 0.03, 0.07]), float(rng.uniform(0.45, 0.8))
+        )
+        down, left = along, np.cross(along, [1.0, 0.0, 0.0])
+        axes = np.stack([[1.0, 0.0, 0.0], left / np.linalg.norm(left), -down], axis=1)
+        return [_rigid(rng, (vertices @ axes.T + hand + along * 0.14 * size, triangles), f"wrist.{side}")]
+    if kind < 0.42:
+        hip = joints[BONES.index(f"upperleg.{side}")]
+        middle = hip + np.array([-0.01, 0.07 * height * np.sign(hip[1]), 0.05])
+        shell = ellipsoid(middle, size * np.array([0.08, 0.03, 0.065]), float(rng.uniform(0.5, 0.9)))
+        return [_rigid(rng, shell, "pelvis")]
+    return []
+
+
+def _cap(rng: np.random.Generator, shape: FloatArray, body: Body, joints: FloatArray) -> Mesh:
+    """A cap, or with luck a hood."""
+    top = shape[body.quads.ravel()]
+    top = top[top[:, 2] > joints[BONES.index("head"), 2] + 0.1]
+    low, high = top.min(axis=0), top.max(axis=0)
+    hood = rng.random() < 0.4
+    radii = (high - low) / 2 + 0.018
+    shell = ellipsoid((low + high) / 2 + [-0.012, 0, 0.01], radii * [1.0, 1.08, 1.04], 1.0)
+    mesh = _rigid(rng, shell, "head")
+    corner = shell[0][shell[1]].mean(axis=1)
+    level = low[2] + (0.35 if hood else 0.55) * (high[2] - low[2])
+    kept = corner[:, 2] + (0.6 * (low[0] + high[0]) / 2 - 0.6 * corner[:, 0] if hood else 0.0) > level
+    return replace(mesh, triangles=mesh.triangles[kept], uv=mesh.uv[kept], labels=mesh.labels[kept])

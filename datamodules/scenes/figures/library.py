@@ -1,0 +1,155 @@
+"""Sprites of rendered people in a folder: written once, shown in many pictures."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.figures.assets import Assets
+from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.output import output_folder
+from tsuiseki.tracking.processes import on_all_cores
+from tsuiseki.tracking.types import FloatArray
+
+_INDEX = "sprites.csv"
+_COLUMNS = ("file", "feet_x", "feet_y", "head_x", "head_y", "height", "tilt")
+
+
+@dataclass(frozen=True)
+class SpriteSettings:
+    """A library of rendered people.
+
+    Attributes:
+        people: how many.
+        views: poses and sides of each.
+        height: of a person, pixels.
+        processes: how many render at a time; 0 takes all cores.
+    """
+
+    people: int = 240
+    views: int = 5
+    height: int = 256
+    processes: int = 0
+
+    def __post_init__(self) -> None:
+        if self.people < 1 or self.views < 1 or not 32 <= self.height <= 1024 or self.processes < 0:
+            raise RequestError(
+                "sprites: expected at least one person and one view, a height of 32 to 1024 pixels and processes >= 0, "
+                f"got {self.people}, {self.views}, {self.height} and {self.processes}"
+            )
+
+
+class SpriteLibrary:
+    """The sprites of a folder, read when they are asked for.
+
+    Raises:
+        RequestError: the folder holds no library.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        index = self.folder / _INDEX
+        if not index.is_file():
+            raise RequestError(
+                f"expected a folder of rendered people with a file {_INDEX}, got {self.folder}; "
+                "make one with `tsuiseki simulate sprites`"
+            )
+        with index.open() as file:
+            self._rows = list(csv.DictReader(file))
+        self.tilts = np.array([float(row["tilt"]) for row in self._rows])
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @lru_cache(maxsize=4096)  # noqa: B019
+    def sprite(self, number: int) -> Sprite:
+        """The sprite of this number, from 0."""
+        row = self._rows[number]
+        name = str(self.folder / row["file"])
+        colours = cv2.imread(f"{name}.png", cv2.IMREAD_UNCHANGED)
+        normals = cv2.imread(f"{name}.normal.png", cv2.IMREAD_COLOR)
+        if colours is None or normals is None or colours.shape[2:] != (4,):
+            raise RequestError(f"expected pictures {name}.png and {name}.normal.png, got none; make the folder anew")
+        values = [float(row[c]) for c in _COLUMNS[1:]]
+        return Sprite(
+            np.ascontiguousarray(colours[..., 2::-1]),
+            (normals[..., ::-1].astype(np.int16) - 128).astype(np.int8),
+            colours[..., 3] // 32,
+            np.array(values[:2]),
+            np.array(values[2:4]),
+            values[4],
+            values[5],
+        )
+
+    def near(self, rng: np.random.Generator, tilt: float) -> Sprite:
+        """A random one of those seen from about so high, ``tilt`` in radians: of the nearest twentieth."""
+        count = max(len(self) // 20, 1)
+        nearest = np.argpartition(np.abs(self.tilts - tilt), count - 1)[:count]
+        return self.sprite(int(nearest[rng.integers(count)]))
+
+
+def write_sprites(
+    folder: str | Path,
+    assets: str | Path,
+    settings: SpriteSettings,
+    seed: int,
+    overwrite: bool = False,
+    watch: Callable[[Iterator[list[FloatArray]]], Iterator[list[FloatArray]]] = iter,
+) -> Path:
+    """Render a library into ``folder``; person n depends on ``seed``, n and the assets only.
+
+    Args:
+        folder: does not exist yet or is empty, unless ``overwrite``.
+        assets: the unpacked packages, see `assets.Assets`.
+        settings: how many and how large.
+        seed: of all chance.
+        overwrite: a library that the folder holds is replaced.
+        watch: passes people on as they are drawn, to show how far it is.
+
+    Raises:
+        RequestError: the assets are not there, or ``folder`` is a file or holds files while ``overwrite`` is False.
+    """
+    folder = Path(folder).resolve()
+    Assets(assets)
+    with output_folder(folder, overwrite) as work:
+        draw = partial(_person, work, Path(assets), settings, seed)
+        rows = [
+            row for some in watch(on_all_cores(draw, range(settings.people), 4, settings.processes)) for row in some
+        ]
+        with (work / _INDEX).open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(_COLUMNS)
+            for number, row in enumerate(rows):
+                person, view = divmod(number, settings.views)
+                writer.writerow([_name(person, view), *(f"{value:.4f}" for value in row)])
+    return folder
+
+
+def _name(person: int, view: int) -> str:
+    return f"{person:04d}-{view}"
+
+
+@lru_cache(maxsize=1)
+def _opened(folder: Path) -> Assets:
+    return Assets(folder)
+
+
+def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, person: int) -> list[FloatArray]:
+    rng = np.random.default_rng([seed, person])
+    rows = []
+    for view, sprite in enumerate(random_sprites(rng, _opened(assets), settings.views, settings.height)):
+        name = str(work / _name(person, view))
+        # The label lies where a picture viewer expects opacity, so that the files can be looked at.
+        opacity = np.where(sprite.label > 0, sprite.label * np.uint8(32) + np.uint8(31), 0).astype(np.uint8)
+        cv2.imwrite(f"{name}.png", np.dstack([sprite.albedo[..., ::-1], opacity]))
+        shifted = (sprite.normal.astype(np.int16) + 128).astype(np.uint8)
+        cv2.imwrite(f"{name}.normal.png", shifted[..., ::-1])
+        rows.append(np.array([*sprite.feet, *sprite.head, sprite.height, sprite.tilt]))
+    return rows

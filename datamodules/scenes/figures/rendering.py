@@ -1,0 +1,147 @@
+"""A figure seen from somewhere, without light: colours, normals and what belongs to what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.datamodules.scenes.figures.assets import Assets
+from tsuiseki.datamodules.scenes.figures.figure import Figure, random_figure
+from tsuiseki.datamodules.scenes.figures.mesh import Mesh, vertex_normals
+from tsuiseki.datamodules.scenes.figures.posing import posed
+from tsuiseki.datamodules.scenes.figures.rasterise import Fragments, nearest, rasterise
+from tsuiseki.datamodules.scenes.people.body import Build, Skeleton, place
+from tsuiseki.datamodules.scenes.people.gait import random_manner, standing, walking
+from tsuiseki.datamodules.scenes.people.sprites import view_from
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.types import FloatArray, ImageArray
+
+HIGHEST, LOWEST = 0.95, -0.08
+
+
+@dataclass(frozen=True)
+class Sprite:
+    """Somebody cut out, to be lit where it is shown; tight about the silhouette.
+
+    Attributes:
+        albedo: ``(h, w, 3)`` uint8 sRGB, black where there is nobody.
+        normal: ``(h, w, 3)`` int8, 127 times the unit normal: away from the camera, left, up.
+        label: ``(h, w)`` uint8 `mesh.SKIN` to `mesh.EXTRA`, 0 where there is nobody.
+        feet: ``(2,)`` pixels of the place on the ground where the person stands.
+        head: ``(2,)`` pixels of the point ``height`` above it.
+        height: metres.
+        tilt: how far down the camera looked, radians.
+    """
+
+    albedo: ImageArray
+    normal: NDArray[np.int8]
+    label: NDArray[np.uint8]
+    feet: FloatArray
+    head: FloatArray
+    height: float
+    tilt: float
+
+
+def random_sprites(rng: np.random.Generator, assets: Assets, views: int, height_px: float) -> list[Sprite]:
+    """One person in ``views`` poses from as many sides, ``height_px`` pixels tall."""
+    figure = random_figure(rng, assets)
+    manner = random_manner(rng)
+    sprites = []
+    for _ in range(views):
+        build = Build(figure.height)
+        walk = rng.random() < 0.75
+        pose = (
+            walking(build, manner, float(rng.random()), float(rng.uniform(0.4, 1.45)))
+            if walk
+            else standing(rng, manner)
+        )
+        skeleton = place(build, pose, np.zeros(2), float(rng.uniform(0, 2 * np.pi)))
+        # Cameras that look down a little are the most common.
+        tilt = float(LOWEST + (HIGHEST - LOWEST) * rng.beta(1.3, 1.9))
+        sprites.append(render_figure(figure, skeleton, tilt, height_px, float(rng.uniform(6, 35))))
+    return sprites
+
+
+def render_figure(figure: Figure, skeleton: Skeleton, tilt: float, height_px: float, distance: float) -> Sprite:
+    """``figure`` in the pose of ``skeleton`` before a camera ``distance`` metres away, ``tilt`` radians up."""
+    camera = view_from(tilt, height_px, figure.height, distance)
+    vertices = posed(figure, skeleton)
+    parts = [_fragments(mesh, points, camera) for mesh, points in zip(figure.meshes, vertices, strict=True)]
+    owner = np.concatenate([np.full(len(p.pixel), k) for k, p in enumerate(parts)])
+    every = Fragments(
+        np.concatenate([p.pixel for p in parts]),
+        np.stack([owner, np.concatenate([p.triangle for p in parts])], axis=1),
+        np.concatenate([p.where for p in parts]),
+        np.concatenate([p.depth for p in parts]),
+    )
+    seen = nearest(every)
+    size = (camera.height, camera.width)
+    albedo, normal = np.zeros((*size, 3), np.uint8), np.zeros((*size, 3), np.int8)
+    label = np.zeros(size, np.uint8)
+    for k, (mesh, points) in enumerate(zip(figure.meshes, vertices, strict=True)):
+        own = seen.chosen(np.flatnonzero(seen.triangle[:, 0] == k))
+        triangle = own.triangle[:, 1]
+        rows, columns = np.divmod(own.pixel, camera.width)
+        albedo[rows, columns] = _texel(mesh, triangle, own.where)[:, :3]
+        label[rows, columns] = mesh.labels[triangle]
+        normal[rows, columns] = np.round(127 * _normals(mesh, points, triangle, own.where, camera)).astype(np.int8)
+    ends, _ = camera.project(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, figure.height]]))
+    return _cut(Sprite(albedo, normal, label, ends[0], ends[1], figure.height, tilt))
+
+
+def _cut(sprite: Sprite) -> Sprite:
+    rows, columns = np.flatnonzero(sprite.label.any(axis=1)), np.flatnonzero(sprite.label.any(axis=0))
+    at = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    corner = np.array([columns[0], rows[0]])
+    return Sprite(
+        sprite.albedo[at], sprite.normal[at], sprite.label[at],
+        sprite.feet - corner, sprite.head - corner, sprite.height, sprite.tilt,
+    )  # fmt: skip
+
+
+def _fragments(mesh: Mesh, points: FloatArray, camera: PinholeCamera) -> Fragments:
+    pixels, depth = camera.project(points)
+    corners = pixels[mesh.triangles]
+    fragments = rasterise(corners, depth[mesh.triangles], camera.width, camera.height)
+    if not mesh.cutout:
+        return fragments
+    return fragments.chosen(np.flatnonzero(_texel(mesh, fragments.triangle, fragments.where)[:, 3] > 110))
+
+
+def _texel(mesh: Mesh, triangle: NDArray[np.int64], where: FloatArray) -> ImageArray:
+    uv = (mesh.uv[triangle] * where[..., None]).sum(axis=1)
+    h, w = mesh.texture.shape[:2]
+    column = np.floor(uv[:, 0] % 1.0 * w).astype(np.int64) % w
+    row = np.floor((1 - uv[:, 1] % 1.0) * h).astype(np.int64) % h
+    return np.asarray(mesh.texture[row, column])
+
+
+def _normals(
+    mesh: Mesh, points: FloatArray, triangle: NDArray[np.int64], where: FloatArray, camera: PinholeCamera
+) -> FloatArray:
+    corners = mesh.triangles[triangle]
+    normal = (vertex_normals(points, mesh.triangles)[corners] * where[..., None]).sum(axis=1)
+    towards = camera.position - (points[corners] * where[..., None]).sum(axis=1)
+    normal *= np.where((normal * towards).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9))
+
+
+def smaller(sprite: Sprite, factor: float) -> Sprite:
+    """The sprite at ``factor`` of its size; colours and normals are means over what they cover."""
+    size = tuple(max(round(n * factor), 1) for n in sprite.label.shape[::-1])
+    there = (sprite.label > 0).astype(np.float32)
+    covered = cv2.resize(there, size, interpolation=cv2.INTER_AREA)
+    seen = covered > 0.5
+    over = np.where(seen, np.maximum(covered, 1e-6), np.inf)[..., None]
+    albedo = cv2.resize(sprite.albedo.astype(np.float32), size, interpolation=cv2.INTER_AREA) / over
+    normal = cv2.resize(sprite.normal.astype(np.float32), size, interpolation=cv2.INTER_AREA) / over
+    label = cv2.resize(sprite.label, size, interpolation=cv2.INTER_NEAREST)
+    label = np.where(seen, np.maximum(label, 1), 0).astype(np.uint8)
+    grown = np.array(size) / sprite.label.shape[::-1]
+    return Sprite(
+        np.clip(albedo, 0, 255).astype(np.uint8), normal.astype(np.int8), label,
+        sprite.feet * grown, sprite.head * grown, sprite.height, sprite.tilt,
+    )  # fmt: skip

@@ -1,0 +1,132 @@
+"""A sprite put on the ground of a scene: placed, dressed in other colours and lit by the scene's light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.figures.mesh import EXTRA, HAIR, LOWER, SHOES, SKIN, UPPER
+from tsuiseki.datamodules.scenes.figures.rendering import Sprite, smaller
+from tsuiseki.datamodules.scenes.people.look import random_look
+from tsuiseki.datamodules.scenes.render.raster import Layer, RayCamera
+from tsuiseki.datamodules.scenes.render.shading import Light
+from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.tracking.types import BoolArray, FloatArray
+
+# Cloth without a colour of its own always gets one; textured clothes keep theirs now and then.
+_KEPT = 0.3
+_GREY = 12.0
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Somebody rendered who stands in a scene.
+
+    Attributes:
+        sprite: seen from about as high as the scene's camera looks.
+        spot: ``(2,)`` metres, on the ground.
+    """
+
+    sprite: Sprite
+    spot: FloatArray
+
+    def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, Sprite] | None:
+        """Where the person is on a grid of ``samples`` by ``samples`` rays a pixel, and the sprite on that window.
+
+        None where the person is not wholly before the camera or does not meet the picture.
+        """
+        foot = np.array([self.spot[0], self.spot[1], 0.0])
+        head = np.array([self.spot[0], self.spot[1], self.sprite.height])
+        ends, depth = camera.project(np.stack([foot, head]))
+        if not (np.isfinite(ends).all() and (depth > 0.5).all()):
+            return None
+        ends = ends * samples
+        before, after = self.sprite.head - self.sprite.feet, ends[1] - ends[0]
+        scale = float(np.linalg.norm(after) / np.linalg.norm(before))
+        sprite = smaller(self.sprite, scale) if scale < 1 else self.sprite
+        affine = _similarity(sprite.feet, sprite.head, ends[0], ends[1])
+        h, w = sprite.label.shape
+        corners = np.array([[0, 0], [w, 0], [0, h], [w, h]]) @ affine[:, :2].T + affine[:, 2]
+        left, top = np.floor(corners.min(axis=0)).astype(int)
+        right, bottom = np.ceil(corners.max(axis=0)).astype(int)
+        width, height = camera.width * samples, camera.height * samples
+        if right <= 0 or bottom <= 0 or left >= width or top >= height or max(right - left, bottom - top) > 4 * height:
+            return None
+        affine[:, 2] -= [left, top]
+        shown = _warped(sprite, affine, (right - left, bottom - top))
+        middle = np.array([*self.spot, 0.5 * self.sprite.height])
+        away = np.float32(np.linalg.norm(middle - camera.position))
+        distance = np.where(shown.label > 0, away, np.float32(np.inf)).astype(np.float32)
+        if not (shown.label > 0).any():
+            return None
+        return Layer(int(left), int(top), distance, np.zeros(distance.shape, np.int16)), shown
+
+    def shade(self, shown: Sprite, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
+        """Linear colours ``(n, 3)`` of the subpixels of the window where ``seen`` is True, row by row."""
+        away = self.spot - camera.position[:2]
+        away = away / max(float(np.linalg.norm(away)), 1e-6)
+        axes = np.array([[away[0], -away[1], 0], [away[1], away[0], 0], [0, 0, 1]], dtype=np.float32)
+        normal = shown.normal[seen].astype(np.float32) / np.float32(127) @ axes.T
+        albedo = np.square(shown.albedo[seen].astype(np.float32) / np.float32(255))
+        facing = np.maximum(normal @ light.direction, 0)[:, None]
+        up = (np.float32(0.5) + np.float32(0.5) * normal[:, 2])[:, None]
+        return np.asarray(albedo * (facing * light.sun + up * (light.sky - light.ground) + light.ground))
+
+
+def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
+    """The sprite in other colours, and mirrored every other time."""
+    look = random_look(rng)
+    albedo = sprite.albedo.copy()
+    colours = {HAIR: look.hair, UPPER: look.upper, LOWER: look.lower, SHOES: look.shoes, EXTRA: look.bag_colour}
+    for label, colour in colours.items():
+        at = sprite.label == label
+        if not at.any():
+            continue
+        own = albedo[at].astype(np.float32)
+        grey = np.ptp(own, axis=1).mean() < _GREY
+        if not grey and rng.random() < _KEPT:
+            albedo[at] = np.clip(own * np.exp(rng.normal(0, 0.2)), 0, 255).astype(np.uint8)
+            continue
+        bright = own.mean(axis=1, keepdims=True)
+        relative = np.clip(bright / max(float(bright.mean()), 1.0), 0, 2.5) ** np.float32(rng.uniform(0.5, 1.1))
+        albedo[at] = np.clip(relative * np.array(colour, dtype=np.float32) * 255, 0, 255).astype(np.uint8)
+    at = sprite.label == SKIN
+    albedo[at] = np.clip(albedo[at] * np.float32(np.exp(rng.normal(0, 0.12))), 0, 255).astype(np.uint8)
+    if rng.random() < 0.5:
+        return Sprite(albedo, sprite.normal, sprite.label, sprite.feet, sprite.head, sprite.height, sprite.tilt)
+    width = sprite.label.shape[1]
+    normal = sprite.normal[:, ::-1].copy()
+    normal[..., 1] *= -1
+    flip = np.array([-1.0, 1.0])
+    offset = np.array([width, 0.0])
+    return Sprite(
+        np.ascontiguousarray(albedo[:, ::-1]), normal, np.ascontiguousarray(sprite.label[:, ::-1]),
+        offset + flip * sprite.feet, offset + flip * sprite.head, sprite.height, sprite.tilt,
+    )  # fmt: skip
+
+
+def tilt_of(camera: RayCamera, spot: FloatArray) -> float:
+    """How far down, in radians, a camera looks at a person at ``spot``."""
+    return float(np.arctan2(camera.position[2] - 0.9, max(float(np.linalg.norm(spot - camera.position[:2])), 0.1)))
+
+
+def _similarity(a: FloatArray, b: FloatArray, to_a: FloatArray, to_b: FloatArray) -> FloatArray:
+    """``(2, 3)`` rotation, scaling and shift that takes two points to two others."""
+    ratio = complex(*(to_b - to_a)) / complex(*(b - a))
+    turn = np.array([[ratio.real, -ratio.imag], [ratio.imag, ratio.real]])
+    return np.column_stack([turn, to_a - turn @ a])
+
+
+def _warped(sprite: Sprite, affine: FloatArray, size: tuple[int, int]) -> Sprite:
+    centred = affine.copy()
+    centred[:, 2] += affine[:, :2].sum(axis=1) / 2 - 0.5
+    parts = [
+        cv2.warpAffine(part, centred, size, flags=cv2.INTER_NEAREST)
+        for part in (sprite.albedo, sprite.normal.astype(np.int16), sprite.label)
+    ]
+    return Sprite(
+        np.asarray(parts[0], np.uint8), parts[1].astype(np.int8), np.asarray(parts[2], np.uint8),
+        sprite.feet, sprite.head, sprite.height, sprite.tilt,
+    )  # fmt: skip

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tsuiseki.datamodules import scene_images
+from tsuiseki.datamodules.scenes.figures.assets import Assets
+from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
+from tsuiseki.datamodules.scenes.figures.mesh import SKIN, UPPER
+from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites, smaller
+from tsuiseki.datamodules.scenes.figures.standing import Standing, dressed, tilt_of
+from tsuiseki.datamodules.scenes.render.raster import silhouette_box
+from tsuiseki.datamodules.scenes.render.shading import Light
+from tsuiseki.datamodules.scenes.street.training import Stock, TrainingSettings, random_training_scene
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import read_ground_truth
+
+CAMERA = PinholeCamera.look_at(np.array([0, 0, 3.0]), np.array([0, 12.0, 0.5]), 500, 320, 240)
+
+
+def block(height: int = 40, width: int = 16) -> Sprite:
+    """A grey rectangle that faces the camera; its feet are in the middle of its lower edge."""
+    normal = np.zeros((height, width, 3), np.int8)
+    normal[..., 0] = -127
+    return Sprite(
+        np.full((height, width, 3), 128, np.uint8),
+        normal,
+        np.full((height, width), UPPER, np.uint8),
+        np.array([width / 2, height]),
+        np.array([width / 2, 0.0]),
+        1.75,
+        0.2,
+    )
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory: pytest.TempPathFactory, assets_folder: Path) -> Path:
+    folder = tmp_path_factory.mktemp("sprites") / "library"
+    words = ["simulate", "sprites", "--assets", str(assets_folder), "--people", "3", "--views", "2", "--height", "64"]
+    assert main([*words, "--seed", "4", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_a_rendered_person_is_as_tall_as_asked_and_faces_the_camera(assets: Assets) -> None:
+    for sprite in random_sprites(np.random.default_rng(3), assets, 4, 120):
+        height, width = sprite.label.shape
+        assert 0.6 * 120 < height < 1.25 * 120
+        assert width < height
+        assert sprite.feet[1] == pytest.approx(height, abs=0.25 * height)
+        there = sprite.label > 0
+        length = np.linalg.norm(sprite.normal[there].astype(float), axis=1)
+        assert np.abs(length - 127).max() < 2
+        # Seen surfaces look at the camera, up to the change of its direction over the person.
+        towards = np.array([-np.cos(sprite.tilt), 0.0, np.sin(sprite.tilt)])
+        assert (sprite.normal[there] @ towards > -0.35 * 127).all()
+        assert {SKIN} < set(np.unique(sprite.label[there]))
+
+
+def test_smaller_keeps_colour_and_shape() -> None:
+    half = smaller(block(), 0.5)
+    assert half.label.shape == (20, 8)
+    assert (half.label == UPPER).all()
+    assert np.abs(half.albedo.astype(int) - 128).max() <= 1
+    np.testing.assert_allclose(half.feet, [4, 20])
+
+
+def test_a_sprite_stands_where_a_person_of_its_height_is_seen() -> None:
+    spot = np.array([1.0, 14.0])
+    ends, _ = CAMERA.project(np.array([[*spot, 0.0], [*spot, 1.75]]))
+    traced = Standing(block(), spot).trace(CAMERA, 2)
+    assert traced is not None
+    x1, y1, x2, y2 = silhouette_box(traced[0], 2)
+    assert (y1, y2) == pytest.approx((ends[1, 1], ends[0, 1]), abs=1)
+    assert (x1 + x2) / 2 == pytest.approx(ends[:, 0].mean(), abs=1)
+    assert (x2 - x1) / (y2 - y1) == pytest.approx(16 / 40, abs=0.05)
+
+
+def test_nobody_is_seen_behind_the_camera() -> None:
+    assert Standing(block(), np.array([0.0, -5.0])).trace(CAMERA, 2) is None
+
+
+def test_light_falls_on_the_side_it_comes_from() -> None:
+    standing = Standing(block(), np.array([0.0, 14.0]))
+    traced = standing.trace(CAMERA, 1)
+    assert traced is not None
+    layer, shown = traced
+    nothing, sun = np.zeros(3, np.float32), np.ones(3, np.float32)
+    for direction, brightness in (([0, -1, 0], 1.0), ([0, 1, 0], 0.0), ([1, 0, 0], 0.0)):
+        light = Light(np.array(direction, np.float32), sun, nothing, nothing)
+        colours = standing.shade(shown, layer.mask, CAMERA, light)
+        np.testing.assert_allclose(colours, brightness * (128 / 255) ** 2, atol=0.01)
+
+
+def test_clothes_change_and_shapes_do_not(assets: Assets) -> None:
+    people = (random_sprites(np.random.default_rng(n), assets, 1, 80)[0] for n in range(5, 30))
+    sprite = next(sprite for sprite in people if (sprite.label == UPPER).any())
+    looks = [dressed(np.random.default_rng(n), sprite) for n in range(12)]
+    for other in looks:
+        straight = np.array_equal(other.label, sprite.label)
+        assert straight or np.array_equal(other.label[:, ::-1], sprite.label)
+        assert not other.albedo[other.label == 0].any()
+        if not straight:
+            np.testing.assert_array_equal(other.normal[:, ::-1, 1], -sprite.normal[..., 1])
+            assert other.feet[0] == pytest.approx(sprite.label.shape[1] - sprite.feet[0])
+    assert len({tuple(o.albedo[o.label == UPPER].mean(axis=0).round()) for o in looks}) > 6
+
+
+def test_a_library_comes_back_as_it_was_rendered(assets_folder: Path, library: Path, tmp_path: Path) -> None:
+    again = write_sprites(tmp_path / "again", assets_folder, SpriteSettings(3, 2, 64, 1), 4)
+    first, second = SpriteLibrary(library), SpriteLibrary(again)
+    assert len(first) == 6
+    sprites = random_sprites(np.random.default_rng([4, 1]), Assets(assets_folder), 2, 64)
+    for n in range(6):
+        a, b = first.sprite(n), second.sprite(n)
+        np.testing.assert_array_equal(a.albedo, b.albedo)
+        np.testing.assert_array_equal(a.normal, b.normal)
+    np.testing.assert_array_equal(first.sprite(2).albedo, sprites[0].albedo)
+    np.testing.assert_array_equal(first.sprite(2).label, sprites[0].label)
+    np.testing.assert_array_equal(first.sprite(2).normal, sprites[0].normal)
+
+
+def test_sprites_seen_from_about_the_same_height_are_taken(library: Path) -> None:
+    sprites = SpriteLibrary(library)
+    wanted = float(sprites.tilts[3])
+    assert sprites.near(np.random.default_rng(0), wanted).tilt == pytest.approx(wanted, abs=1e-4)
+    assert tilt_of(CAMERA, np.array([0.0, 2.1])) == pytest.approx(np.pi / 4)
+
+
+def test_rendered_people_take_the_places_of_drawn_ones_and_leave_the_rest(library: Path) -> None:
+    settings = TrainingSettings(160, 120, people=(4, 4), clutter=(2, 2), degradation=0.0, rendered=1.0)
+    drawn, boxes, _ = random_training_scene(np.random.default_rng(9), settings)
+    shown, others, _ = random_training_scene(np.random.default_rng(9), settings, Stock(SpriteLibrary(library)))
+    assert len(boxes) == len(others) > 0
+    apart = np.abs(boxes[:, [1, 3]] - others[:, [1, 3]]).max()
+    assert apart < 0.5 * (boxes[:, 3] - boxes[:, 1]).max()
+    outside = np.ones((120, 160), dtype=np.bool_)
+    for x1, y1, x2, y2 in np.concatenate([boxes, others]):
+        outside[max(int(y1) - 2, 0) : int(y2) + 3, max(int(x1) - 2, 0) : int(x2) + 3] = False
+    assert outside.mean() > 0.3
+    assert np.abs(drawn[outside].astype(int) - shown[outside].astype(int)).max() <= 8
+    assert np.abs(drawn.astype(int) - shown.astype(int)).max() > 8
+
+
+def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_images, "on_all_cores", lambda work, items, together: map(work, items))
+    folder = tmp_path / "pictures"
+    scene_images.write_varied_images(folder, 3, (96, 72), 1, str(library))
+    assert len(list((folder / "img1").iterdir())) == 3
+    assert len(read_ground_truth(folder / "gt" / "gt.txt").boxes) > 0
+
+
+def test_folders_without_what_is_needed_are_refused(
+    tmp_path: Path, assets_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(RequestError, match=r"expected a folder of rendered people with a file sprites\.csv"):
+        SpriteLibrary(tmp_path)
+    with pytest.raises(RequestError, match="at least one person"):
+        SpriteSettings(people=0)
+    assert main(["simulate", "sprites", "--assets", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "3dobjs/base.obj" in line
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(RequestError, match="clothes/nothing"):
+        Assets(assets_folder).garment("clothes", "nothing")
