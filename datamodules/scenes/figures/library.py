@@ -81,7 +81,7 @@ class SpriteLibrary:
         return Sprite(
             np.ascontiguousarray(colours[..., 2::-1]),
             (normals[..., ::-1].astype(np.int16) - 128).astype(np.int8),
-            colours[..., 3] // 32,
+            np.asarray(colours[..., 3] // 32, np.uint8),
             np.array(values[:2]),
             np.array(values[2:4]),
             values[4],

@@ -138,7 +138,7 @@ def smaller(sprite: Sprite, factor: float) -> Sprite:
     over = np.where(seen, np.maximum(covered, 1e-6), np.inf)[..., None]
     albedo = cv2.resize(sprite.albedo.astype(np.float32), size, interpolation=cv2.INTER_AREA) / over
     normal = cv2.resize(sprite.normal.astype(np.float32), size, interpolation=cv2.INTER_AREA) / over
-    label = cv2.resize(sprite.label, size, interpolation=cv2.INTER_NEAREST)
+    label = np.asarray(cv2.resize(sprite.label, size, interpolation=cv2.INTER_NEAREST), np.uint8)
     label = np.where(seen, np.maximum(label, 1), 0).astype(np.uint8)
     grown = np.array(size) / sprite.label.shape[::-1]
     return Sprite(

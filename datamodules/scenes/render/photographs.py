@@ -72,7 +72,7 @@ class Photographs:
         if rng.random() < 0.5:
             part = part[:, ::-1]
         resized = cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA if shrink > 1 else cv2.INTER_CUBIC)
-        return np.square(resized.astype(np.float32) / np.float32(255))
+        return np.asarray(np.square(resized.astype(np.float32) / np.float32(255)))
 
 
 @lru_cache(maxsize=64)

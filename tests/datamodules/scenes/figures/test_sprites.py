@@ -146,7 +146,7 @@ def test_rendered_people_take_the_places_of_drawn_ones_and_leave_the_rest(librar
 
 
 def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_images, "on_all_cores", lambda work, items, together: map(work, items))
+    monkeypatch.setattr(scene_images, "on_all_cores", lambda work, items, _: map(work, items))
     folder = tmp_path / "pictures"
     scene_images.write_varied_images(folder, 3, (96, 72), 1, str(library))
     assert len(list((folder / "img1").iterdir())) == 3
