@@ -101,7 +101,7 @@ class RandomWindows(Dataset[TrainingWindow]):
         length, last = max(2, round(self.seconds * graph.frame_rate)), int(graph.frames.max(initial=0)) + 1
         # A window may reach over either end of the sequence, so that its borders are seen as often as the rest.
         first = int(rng.integers(-length // 2, max(last - length // 2, 1)))
-        return self.images.at(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets)
+        return self.images.at(window(graph, max(first, 0), min(first + length, last)), chosen.joins(rng))
 
 
 class EveryWindow(Dataset[TrainingWindow]):

@@ -11,7 +11,7 @@ from torch.optim import AdamW
 
 from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.flow.cost_network import LARGEST
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import Detections, FloatArray
 from tsuiseki.trainers.association.data import RandomWindows, WindowImages
 from tsuiseki.trainers.association.flow_loss import LossName
 from tsuiseki.trainers.association.graphs import Graphs
@@ -151,6 +151,14 @@ class NetworkChanges:
     def joins(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` changes of the costs of joins."""
         return self._of("joins", rows)[:, 0]
+
+    def projected(self, found: Detections) -> Detections:
+        """The detections of a frame with their appearance features as they are compared."""
+        if self.network.projection is None or found.features is None:
+            return found
+        with torch.no_grad():
+            features: torch.Tensor = self.network.projection(torch.as_tensor(found.features, dtype=torch.float32))
+        return found.with_features(features.double().numpy())
 
     def scaled(self, scalars: Sequence[float]) -> NetworkChanges:
         """The same with another scale, use and ends."""

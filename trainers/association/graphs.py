@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
@@ -92,6 +94,8 @@ class Graph:
         people: frames of the labelled boxes, those without a detection included.
         images: files of the sequence, one a frame; none where nothing looks at them.
         origin: where the detections come from; None where not known.
+        features: ``(N, D)`` what the detections look like, of unit length, NaN where not known; None where nothing
+            described them.
     """
 
     name: str
@@ -110,6 +114,7 @@ class Graph:
     people: IntArray
     images: tuple[Path, ...] = ()
     origin: Origin | None = None
+    features: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -128,8 +133,14 @@ class Graphs:
         detections: links of detections.
         tracklets: joins of the tracklets that the flow over the detections gives.
         lost: links of the labels that the tracker does not consider.
+        broken: the second level with tracks broken on purpose, for joins to learn from; see `broken_tracks`.
     """
 
     detections: Graph
     tracklets: Graph
     lost: int
+    broken: tuple[Graph, ...] = ()
+
+    def joins(self, rng: np.random.Generator) -> Graph:
+        """The second level, or one of those with broken tracks, all as likely."""
+        return (self.tracklets, *self.broken)[int(rng.integers(len(self.broken) + 1))] if self.broken else self.tracklets

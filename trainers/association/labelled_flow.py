@@ -73,6 +73,7 @@ def taken_out(graph: Graph, which: BoolArray) -> Graph:
         links=graph.links[links],
         labelled=graph.labelled[np.append(nodes, links)],
         origin=None if graph.origin is None else graph.origin.select(kept),
+        features=None if graph.features is None else graph.features[kept],
     )
 
 

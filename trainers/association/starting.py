@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnx
 import torch
 from torch import Tensor, nn
 
-from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.models.association import AppearanceProjection, AssociationNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+from tsuiseki.trainers.association.graphs import Graphs
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
@@ -29,6 +32,24 @@ def siamese_of(checkpoint: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
         return _exported_siamese(checkpoint)
     siamese = load_module(AppearanceTraining, checkpoint)
     return siamese, {**_made_of(AppearanceTraining, checkpoint), "weights": None}
+
+
+def projection_of(graphs: Sequence[Graphs], kept: int) -> AppearanceProjection:
+    """A projection to ``kept`` numbers along the principal axes of what the detections of sequences look like.
+
+    Raises:
+        RequestError: nothing described them, or by fewer numbers.
+    """
+    described = [one.detections.features for one in graphs if one.detections.features is not None]
+    rows = np.concatenate(described) if described else np.empty((0, 0))
+    rows = rows[~np.isnan(rows).any(axis=1)]
+    if not len(rows):
+        raise RequestError("expected --data.appearance ONNX with --model.projection, for features to project; got none")
+    if kept > rows.shape[1]:
+        raise RequestError(f"expected --model.projection up to {rows.shape[1]}, the length of a feature, got {kept}")
+    projection = AppearanceProjection(rows.shape[1], kept)
+    projection.start(torch.as_tensor(rows))
+    return projection
 
 
 def _exported_siamese(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:

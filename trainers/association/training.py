@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 from torch.optim import AdamW
 
-from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.models.association import AppearanceProjection, AssociationNetwork
 from tsuiseki.tracking.association.flow.cost_network import FeatureNames
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
@@ -22,18 +22,18 @@ from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import AssociationData, TrainingWindow
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, LossName, Problem, cheapest
-from tsuiseki.trainers.association.graphs import Graph
+from tsuiseki.trainers.association.graphs import Graph, Graphs
 from tsuiseki.trainers.association.losses_beside import contrast_within, finite, link_cross_entropy
 from tsuiseki.trainers.association.solving import Solvers
-from tsuiseki.trainers.association.starting import detector_of, heads_only, network_of, siamese_of
-from tsuiseki.trainers.association.window_appearance import distances, repriced
+from tsuiseki.trainers.association.starting import detector_of, heads_only, network_of, projection_of, siamese_of
+from tsuiseki.trainers.association.window_appearance import averages_of, distances, repriced
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss, rescored, score_logits
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
 
-# Where a checkpoint says how many epochs its training is to have.
-PLANNED = "planned_epochs"
+# Where a checkpoint says how many epochs, and how many steps at most, its training is to have; below 0 for no end.
+PLANNED, PLANNED_STEPS = "planned_epochs", "planned_steps"
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ class Seen:
     """What the networks that learn with the costs say of a window.
 
     Attributes:
-        features: ``(N, D)`` what its detections look like; None where nothing looks at them.
+        features: ``(N, D)`` what its detections look like, of unit length, 0 where not known; None where nothing that
+            learns looks at them.
         heads: raw heads of the detector on its images, ``(T, A, 2)`` and ``(T, A, 4)``; None where no detector learns.
     """
 
@@ -68,7 +69,10 @@ class AssociationTraining(lightning.LightningModule):
             trained on through the flow, on the crops of the windows; the data then needs it exported, too. None
             compares no appearance.
         appearance_rate: its learning rate, a share of the others'.
-        contrast: weight of its own loss, by which it is told who is who in a window.
+        contrast: weight of its own loss, and of a projection's, by which it is told who is who in a window.
+        projection: how many numbers appearance features are projected to before they are compared, by a linear map that
+            learns; the data then needs ``appearance``. 0 compares them as they come.
+        projection_rate: its learning rate, a share of the others'.
         detector: checkpoint of a detector (`tsuiseki train detector`), or one that was exported, whose heads are
             trained on through the flow; the data then needs it exported, and ``heads``. None leaves scores as they are.
         detector_rate: the learning rate of the heads, a share of the others'.
@@ -97,6 +101,8 @@ class AssociationTraining(lightning.LightningModule):
         appearance: Path | None = None,
         appearance_rate: float = 0.03,
         contrast: float = 0.1,
+        projection: int = 0,
+        projection_rate: float = 1.0,
         detector: Path | None = None,
         detector_rate: float = 0.03,
         detection: float = 0.3,
@@ -124,6 +130,7 @@ class AssociationTraining(lightning.LightningModule):
         self.siamese: AppearanceTraining | None = None
         self._siamese_made_of: dict[str, Any] = {}
         self.appearance_rate, self.contrast, self.link_cost = appearance_rate, contrast, LinkCost()
+        self.projected_to, self.projection_rate = projection, projection_rate
         if appearance is not None:
             self.siamese, self._siamese_made_of = siamese_of(appearance)
         self.detector: DetectorTraining | None = None
@@ -135,7 +142,7 @@ class AssociationTraining(lightning.LightningModule):
         self.started_from = start
         if start is not None:
             self.network.load_state_dict({**network_of(start, self.network), **self.network.trusts()})
-        self._counts, self._planned_epochs = Counts(), -1
+        self._counts, self._planned = Counts(), (-1, -1)
 
     def transfer_batch_to_device(
         self, batch: TrainingWindow, device: torch.device, dataloader_idx: int
@@ -147,18 +154,27 @@ class AssociationTraining(lightning.LightningModule):
     def setup(self, stage: str) -> None:
         """Take mean and deviation of the features from what is learnt from; a checkpoint has its own."""
         data = getattr(self.trainer, "datamodule", None)
-        self._planned_epochs = self.trainer.max_epochs or -1
+        self._planned = (self.trainer.max_epochs or -1, self.trainer.max_steps)
         if isinstance(data, AssociationData):
             self.link_cost = data.settings.costs.link
+            if self.projected_to and self.siamese is None:
+                # Features that stay as they are need no crops.
+                data.images = replace(data.images, crops=None)
             if stage == "fit" and self.started_from is None:
                 self.standardise(data.learnt)
 
-    def standardise(self, graphs: Sequence[Any]) -> None:
-        """Take mean and deviation of the features from the networks of sequences."""
+    def standardise(self, graphs: Sequence[Graphs]) -> None:
+        """Take mean and deviation of the features, and the axes of a new projection, from the networks of sequences.
+
+        Raises:
+            RequestError: there is to be a projection, and nothing described the detections, or by fewer numbers.
+        """
+        if self.projected_to and self.network.projection is None:
+            self.network.projection = projection_of(graphs, self.projected_to).to(self.device)
         for part, rows in (
             (self.network.links, [one.detections.links for one in graphs]),
             (self.network.detections, [one.detections.detections for one in graphs]),
-            (self.network.joins, [one.tracklets.links for one in graphs]),
+            (self.network.joins, [joins.links for one in graphs for joins in (one.tracklets, *one.broken)]),
         ):
             part.standardise(torch.as_tensor(np.concatenate(rows), dtype=torch.float32))
 
@@ -181,6 +197,10 @@ class AssociationTraining(lightning.LightningModule):
         if self.siamese is not None and batch.crops is not None:
             self.siamese.eval()
             features = self.siamese(torch.as_tensor(batch.crops.images, device=self.device))
+        if self.network.projection is not None:
+            if features is None and batch.detections.features is not None:
+                features = self._tensor(np.nan_to_num(batch.detections.features))
+            features = None if features is None else self.network.projection(features)
         if self.detector is not None and batch.frames is not None:
             heads = self.trunk.heads(self.detector, batch.frames.batch.images)
         return Seen(features, heads)
@@ -194,8 +214,9 @@ class AssociationTraining(lightning.LightningModule):
         graph, seen = batch.detections, seen or self.seen(batch)
         count = len(graph)
         base, rows, links = (self._tensor(part) for part in (graph.costs, graph.detections, graph.links))
-        if seen.features is not None and batch.crops is not None:
-            links, dearer = repriced(links, distances(seen.features, batch.crops, graph), self.link_cost)
+        if seen.features is not None:
+            averages = averages_of(graph) if batch.crops is None else batch.crops.averages
+            links, dearer = repriced(links, distances(seen.features, averages, graph), self.link_cost)
             base = base + torch.cat([base.new_zeros(3 * count), dearer])
         if seen.heads is not None and batch.frames is not None:
             rows, dearer = rescored(rows, score_logits(seen.heads[0], batch.frames, graph), graph)
@@ -269,11 +290,13 @@ class AssociationTraining(lightning.LightningModule):
 
     def parameter_groups(self) -> list[dict[str, Any]]:
         """What learns, and how fast."""
-        groups = decay_groups(self.network, self.weight_decay)
         parts: list[tuple[nn.Module | None, float]] = [
+            (self.network.projection, self.projection_rate),
             (self.siamese, self.appearance_rate),
             (self.detector, self.detector_rate),
         ]
+        costs = nn.ModuleList([self.network.links, self.network.detections, self.network.joins])
+        groups = decay_groups(costs, self.weight_decay)
         for part, share in parts:
             if part is not None:
                 slower = {"lr": self.learning_rate * share}
@@ -282,7 +305,7 @@ class AssociationTraining(lightning.LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep what the other networks are made of, so that they can be made again without their own checkpoints."""
-        checkpoint[PLANNED] = self._planned_epochs
+        checkpoint[PLANNED], checkpoint[PLANNED_STEPS] = self._planned
         if self.siamese is not None:
             checkpoint["siamese"] = self._siamese_made_of
         if self.detector is not None:
@@ -291,6 +314,10 @@ class AssociationTraining(lightning.LightningModule):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Make the other networks that the checkpoint has weights for; how far changes are trusted is as asked now."""
         checkpoint["state_dict"] |= {f"network.{name}": value for name, value in self.network.trusts().items()}
+        matrix = checkpoint["state_dict"].get("network.projection.matrix")
+        if matrix is not None and self.network.projection is None:
+            kept, features = matrix.shape
+            self.network.projection = AppearanceProjection(features, kept)
         if self.detector is None and "detector" in checkpoint:
             self._detector_made_of = checkpoint["detector"]
             self.detector = heads_only(DetectorTraining(**self._detector_made_of))

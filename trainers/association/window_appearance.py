@@ -1,8 +1,10 @@
-"""The appearance of the detections of a window, as the tracker compares it, with gradients into the Siamese network.
+"""The appearance of the detections of a window, as the tracker compares it, with gradients into what made it.
+
+That is the Siamese network, or a projection of features that stay as they are, or one after the other.
 
 The tracker averages features along the track found so far, over some time before a link and after it (eq. 5.3,
 one-sided), and prices the cosine distance d of the two averages: weight · (d − neutral), and d is a feature of the
-network of costs. Both are computed here again from the crops of the window. By how much a link is dearer than its
+network of costs. Both are computed here again from the features of the window. By how much a link is dearer than its
 rivals is held fixed within a step.
 """
 
@@ -28,18 +30,29 @@ COST, DISTANCE, KNOWN = (LINK_FEATURES.index(name) for name in ("cost", "appeara
 
 
 @dataclass(frozen=True)
+class Averages:
+    """Along which detections of a window features are averaged.
+
+    Attributes:
+        past: ``(N, N)`` which detections are averaged before a link from each.
+        future: ``(N, N)`` likewise after a link to each.
+    """
+
+    past: FloatArray
+    future: FloatArray
+
+
+@dataclass(frozen=True)
 class WindowCrops:
     """The crops of a window.
 
     Attributes:
         images: ``(N, H, W, 3)`` uint8 RGB.
-        past: ``(N, N)`` which detections are averaged before a link from each.
-        future: ``(N, N)`` likewise after a link to each.
+        averages: along which of them features are averaged.
     """
 
     images: ImageArray
-    past: FloatArray
-    future: FloatArray
+    averages: Averages
 
 
 def crops_of(graph: Graph, height: int, width: int) -> WindowCrops:
@@ -48,9 +61,13 @@ def crops_of(graph: Graph, height: int, width: int) -> WindowCrops:
     for frame in np.unique(graph.frames):
         here = np.flatnonzero(graph.frames == frame)
         images[here] = crop_boxes(read_image(graph.images[frame]), graph.boxes[here], height, width)
-    reach = gaps(RoundSettings().averaged, graph.frame_rate)
-    past = averaged(graph.frames, graph.tracks, reach)
-    return WindowCrops(images, past, past.T.copy())
+    return WindowCrops(images, averages_of(graph))
+
+
+def averages_of(graph: Graph) -> Averages:
+    """Along which detections of a window the tracker averages features."""
+    past = averaged(graph.frames, graph.tracks, gaps(RoundSettings().averaged, graph.frame_rate))
+    return Averages(past, past.T.copy())
 
 
 def averaged(frames: IntArray, tracks: IntArray, reach: int) -> FloatArray:
@@ -62,14 +79,22 @@ def averaged(frames: IntArray, tracks: IntArray, reach: int) -> FloatArray:
     return within
 
 
-def distances(features: Tensor, crops: WindowCrops, graph: Graph) -> Tensor:
-    """``(P,)`` cosine distances of the averages at both ends of every link, of ``(N, D)`` features of unit length."""
+def distances(features: Tensor, averages: Averages, graph: Graph) -> Tensor:
+    """``(P,)`` cosine distances of the averages at both ends of every link, NaN where one has none.
+
+    Args:
+        features: ``(N, D)`` of unit length, 0 where not known.
+        averages: of the window.
+        graph: the window.
+    """
     past, future = (
         functional.normalize(torch.as_tensor(part, dtype=features.dtype, device=features.device) @ features, dim=1)
-        for part in (crops.past, crops.future)
+        for part in (averages.past, averages.future)
     )
     tail, head = (torch.as_tensor(part, device=features.device) for part in (graph.tail, graph.head))
-    return 1 - (past[tail] * future[head]).sum(dim=1)
+    known = past.detach().any(dim=1)[tail] & future.detach().any(dim=1)[head]
+    distance = 1 - (past[tail] * future[head]).sum(dim=1)
+    return torch.where(known, distance, torch.full_like(distance, float("nan")))
 
 
 def repriced(rows: Tensor, distance: Tensor, cost: LinkCost) -> tuple[Tensor, Tensor]:
@@ -77,13 +102,15 @@ def repriced(rows: Tensor, distance: Tensor, cost: LinkCost) -> tuple[Tensor, Te
 
     Args:
         rows: ``(P, F)`` the features, with another distance or none.
-        distance: ``(P,)``.
+        distance: ``(P,)``, NaN where not known, which leaves a link as it is.
         cost: what a distance costs.
     """
     weight, neutral = cost.appearance[1], cost.neutral[1]
+    known = ~torch.isnan(distance)
+    distance = torch.where(known, distance, rows[:, DISTANCE])
     before = torch.where(rows[:, KNOWN] > 0, rows[:, DISTANCE] - neutral, torch.zeros_like(distance))
-    change = weight * (distance - neutral - before)
+    change = torch.where(known, weight * (distance - neutral - before), torch.zeros_like(distance))
     columns = list(rows.unbind(dim=1))
     columns[COST] = columns[COST] + change
-    columns[DISTANCE], columns[KNOWN] = distance, torch.ones_like(distance)
+    columns[DISTANCE], columns[KNOWN] = distance, torch.where(known, torch.ones_like(distance), rows[:, KNOWN])
     return torch.stack(columns, dim=1), change

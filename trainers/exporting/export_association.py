@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
+from torch import nn
 
 from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork, FeatureNames
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
-from tsuiseki.trainers.association.training import PLANNED, AssociationTraining
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.association.training import PLANNED, PLANNED_STEPS, AssociationTraining
 from tsuiseki.trainers.exporting.export import convert_module, export_onnx, load_module
 from tsuiseki.trainers.exporting.export_detector import OUTPUTS as DETECTOR_OUTPUTS
 from tsuiseki.trainers.exporting.export_detector import RawHeads
@@ -25,6 +27,8 @@ from tsuiseki.trainers.networks.detector import DetectorTraining
 TOLERANCE = 1e-4
 INPUTS = ("links", "detections", "joins")
 OUTPUTS = ("link_changes", "detection_changes", "join_changes")
+# The fourth of each, where appearance is projected.
+APPEARANCE, PROJECTED = "appearance", "projected"
 
 
 def export_trained(
@@ -33,6 +37,7 @@ def export_trained(
     appearance: Path | None = None,
     detector: Path | None = None,
     training_data: str = "",
+    unfinished: bool = False,
     overwrite: bool = False,
 ) -> float:
     """Write the network of a checkpoint as ONNX, for --affinity, and check that it gives the costs that torch gives.
@@ -43,17 +48,18 @@ def export_trained(
         appearance: file for the Siamese network that was trained with it, for --appearance.
         detector: file for the detector whose heads were trained with it, for --detector.
         training_data: what it was trained on, in words; kept in the file.
+        unfinished: take a training that has not had all its epochs as it is.
         overwrite: replace an existing file.
 
     Returns:
         The largest difference of a cost to torch that the parity check saw.
 
     Raises:
-        RequestError: a missing or foreign file, a training that has not taken a step, or one without the network that
-            is asked for.
+        RequestError: a missing or foreign file, a training that has not taken a step or has not ended, or one without
+            the network that is asked for.
     """
     module = load_module(AssociationTraining, checkpoint)
-    _say_unfinished(checkpoint)
+    _check_ended(checkpoint, unfinished)
     network = module.network
     if not any(part.linear.weight.any() for part in (network.links, network.detections, network.joins)):
         raise RequestError(f"{checkpoint}: expected a trained network, but it changes no cost; go on with the training")
@@ -66,13 +72,21 @@ def export_trained(
     return worst
 
 
-def _say_unfinished(checkpoint: Path) -> None:
-    """Tell of a training that has not had all its epochs."""
+def _check_ended(checkpoint: Path, unfinished: bool) -> None:
+    """Refuse a training that has had fewer epochs, and steps, than it was to have; or tell of it."""
     last = checkpoint.with_name("last.ckpt")
-    held = torch.load(last if last.is_file() else checkpoint, map_location="cpu", weights_only=True)
-    done, planned = held["epoch"] + 1, held.get(PLANNED, -1)
-    if done < planned:
-        print(f"{checkpoint}: of a training that has had {done} of {planned} epochs; --ckpt_path goes on with it")
+    path = last if last.is_file() else checkpoint
+    held = torch.load(path, map_location="cpu", weights_only=True)
+    done, epochs, steps = held["epoch"] + 1, held.get(PLANNED, -1), held.get(PLANNED_STEPS, -1)
+    if done >= epochs or 0 < steps <= held["global_step"]:
+        return
+    had = f"that has had {done} of {epochs} epochs"
+    if not unfinished:
+        raise RequestError(
+            f"{checkpoint}: expected a training that has ended, got one {had}; go on with --ckpt_path {path}, or take "
+            "it as it is with `unfinished`"
+        )
+    print(f"{checkpoint}: of a training {had}; --ckpt_path goes on with it")
 
 
 def _export_siamese(module: AssociationTraining, checkpoint: Path, out: Path, data: str, overwrite: bool) -> None:
@@ -111,7 +125,8 @@ def export_association(
     """Write the network as ``path``, once it gives what torch gives.
 
     The graph maps ``links`` ``(P, 25)``, ``detections`` ``(N, 15)`` and ``joins`` ``(J, 29)`` to changes of costs
-    ``(P,)``, ``(N, 3)`` and ``(J,)``, all float32; any of P, N and J may be 0.
+    ``(P,)``, ``(N, 3)`` and ``(J,)``, all float32; any of P, N and J may be 0. A network that projects appearance maps
+    ``appearance`` ``(A, D)`` to ``projected`` ``(A, d)``, too.
 
     Returns:
         The largest difference to torch, in costs.
@@ -124,6 +139,7 @@ def export_association(
         kind="association",
         name=name,
         layout="NF",
+        feature_length=0 if network.projection is None else network.projection.matrix.shape[1],
         settings={part: list(names) for part, names in asdict(FeatureNames()).items()},
         training_data=training_data,
         project_version=version("tsuiseki"),
@@ -149,19 +165,29 @@ def check_parity(network: AssociationNetwork, path: Path) -> float:
         for part in INPUTS:
             change = getattr(network, part)
             rows = rng.normal(0, 3, (count, len(change.mean))) * change.deviation.numpy() + change.mean.numpy()
-            with torch.no_grad():
-                expected = change(torch.as_tensor(rows, dtype=torch.float32)).numpy()
-            got = getattr(model, part)(rows)
-            if got.size != expected.size:
-                raise RunError(f"parity check failed: expected {expected.size} changes of {part}, got {got.size}")
-            worst = max(worst, float(np.abs(got.ravel() - expected.ravel()).max(initial=0.0)))
+            worst = max(worst, _differing(change, getattr(model, part)(rows), rows, f"changes of {part}"))
+        if network.projection is not None:
+            rows = rng.normal(size=(count, network.projection.matrix.shape[1]))
+            worst = max(worst, _differing(network.projection, model.project(rows), rows, "projected numbers"))
     if not worst <= TOLERANCE:
         raise RunError(f"parity check failed: a cost differs by {worst:.2g} from torch, expected {TOLERANCE:g} at most")
     return worst
 
 
+def _differing(part: nn.Module, got: FloatArray, rows: FloatArray, what: str) -> float:
+    with torch.no_grad():
+        expected = part(torch.as_tensor(rows, dtype=torch.float32)).numpy()
+    if got.size != expected.size:
+        raise RunError(f"parity check failed: expected {expected.size} {what}, got {got.size}")
+    return float(np.abs(got.ravel() - expected.ravel()).max(initial=0.0))
+
+
 def _converted(network: AssociationNetwork) -> onnx.ModelProto:
-    sizes = [len(getattr(network, part).mean) for part in INPUTS]
-    examples = tuple(torch.zeros(3 + k, size) for k, size in enumerate(sizes))
-    rows = tuple({0: torch.export.Dim(f"{part}_rows", min=0)} for part in INPUTS)
-    return convert_module(network, examples, INPUTS, OUTPUTS, rows)
+    sizes = {part: len(getattr(network, part).mean) for part in INPUTS}
+    outputs: tuple[str, ...] = OUTPUTS
+    if network.projection is not None:
+        sizes[APPEARANCE], outputs = network.projection.matrix.shape[1], (*OUTPUTS, PROJECTED)
+    # Of appearance no row of zeros, which has no direction.
+    examples = tuple(torch.ones(3 + k, size) for k, size in enumerate(sizes.values()))
+    rows = tuple({0: torch.export.Dim(f"{part}_rows", min=0)} for part in sizes)
+    return convert_module(network, examples, tuple(sizes), outputs, rows)

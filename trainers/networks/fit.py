@@ -86,7 +86,8 @@ def fit_association(arguments: Sequence[str]) -> Path:
         out / f"{name}.onnx" if held.get(part) is not None else None
         for name, part in (("appearance", "siamese"), ("detector", "detector"))
     )
-    export_trained(best, out / "association.onnx", appearance, detector, overwrite=True)
+    # A training that was stopped by a callback or by the time has ended as it was asked to.
+    export_trained(best, out / "association.onnx", appearance, detector, unfinished=True, overwrite=True)
     return best
 
 

@@ -16,7 +16,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow, RandomWindows, TrainingWindow
-from tsuiseki.trainers.association.training import PLANNED, AssociationTraining
+from tsuiseki.trainers.association.training import PLANNED, PLANNED_STEPS, AssociationTraining
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_association import TOLERANCE, export_trained
 from tsuiseki.trainers.networks.fit import fit_association
@@ -208,17 +208,38 @@ def test_weights_that_ran_away_name_the_window(walk: Path, part: str) -> None:
         module.losses(batch, module.loss, rng)
 
 
-def test_the_export_of_an_unfinished_training_says_so(
+def test_an_unfinished_training_is_exported_only_where_asked(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    best = trained / "checkpoints" / "best.ckpt"
+    best, out = trained / "checkpoints" / "best.ckpt", tmp_path / "part.onnx"
     export_trained(best, tmp_path / "whole.onnx")
     assert "--ckpt_path" not in capsys.readouterr().out
     held = torch.load(best, weights_only=True)
     assert held[PLANNED] >= 2
-    torch.save({**held, PLANNED: 6, "epoch": 0}, tmp_path / "first.ckpt")
-    export_trained(tmp_path / "first.ckpt", tmp_path / "part.onnx")
+    first = tmp_path / "first.ckpt"
+    torch.save({**held, PLANNED: 6, "epoch": 0}, first)
+    words = ["export", "association", "--checkpoint", str(first), "--out", str(out)]
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert "expected a training that has ended, got one that has had 1 of 6 epochs" in told
+    assert "with --unfinished" in told
+    assert not out.exists()
+    assert main([*words, "--unfinished"]) == 0
     assert "of a training that has had 1 of 6 epochs; --ckpt_path goes on with it" in capsys.readouterr().out
+    CostNetwork(out, threads=1)
+
+
+def test_a_training_that_had_all_its_steps_has_ended(trained: Path, tmp_path: Path) -> None:
+    held = torch.load(trained / "checkpoints" / "best.ckpt", weights_only=True)
+    taken = held["global_step"]
+    assert held[PLANNED_STEPS] == -1
+    for steps, ended in ((taken, True), (taken + 1, False)):
+        torch.save({**held, PLANNED: 1000, PLANNED_STEPS: steps}, tmp_path / "steps.ckpt")
+        if ended:
+            export_trained(tmp_path / "steps.ckpt", tmp_path / "steps.onnx")
+        else:
+            with pytest.raises(RequestError, match=r"has had \d of 1000 epochs; go on with --ckpt_path .*steps\.ckpt"):
+                export_trained(tmp_path / "steps.ckpt", tmp_path / "more.onnx")
 
 
 def test_an_unfinished_training_is_not_exported(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def test_the_distances_are_those_of_the_tracker(street: Path, siamese: tuple[Pat
         seen = module.seen(batch)
         assert seen.features is not None
         assert batch.crops is not None
-        found = distances(seen.features, batch.crops, batch.detections).numpy()
+        found = distances(seen.features, batch.crops.averages, batch.detections).numpy()
         costs = module.costs(batch, seen).numpy()
     known = batch.detections.links[:, LINK_FEATURES.index("appearance")]
     assert np.ptp(known) > 0.01

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
-from tsuiseki.tracking.association.flow.cost_network import CostChanges
+from tsuiseki.tracking.association.flow.cost_network import CostChanges, ProjectsAppearance
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
@@ -79,6 +79,7 @@ class FlowTracker:
         given = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, camera, observation)
         most_undecided = None if settings.most_undecided is None else round(settings.most_undecided * frame_rate)
         window = FlowWindow(settings.costs, frame_rate, size, most_undecided, transition, changes)
+        self._changes = changes
         self._flow: WholeFlow | DelayedFlow
         if delay is None:
             self._flow = WholeFlow(settings, given, window)
@@ -135,8 +136,14 @@ class FlowTracker:
         }
 
     def update(self, detections: DetectionsLike) -> Targets | None:
-        """Take the detections of the next frame; with a delay, the people of the frame so long before."""
+        """Take the detections of the next frame; with a delay, the people of the frame so long before.
+
+        Raises:
+            RequestError: the learnt changes project appearance, and the detections have none, or of another length.
+        """
         found = as_detections(detections)
+        if isinstance(self._changes, ProjectsAppearance):
+            found = self._changes.projected(found)
         self._given += len(found)
         self._flow.input.meet()
         return self._flow.update(found)
