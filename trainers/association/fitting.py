@@ -40,6 +40,10 @@ class Fit:
         learning_rate: at its highest.
         weight_decay: towards the tracker's own costs.
         seed: of windows, perturbations and first weights.
+        detections: whether what detections, starts and ends cost is learnt; otherwise links and joins alone are.
+        broken: second levels with tracks broken on purpose that each sequence has, see `broken_tracks`. Whoever makes
+            the networks of sequences takes heed of it.
+        fits: from so many seeds on, of whose networks the mean is taken; more than one of linear networks only.
         rounds: how often it is fitted from the start; from the second time on links are priced along the tracks of the
             fit before. Whoever makes the networks of sequences takes heed of it.
     """
@@ -59,15 +63,30 @@ class Fit:
     learning_rate: float = 3e-3
     weight_decay: float = 1e-2
     seed: int = 0
+    detections: bool = True
+    broken: int = 0
+    fits: int = 1
     rounds: int = 1
+
+    def __post_init__(self) -> None:
+        if self.fits < 1 or (self.fits > 1 and self.hidden):
+            raise ValueError("expected one fit of a network with hidden layers, whose weights have no mean")
 
 
 def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
-    """The network after ``fit.steps`` windows.
+    """The network after ``fit.steps`` windows; the mean of those of ``fit.fits`` seeds.
 
     Raises:
         RunError: a loss is no number; names the window.
     """
+    found = [_fit_once(graphs, replace(fit, seed=fit.seed + more)) for more in range(fit.fits)]
+    states = [network.state_dict() for network in found]
+    mean = {name: torch.stack([state[name] for state in states]).mean(dim=0) for name in states[0]}
+    found[0].load_state_dict(mean)
+    return found[0].eval()
+
+
+def _fit_once(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
     torch.manual_seed(fit.seed)
     module = AssociationTraining(
         hidden=fit.hidden,
@@ -81,7 +100,8 @@ def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
         learning_rate=fit.learning_rate,
         weight_decay=fit.weight_decay,
     )
-    return fitted(module, graphs, fit).network.eval()
+    module.network.detections.requires_grad_(fit.detections)
+    return fitted(module, graphs, fit).network
 
 
 def fitted(

@@ -143,4 +143,6 @@ class Graphs:
 
     def joins(self, rng: np.random.Generator) -> Graph:
         """The second level, or one of those with broken tracks, all as likely."""
-        return (self.tracklets, *self.broken)[int(rng.integers(len(self.broken) + 1))] if self.broken else self.tracklets
+        return (
+            (self.tracklets, *self.broken)[int(rng.integers(len(self.broken) + 1))] if self.broken else self.tracklets
+        )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.flow.seen import no_detections
+from tsuiseki.tracking.association.flow.seen import Seen, no_detections
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements
 from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.data import RandomWindows
@@ -19,7 +19,7 @@ RATE = 10.0
 OFTEN = Breaks(copies=1, every=2.0, shortest=0.5, longest=1.0)
 
 
-def side_by_side(frames: int = 100, people: int = 3):  # noqa: ANN201
+def side_by_side(frames: int = 100, people: int = 3) -> tuple[Seen, np.ndarray]:
     """``people`` in rows, of whom the second stands partly behind the first in the second half."""
     when = np.repeat(np.arange(frames), people)
     who = np.tile(np.arange(people), frames)

@@ -18,7 +18,7 @@ from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections
 from tsuiseki.trainers.association.data import TrainingWindow
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
-from tsuiseki.trainers.association.graphs import Graphs
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AssociationTraining
@@ -37,7 +37,7 @@ def seen(found: Detections, rng: np.random.Generator) -> np.ndarray:
     return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
-def described(seed: int):  # noqa: ANN201
+def described(seed: int) -> DetectedVideo:
     """Two people who meet and turn round, with features."""
     video, rng = crossing(seed), np.random.default_rng(seed)
     return replace(video, detections=[found.with_features(seen(found, rng)) for found in video.detections])

@@ -316,6 +316,16 @@ def test_labels_of_other_classes_are_named(tmp_path: Path) -> None:
         AssociationData([folder]).setup("fit")
 
 
+def test_broken_tracks_are_learnt_from_and_not_held_back(walk: Path) -> None:
+    data = AssociationData([walk], broken=2)
+    data.setup("fit")
+    assert [len(one.broken) for one in data.learnt] == [2]
+    assert [len(one.broken) for one in data.held] == [0]
+    assert any(one.labelled[3 * len(one) :].any() for one in data.learnt[0].broken)
+    with pytest.raises(RequestError, match=r"expected --data\.broken from 0, got -1"):
+        AssociationData([walk], broken=-1)
+
+
 def test_a_wrong_setting_is_one_line(capsys: pytest.CaptureFixture[str], walk: Path, tmp_path: Path) -> None:
     words = ["train", "association", *options(walk, tmp_path / "out", "--model.switch=0.1")]
     assert main(words) == 2

@@ -1,11 +1,11 @@
-"""The Siamese network trained on through the flow, against as many steps by its own loss alone."""
+"""The Siamese network, or a projection of what it says, trained on through the flow, against its own loss alone."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -14,8 +14,9 @@ from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.data import FLOWS, TrackerName, WindowImages
-from tsuiseki.trainers.association.fitting import Fit, fitted
+from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
 from tsuiseki.trainers.association.graphs import DetectedVideo
+from tsuiseki.trainers.association.starting import siamese_of
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.experiments.end_to_end.pictured import (
     Stretch,
@@ -28,9 +29,11 @@ from tsuiseki.trainers.experiments.end_to_end.pictured import (
 )
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 
-Way = Literal["as it ships", "its own loss", "through the flow"]
-WAYS: tuple[Way, ...] = ("as it ships", "its own loss", "through the flow")
+Way = Literal["as it ships", "its own loss", "through the flow", "projected, its own loss", "projected, the flow"]
+WAYS: tuple[Way, ...] = get_args(Way)
 STEPS, SECONDS, RATE = 40, 1.5, 0.05
+# Numbers that are left of a feature.
+KEPT = 32
 READ: dict[TrackerName, Callable[[Stretch], DetectedVideo]] = {"people": read_stretch, "drone": read_filmed}
 
 
@@ -43,25 +46,31 @@ def appearance_sums(
         train: what is learnt from.
         tests: what is tracked.
         start: exported Siamese network.
-        way: how it is trained on.
+        way: how it is trained on; ``projected`` leaves it as it is, and trains a projection of its features.
         tracker: whose costs are taken.
     """
-    settings, read = FLOWS[tracker], READ[tracker]
+    settings, read, projects = FLOWS[tracker], READ[tracker], way.startswith("projected")
     torch.manual_seed(0)
-    module = AssociationTraining(appearance=start, appearance_rate=RATE, contrast=0.3, joins=0.0)
-    siamese = module.siamese
-    assert siamese is not None
+    siamese, _ = siamese_of(start)
+    module = AssociationTraining(
+        appearance=None if projects else start,
+        appearance_rate=RATE,
+        projection=KEPT if projects else 0,
+        contrast=0.3,
+        joins=0.0,
+    )
     if way != "as it ships":
-        # The costs stay as they are, so that what is gained is the Siamese network's.
+        # The costs stay as they are, so that what is gained is the appearance's.
         module.network.requires_grad_(False)
         module.link_cost = settings.costs.link
         graphs = [graphs_of_video(looked_at(read(one), siamese), settings) for one in train]
-        fit = Fit(steps=STEPS, seconds=SECONDS, flow=0.0 if way == "its own loss" else 1.0)
-        fitted(module, graphs, fit, WindowImages(crops=(siamese.card.input_height, siamese.card.input_width)))
+        fit = Fit(steps=STEPS, seconds=SECONDS, flow=0.0 if way.endswith("its own loss") else 1.0)
+        size = siamese.card.input_height, siamese.card.input_width
+        fitted(module, graphs, fit, WindowImages(crops=None if projects else size))
     sums = []
     for one in tests:
-        video = looked_at(read(one), siamese)
-        tracks = tracks_on(video, video.detections, settings)
+        video = looked_at(read(one), module.siamese or siamese)
+        tracks = tracks_on(video, [NetworkChanges(module.network).projected(f) for f in video.detections], settings)
         sums.append(np.concatenate([sums_of(video, tracks), gap_links(video, tracks)]))
     return sums
 

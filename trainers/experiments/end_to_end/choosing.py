@@ -5,7 +5,8 @@ sequences at every step. Its points lie on a lattice, so that the searches of al
 
 *Shares* of the learnt changes are chosen inside the training sequences: one group after the other is left out of
 the fit and tracked at each of `SHARES`, and the best share is taken for the fit on all of them. So a change that does
-not carry over is not made.
+not carry over is not made. Few sequences say little, so a share may also be asked to gain *surely*: by more than the
+standard error of its gains on single sequences.
 """
 
 from __future__ import annotations
@@ -37,8 +38,10 @@ def scalar_sums(clip: Clip, scalars: Scalars) -> FloatArray:
 
 def share_sums(train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit) -> list[FloatArray]:
     """For each test ``(len(SHARES), 83)`` sums at shares of the changes that were learnt on ``train``."""
-    changes = NetworkChanges(fit_network(learnable(train), replace(fit, trust=1.0)))
-    return [np.stack([clip_sums(clip, tracked(clip, Shrunk(changes, *share))) for share in SHARES]) for clip in tests]
+    changes = NetworkChanges(fit_network(learnable(train, broken=fit.broken), replace(fit, trust=1.0)))
+    # Of the first share nothing is left but the tracker itself.
+    ways = [None, *(Shrunk(changes, *share) for share in SHARES[1:])]
+    return [np.stack([clip_sums(clip, tracked(clip, way)) for way in ways]) for clip in tests]
 
 
 def pattern_search(value: Callable[[Scalars], float], looks: int = LOOKS) -> Scalars:
@@ -61,6 +64,25 @@ def pattern_search(value: Callable[[Scalars], float], looks: int = LOOKS) -> Sca
         if best == before:
             shrink /= 2
     return best
+
+
+def best_share(sums: Sequence[FloatArray], sure: bool) -> tuple[float, float]:
+    """The share of the highest HOTA; none of the learnt changes where there is nothing to choose by.
+
+    Args:
+        sums: ``(len(SHARES), 83)`` of each sequence, tracked by what neither it nor the group to be scored had a part
+            in; the first share is none.
+        sure: only shares count whose mean gain of HOTA is above its standard error.
+    """
+    if not sums:
+        return SHARES[0]
+    together = [hota([one[k] for one in sums]) for k in range(len(SHARES))]
+    if sure:
+        single = np.array([[hota([one[k]]) for k in range(len(SHARES))] for one in sums])
+        gains = single - single[:, :1]
+        error = gains.std(axis=0, ddof=1) / np.sqrt(len(gains)) if len(gains) > 1 else np.full(len(SHARES), np.inf)
+        together = [value if k == 0 or gains[:, k].mean() > error[k] else -np.inf for k, value in enumerate(together)]
+    return SHARES[int(np.argmax(together))]
 
 
 def hota(sums: Sequence[FloatArray]) -> float:

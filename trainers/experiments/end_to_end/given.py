@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -14,6 +14,7 @@ from tsuiseki.trainers.experiments.association.sequences import Clip, DataSet
 from tsuiseki.trainers.experiments.end_to_end.choosing import (
     LOOKS,
     SHARES,
+    best_share,
     hota,
     pattern_search,
     scalar_sums,
@@ -26,7 +27,7 @@ from tsuiseki.trainers.experiments.experiment import Bench
 
 GAP = 2.0
 DEFAULT, LOGISTIC, TREES, ORACLE = "default", "pairs, logistic", "pairs, boosted trees", "right links"
-SEARCHED, SHARED = "direct search", "both losses, shares by HOTA"
+SEARCHED, SHARED, SURE = "direct search", "both losses, shares by HOTA", "both losses, shares that surely gain"
 POOLED = "both losses, other sets too"
 BOTH = "both losses"
 LEARNT = {"Fenchel-Young": Fit(loss="fenchel_young"), "hinge": Fit(loss="hinge"), BOTH: Fit()}
@@ -40,6 +41,13 @@ OTHERS = {
     "400 windows": Fit(steps=400),
     "links along the tracks learnt": Fit(rounds=2),
     "two hidden layers of 12": Fit(hidden=12),
+}
+# What may help where few sequences teach.
+FOR_FEW = {
+    "tracks broken for the joins": Fit(broken=8),
+    "links and joins alone": Fit(detections=False, broken=8),
+    "mean of four fits": Fit(broken=8, fits=4),
+    "both losses, another seed": Fit(seed=1),
 }
 
 
@@ -63,7 +71,12 @@ def given(bench: Bench, one: DataSet, clips: list[Clip], processes: int = 0) -> 
 
 
 def alternatives(
-    bench: Bench, one: DataSet, clips: list[Clip], others: Sequence[Clip] = (), processes: int = 0
+    bench: Bench,
+    one: DataSet,
+    clips: list[Clip],
+    others: Sequence[Clip] = (),
+    processes: int = 0,
+    every: bool = True,
 ) -> list[Result]:
     """Other ways to learn through the flow, and without it.
 
@@ -73,12 +86,14 @@ def alternatives(
         clips: its sequences.
         others: sequences of other sets, for the row that learns from them, too; by default there is no such row.
         processes: folds at the same time; 0 takes all cores.
+        every: all ways; otherwise those for few sequences alone.
     """
-    learners = through_the_flow({BOTH: LEARNT[BOTH], **OTHERS})
+    learners = through_the_flow({BOTH: LEARNT[BOTH], **(OTHERS if every else {}), **FOR_FEW})
     if others:
         learners.append(Learner(POOLED, learnt_tables, FIT_OF_POOL, tuple(others)))
     learnt = learnt_rows(bench, one, clips, learners, processes)
-    return [default(bench, clips), *learnt, _shared(bench, one, clips), _searched(bench, one, clips)]
+    own = default(bench, clips)
+    return [own, *learnt, *_shared(bench, one, clips, own), _searched(bench, one, clips)]
 
 
 def default(bench: Bench, clips: Sequence[Clip]) -> Result:
@@ -93,8 +108,8 @@ def through_the_flow(fits: dict[str, Fit]) -> list[Learner]:
     return [Learner(name, learnt_tables, fit) for name, fit in fits.items()]
 
 
-def _shared(bench: Bench, one: DataSet, clips: list[Clip]) -> Result:
-    """Learnt through the flow, of which as much is taken as HOTA inside the training groups asks for."""
+def _shared(bench: Bench, one: DataSet, clips: list[Clip], own: Result) -> list[Result]:
+    """Learnt through the flow, of which as much is taken as HOTA inside the training groups asks for; and surely."""
     groups, fit, recall = groups_of(one, clips), LEARNT[BOTH], bench.store.recall
     inner = dict[tuple[int, int], dict[int, FloatArray]]()
     pairs = list(combinations(range(len(groups)), 2)) if len(groups) > 2 else []
@@ -103,27 +118,26 @@ def _shared(bench: Bench, one: DataSet, clips: list[Clip]) -> Result:
         train = tuple(clip for k, clip in enumerate(clips) if k not in tested)
         found = recall(share_sums, train, tuple(clips[k] for k in tested), fit)
         inner[a, b] = dict(zip(tested, found, strict=True))
-    sums = dict[Clip, FloatArray]()
-    for left, fold in enumerate(bench.watch.over(folds_of(one, clips), f"{one.key}: {SHARED}")):
-        (tables,) = recall(shared_tables, fold.train, fold.tests, fit, (_best_share(inner, groups, left),))
-        sums |= {clip: recall(clip_sums, clip, table) for clip, table in zip(fold.tests, tables, strict=True)}
-    return Result(SHARED, np.stack([sums[clip] for clip in clips]), OF_OTHERS)
+    rows = []
+    for name, sure in ((SHARED, False), (SURE, True)):
+        sums, taken = own.sums.copy(), 0
+        for left, fold in enumerate(bench.watch.over(folds_of(one, clips), f"{one.key}: {name}")):
+            share = best_share(others_of(inner, groups, left), sure)
+            if share == SHARES[0]:
+                continue
+            taken += 1
+            (tables,) = recall(shared_tables, fold.train, fold.tests, fit, (share,))
+            for k, clip, table in zip(groups[left], fold.tests, tables, strict=True):
+                sums[k] = recall(clip_sums, clip, table)
+        rows.append(Result(name, sums, f"{OF_OTHERS}, {taken} of {len(groups)} times"))
+    return rows
 
 
-def _best_share(
+def others_of(
     inner: dict[tuple[int, int], dict[int, FloatArray]], groups: list[list[int]], left: int
-) -> tuple[float, float]:
-    """The share that is best on the groups but ``left``, each by what neither it nor ``left`` had a part in."""
-
-    def others() -> Iterator[FloatArray]:
-        for (a, b), found in inner.items():
-            if left in (a, b):
-                yield from (found[k] for k in groups[b if left == a else a])
-
-    sums = list(others())
-    if not sums:
-        return SHARES[0]
-    return SHARES[int(np.argmax([hota([one[k] for one in sums]) for k in range(len(SHARES))]))]
+) -> list[FloatArray]:
+    """Sums of the sequences but ``left``'s, each by what neither it nor ``left`` had a part in."""
+    return [found[k] for (a, b), found in inner.items() if left in (a, b) for k in groups[b if left == a else a]]
 
 
 def _searched(bench: Bench, one: DataSet, clips: list[Clip]) -> Result:

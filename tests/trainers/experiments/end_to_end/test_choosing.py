@@ -7,8 +7,8 @@ import pytest
 
 from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.end_to_end.choosing import SHARES, STEPS, pattern_search
-from tsuiseki.trainers.experiments.end_to_end.given import _best_share
+from tsuiseki.trainers.experiments.end_to_end.choosing import SHARES, STEPS, best_share, pattern_search
+from tsuiseki.trainers.experiments.end_to_end.given import others_of
 from tsuiseki.trainers.experiments.end_to_end.simple_changes import Scalars, Shrunk
 
 
@@ -71,12 +71,26 @@ def sums_at(hits: float) -> FloatArray:
 def test_a_share_is_chosen_without_the_group_that_is_scored(left: int) -> None:
     groups = [[0], [1], [2]]
     good, bad = (np.stack([sums_at(hits) for hits in range(1, len(SHARES) + 1)][:: 1 if up else -1]) for up in (1, 0))
-    inner = {}
+    inner: dict[tuple[int, int], dict[int, FloatArray]] = {}
     for a, b in ((0, 1), (0, 2), (1, 2)):
         # What is found on the group that is left says the opposite, and is not to be listened to.
         inner[a, b] = {k: bad if k == left else good for k in (a, b)}
-    assert _best_share(inner, groups, left) == SHARES[-1]
+    assert best_share(others_of(inner, groups, left), sure=False) == SHARES[-1]
 
 
-def test_with_two_groups_nothing_is_taken() -> None:
-    assert _best_share({}, [[0], [1]], 0) == (0.0, 0.0)
+@pytest.mark.parametrize("sure", [False, True])
+def test_with_two_groups_nothing_is_taken(sure: bool) -> None:
+    assert best_share(others_of({}, [[0], [1]], 0), sure) == (0.0, 0.0)
+
+
+def test_a_gain_on_one_sequence_alone_is_not_sure() -> None:
+    def at(*hits: float) -> FloatArray:
+        return np.stack([sums_at(one) for one in hits])
+
+    # The last share is the best in sum, by the first sequence alone; the second gains a little on all.
+    even = [at(50, 52, 50, 50), at(50, 53, 50, 50), at(50, 52, 50, 50)]
+    odd = [at(50, 52, 50, 75), at(50, 53, 50, 50), at(50, 52, 50, 50)]
+    assert best_share(odd, sure=False) == SHARES[3]
+    assert best_share(odd, sure=True) == best_share(even, sure=True) == SHARES[1]
+    assert best_share([at(50, 40, 75, 50), at(50, 60, 40, 49)], sure=True) == SHARES[0]
+    assert best_share([at(50, 60, 50, 50)], sure=True) == SHARES[0]

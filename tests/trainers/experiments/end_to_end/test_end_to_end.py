@@ -53,6 +53,7 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
     monkeypatch.setattr(given, "LOOKS", 4)
     monkeypatch.setattr(given, "FIT_OF_POOL", Fit(steps=5))
     monkeypatch.setattr(given, "OTHERS", {"joins as they are": Fit(joins=0.0, steps=5)})
+    monkeypatch.setattr(given, "FOR_FEW", {"mean": Fit(steps=5, broken=2, fits=2, detections=False)})
     words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given,alternatives", "--sets", "mot15"]
     words += ["--cache", str(tmp_path / "cache"), "--processes", "1"]
     assert main([*words, "--out", str(tmp_path / "one")]) == 0
@@ -68,7 +69,13 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
         "right links",
     }
     assert set(values) == rows
-    assert set(others) >= {"direct search", "both losses, shares by HOTA", "both losses, other sets too", *given.OTHERS}
+    assert set(others) >= {
+        "direct search",
+        "both losses, shares by HOTA",
+        "both losses, other sets too",
+        *given.OTHERS,
+        *given.FOR_FEW,
+    }
     assert others["both losses"] == values["both losses"]
     assert all(0 < row["hota"] <= 1 for row in (*values.values(), *others.values()))
     assert values["right links"]["idf1"] >= values["default"]["idf1"]

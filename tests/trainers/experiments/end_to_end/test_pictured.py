@@ -73,7 +73,7 @@ def test_the_siamese_network_before_and_after(pictured: Path, monkeypatch: pytes
     every = Stretch(pictured, 1, FRAMES)
     found = {
         way: appearance.appearance_sums((every,), (every,), shipped("appearance_people"), way, "people")[0]
-        for way in ("as it ships", "through the flow")
+        for way in ("as it ships", "through the flow", "projected, the flow")
     }
     assert all(sums.shape == (85,) and np.isfinite(sums).all() for sums in found.values())
 
