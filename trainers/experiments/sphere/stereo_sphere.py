@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from itertools import islice
+from typing import Literal
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -23,11 +24,14 @@ PAPER = {"background": (0.200, 0.295, 0.0990), "contour": (0.0320, 0.0488, 0.010
 PAPER_BELOW = {"background": "background", "printed": "contour"}
 COLUMNS = ("to position: mean, 95 % over films", "max", "sd", "to path: mean, 95 %", "max", "sd")
 NOT_THE_PAPERS = ("–", "–", "–")
+VARIED: tuple[Group, ...] = ("particles", "cameras", "covered")
 PAPER_FRAME = 20
 """The frame of figures 2 and 5, counted from 1."""
 
 
-def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: Group | None = None, seed: int = 0) -> Outcome:
+def reproduce(
+    bench: Bench, seeds: int = 3, frames: int = 100, only: Group | Literal["varied"] | None = None, seed: int = 0
+) -> Outcome:
     """Section 3 of the sphere paper: a ball moved by hand, by background difference and by outline, paper beside here.
 
     The contour likelihood is there as printed, and then with one addition after the other. DIR gets results.json,
@@ -38,7 +42,7 @@ def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: Group | Non
         seeds: number of films, each with its own room, person, ball and noise.
         frames: of each film.
         only: one table alone: section 3; or disturbed, the error with inexact cameras and radius, blur and clocks that
-            differ; or the error against particles, cameras or covered frames.
+            differ; or the error against particles, cameras or covered frames, or varied: these three and their figure.
         seed: of the first film; the others follow.
 
     Raises:
@@ -47,7 +51,8 @@ def reproduce(bench: Bench, seeds: int = 3, frames: int = 100, only: Group | Non
     at_least_one(seeds=seeds)
     if frames < 2 or seed < 0:
         raise RequestError(f"expected at least 2 `frames` and a `seed` from 0, got {frames} frames and seed {seed}")
-    rows = [row for row in configurations() if only in (None, row.group)]
+    chosen = VARIED if only == "varied" else (only,)
+    rows = [row for row in configurations() if only is None or row.group in chosen]
     results: dict[Configuration, dict[int, FilmErrors]] = {row: {} for row in rows}
     for number in range(seed, seed + seeds):
         for kind in dict.fromkeys((row.group == "disturbed", row.of_film) for row in rows):
@@ -121,6 +126,6 @@ def _plots(results: Results, frames: int, seed: int) -> dict[str, Figure]:
         images = next(islice(film(scene, seed), frame, None))
         plots["pictures"] = pictures_figure(images, backgrounds(scene, seed), frame + 1)
         plots["paths"] = paths_figure(results, scene.truth, seed)
-    if {"particles", "cameras", "covered"} <= groups:
+    if groups.issuperset(VARIED):
         plots["errors"] = errors_figure(results)
     return plots
