@@ -9,8 +9,9 @@ import numpy as np
 
 from tsuiseki.tracking.types.measurements import MotionSettings, SensingModel
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
-from tsuiseki.trainers.experiments.finite_sets.unseen import UnseenRun, run_ours
+from tsuiseki.trainers.experiments.finite_sets.unseen import run_ours
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import STANDARD_PLACES, UnseenSettings
+from tsuiseki.trainers.experiments.finite_sets.unseen_scores import UnseenRun
 from tsuiseki.trainers.experiments.intervals import interval
 
 CALM, AGILE = 1.0, 20.0

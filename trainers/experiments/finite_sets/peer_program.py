@@ -2,9 +2,16 @@
 
     python peer_program.py < job.json > result.json
 
-A job is ``{"model": {…}, "scans": [[[x, y], …], …]}`` with the model's numbers, ``leave`` "gone" where the filters are
-told that a target which leaves the region has ended; the result is ``{"version": …, "found":
-{filter: {"rows": [[scan, id, x, y], …], "milliseconds": [one a scan]}}}``. Nothing of Tsuiseki is imported here.
+A job is ``{"model": {…}, "scans": [[[x, y], …], …], "filters": {filter: {setting: value}}}`` with the model's numbers,
+``leave`` "gone" where the filters are told that a target which leaves the region has ended; the result is ``{"version":
+…, "found": {filter: {"rows": [[scan, id, x, y], …], "milliseconds": [one a scan]}}}``. Nothing of Tsuiseki is imported
+here. Settings:
+
+- GM-PHD: ``shown``, weight from which a component is a target; ``merge``, squared distance within which components are
+  joined; ``prune``, weight below which they are dropped.
+- LMB: ``shown``, existence from which a track is a target, 0 for as many as the package takes for the likeliest number;
+  ``components``, most of a track; ``existence``, below which tracks are dropped; ``cells`` of the grid of births along
+  each side where they may be anywhere.
 """
 
 # mypy: ignore-errors
@@ -32,8 +39,9 @@ def main():
         print(version)
         return
     job = json.load(sys.stdin)
-    wanted = job.get("filters", list(FILTERS))
-    found = {name: follow(FILTERS[name](job["model"]), job["scans"]) for name in wanted}
+    found = {
+        name: follow(FILTERS[name](job["model"], **chosen), job["scans"]) for name, chosen in job["filters"].items()
+    }
     json.dump({"version": version, "found": found}, sys.stdout)
 
 
@@ -101,7 +109,7 @@ def stays(model, means, covariances):
     return np.prod(norm.cdf((half - middle) / deviation) - norm.cdf((-half - middle) / deviation), axis=1)
 
 
-def gm_phd(model):
+def gm_phd(model, shown, merge, prune):
     """Stone Soup's Gaussian-mixture PHD filter with one wide birth component; targets by weight, ids by tags."""
     from stonesoup.hypothesiser.distance import DistanceHypothesiser
     from stonesoup.hypothesiser.gaussianmixture import GaussianMixtureHypothesiser
@@ -123,7 +131,7 @@ def gm_phd(model):
     )
     base = DistanceHypothesiser(KalmanPredictor(motion), kalman, Mahalanobis(), missed_distance=5)
     hypothesiser = GaussianMixtureHypothesiser(base, order_by_detection=True)
-    reducer = GaussianMixtureReducer(prune_threshold=1e-3, pruning=True, merge_threshold=4, merging=True)
+    reducer = GaussianMixtureReducer(prune_threshold=prune, pruning=True, merge_threshold=merge, merging=True)
     new = births(model, 1)
     state = {"components": []}
 
@@ -143,8 +151,8 @@ def gm_phd(model):
         components = [*kept, *born]
         updated = updater.update(hypothesiser.hypothesise(components, found, now))
         state["components"] = list(reducer.reduce(updated))
-        shown = [c for c in state["components"] if c.weight > 0.5 and c.tag != "birth"]
-        return [(number_of(c.tag), c.state_vector[0, 0], c.state_vector[2, 0]) for c in shown]
+        targets = [c for c in state["components"] if c.weight > shown and c.tag != "birth"]
+        return [(number_of(c.tag), c.state_vector[0, 0], c.state_vector[2, 0]) for c in targets]
 
     return step
 
@@ -212,7 +220,7 @@ def jpda(model):
     return step
 
 
-def lmb(model):
+def lmb(model, shown, components, existence, cells):
     """multisensor-lmb-filters-rs: labelled multi-Bernoulli filter with births on a grid over the region."""
     import multisensor_lmb_filters_rs as rs
 
@@ -226,14 +234,14 @@ def lmb(model):
         model["clutter"],
         model["side"] ** 2,
     )
-    new = births(model, 4)
+    new = births(model, int(cells))
     places = [rs.BirthLocation(k, mean, covariance) for k, (mean, covariance) in enumerate(new)]
     chosen = rs.FilterLmb(
         motion,
         sensor,
         rs.BirthModel(places, model["births"] / len(places), 1e-3),
         rs.AssociatorConfig.lbp(),
-        rs.FilterThresholds(existence=1e-3, max_components=20),
+        rs.FilterThresholds(existence=existence, max_components=int(components)),
         seed=0,
     )
 
@@ -241,8 +249,12 @@ def lmb(model):
         if model["leave"] == "gone":
             chosen.set_tracks([lmb_track_that_stays(model, track) for track in chosen.get_tracks()])
         estimate = chosen.step([np.asarray(z) for z in scan], number)
-        names = [number_of((t.label.birth_time, t.label.birth_location)) for t in estimate.tracks]
-        return [(name, t.mean[0], t.mean[2]) for name, t in zip(names, estimate.tracks, strict=True)]
+        if shown:
+            likely = [t for t in chosen.get_tracks() if t.existence > shown]
+            targets = [(t.label, np.array(t.mu)[int(np.argmax(t.w))]) for t in likely]
+        else:
+            targets = [((t.label.birth_time, t.label.birth_location), t.mean) for t in estimate.tracks]
+        return [(number_of(tuple(label)), mean[0], mean[2]) for label, mean in targets]
 
     return step
 

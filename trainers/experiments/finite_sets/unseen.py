@@ -4,29 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import asdict, replace
 from typing import Literal
 
 import numpy as np
 
-from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.trackers.measurements import Lag, MeasurementMethod, MeasurementTracker
 from tsuiseki.tracking.types.measurements import SensingModel
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.finite_sets.peer_choice import DEVELOPMENT, PACKAGES, PROGRAM, choose, run_peer
 from tsuiseki.trainers.experiments.finite_sets.told_filter import told_filter
-from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import STANDARD_PLACES, UnseenSettings, unseen_scenario
+from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import KINDS, UnseenSettings, unseen_scenario
+from tsuiseki.trainers.experiments.finite_sets.unseen_scores import UnseenRun, inside, scored
 from tsuiseki.trainers.experiments.intervals import interval
-from tsuiseki.trainers.experiments.peers import Peer, find_peer
+from tsuiseki.trainers.experiments.peers import find_peer
 
-PROGRAM = Path(__file__).with_name("peer_program.py")
-PACKAGES = "stonesoup and multisensor-lmb-filters-rs"
-CUT_OFF = 100.0
-KINDS = {
-    "anywhere": UnseenSettings(),
-    "known places": UnseenSettings(first=0, births=0.12, places=STANDARD_PLACES),
-    "known places, straight paths": UnseenSettings(first=0, births=0.12, places=STANDARD_PLACES, bends=0.0),
-}
 TOLD = "told which measurement is whose"
 METHODS: Mapping[str, tuple[MeasurementMethod, Lag]] = {
     "labelled": ("labelled", 0),
@@ -36,21 +28,6 @@ METHODS: Mapping[str, tuple[MeasurementMethod, Lag]] = {
 TELLING: Mapping[Literal["unseen", "gone"], str] = {"unseen": "", "gone": ", told of exits"}
 FIRST_SEED = 700
 """Of the scenarios: nothing was scored on them before."""
-
-
-@dataclass(frozen=True)
-class UnseenRun:
-    """One filter on one scenario.
-
-    Attributes:
-        scores: OSPA and the like.
-        milliseconds: processor time of a step, median.
-        scans: how far it came; a filter that took too long was given up on.
-    """
-
-    scores: PointScores
-    milliseconds: float
-    scans: int
 
 
 def reproduce(
@@ -64,7 +41,8 @@ def reproduce(
     """The labelled and the PHD filter on new scenarios, births anywhere or at known places, beside peers.
 
     A target that leaves the region has ended. Every filter is run twice: not told so, and told. What any of them shows
-    outside the region is dropped. DIR gets results.json and tables.md.
+    outside the region is dropped. The peers' thresholds are chosen first, on seeds of their own. DIR gets results.json
+    and tables.md.
 
     Args:
         bench: where it works.
@@ -80,6 +58,7 @@ def reproduce(
     """
     at_least_one(seeds=seeds, particles=particles)
     found = find_peer(peer, PROGRAM, PACKAGES)
+    chosen = {} if found is None else choose(bench, found)
     rows: dict[tuple[str, str], list[UnseenRun]] = {}
     jobs = [(kind, number) for number in range(seed, seed + seeds) for kind in KINDS]
     for kind, number in bench.watch.over(jobs, "scenarios", len(jobs)):
@@ -89,9 +68,10 @@ def reproduce(
             for name, (method, lag) in METHODS.items():
                 run = bench.store.recall(run_ours, settings, number, method, particles, lag)
                 rows.setdefault((kind, name + suffix), []).append(run)
-            if found is not None:
-                for name, run in bench.store.recall(run_peers, found, PROGRAM, settings, number).items():
-                    rows.setdefault((kind, name + suffix), []).append(run)
+            for name, (tuned, _, _) in chosen.items():
+                assert found is not None
+                run = bench.store.recall(run_peer, found, name, tuned, settings, number)
+                rows.setdefault((kind, name + suffix), []).append(run)
         rows.setdefault((kind, TOLD), []).append(bench.store.recall(run_told, plain, number))
     version = f"; peers: {found.version}" if found else ""
     note = f"{seeds} scenarios of each kind from seed {seed}, clutter {clutter:g}; ± is the standard error{version}."
@@ -101,7 +81,13 @@ def reproduce(
     tables = [_table(kind, rows) for kind in KINDS]
     if found is not None:
         tables.append(_differences(rows))
-    return Outcome(values, tables, notes=[note])
+    notes = [note]
+    for name, (tuned, usual, best) in chosen.items():
+        if tuned:
+            shown = ", ".join(f"{setting} {value:g}" for setting, value in tuned.items())
+            seeds_ = f"{DEVELOPMENT[0]} to {DEVELOPMENT[-1]}"
+            notes.append(f"{name}: OSPA {usual:.2f} as usual, {best:.2f} with {shown}, chosen on seeds {seeds_}")
+    return Outcome(values, tables, notes=notes)
 
 
 def run_ours(
@@ -125,49 +111,13 @@ def run_ours(
         for track in tracker.tracks()
         for scan, place in zip(track.scans, track.positions, strict=True)
     ]
-    return _scored(scenario.truth, _inside(settings, rows), [1e3 * each for each in seconds])
+    return scored(scenario.truth, inside(settings, rows), [1e3 * each for each in seconds])
 
 
 def run_told(settings: UnseenSettings, seed: int) -> UnseenRun:
     """The filter that is told which measurement is whose."""
     scenario = unseen_scenario(settings, seed)
-    return _scored(scenario.truth, told_filter(settings, scenario), [0.0] * len(scenario.scans))
-
-
-def run_peers(peer: Peer, program: Path, settings: UnseenSettings, seed: int) -> dict[str, UnseenRun]:
-    """Every filter of the peer's environment.
-
-    Args:
-        peer: which.
-        program: what runs there; its text belongs to the result.
-        settings: of the scenario.
-        seed: likewise.
-    """
-    scenario = unseen_scenario(settings, seed)
-    job = {"model": asdict(settings), "scans": [scan.measurements.tolist() for scan in scenario.scans]}
-    found = peer.answer(program, job)["found"]
-    return {
-        name: _scored(scenario.truth, _inside(settings, one["rows"]), one["milliseconds"])
-        for name, one in found.items()
-    }
-
-
-def _inside(settings: UnseenSettings, rows: Sequence[Sequence[float]]) -> list[Sequence[float]]:
-    """Rows scan, id, x, y of places in the region: no target can be outside."""
-    half = 0.5 * settings.side
-    return [row for row in rows if max(abs(row[2]), abs(row[3])) <= half]
-
-
-def _scored(truth: PointTracks, rows: Sequence[Sequence[float]], milliseconds: Sequence[float]) -> UnseenRun:
-    """Scores up to the last scan that the filter did."""
-    table = np.array(rows, dtype=np.float64).reshape(-1, 4)
-    # A mixture may name two components alike: the first counts.
-    _, first = np.unique(table[:, :2], axis=0, return_index=True)
-    table = table[np.sort(first)]
-    found = PointTracks(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
-    count = len(milliseconds)
-    scores = evaluate_points(truth.between(0, count - 1), found, count, CUT_OFF)
-    return UnseenRun(scores, float(np.median(milliseconds)), count)
+    return scored(scenario.truth, told_filter(settings, scenario), [0.0] * len(scenario.scans))
 
 
 def _table(kind: str, rows: Mapping[tuple[str, str], Sequence[UnseenRun]]) -> Table:

@@ -78,6 +78,11 @@ class UnseenSettings:
 
 STANDARD_PLACES = ((0.0, 0.0), (400.0, -600.0), (-800.0, -200.0), (-200.0, 800.0))
 """Those of the usual linear scenario of the literature."""
+KINDS = {
+    "anywhere": UnseenSettings(),
+    "known places": UnseenSettings(first=0, births=0.12, places=STANDARD_PLACES),
+    "known places, straight paths": UnseenSettings(first=0, births=0.12, places=STANDARD_PLACES, bends=0.0),
+}
 
 
 @dataclass(frozen=True)
