@@ -48,7 +48,7 @@ def choose(bench: Bench, peer: Peer) -> dict[str, tuple[PeerSettings, float, flo
         runs = [bench.store.recall(run_peer, peer, name, settings, kind, seed) for kind, seed in jobs]
         return float(np.mean([run.scores.ospa1 for run in runs]))
 
-    chosen = {}
+    chosen: dict[str, tuple[PeerSettings, float, float]] = {}
     steps = [(name, setting) for name, grid in GRIDS.items() for setting in grid]
     best = {name: {setting: values[0] for setting, values in grid.items()} for name, grid in GRIDS.items()}
     least: dict[str, list[float]] = {}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,8 @@ FARTHEST = 28.0
 LEARNING, DEVELOPMENT, TEST = (2, 3, 2), (2, 2, 3) * 2, (2, 3, 2) * 8
 SEEDS = {"learning": 4_000_000, "development": 5_000_000, "test": 7_000_000}
 LEARNING_PARTICLES = 3000
+DEVELOPMENT_SEED = 100
+UNFINISHED = Outcome(notes=["not all runs are done; run the same command again to go on"], finished=False)
 STEPS = {"own": tuple(ARMS), "equal": tuple(ARMS), "as B": ("B", "C", "conditional")}
 """How wide arms are: as suits each, as suits all in the mean, as suits B; and which are run so."""
 
@@ -86,43 +89,60 @@ def reproduce(
     steps, learnt = learn_exactly(folders["learning"])
     wide = _wide_steps(bench.store, folders["learning"])
     nats = learnt_densities(steps, wide, [learn_exactly([folder])[0] for folder in test])
-    runs = _Runs(bench.store, learnt, folders["development"], test, seeds)
-    tuned: dict[tuple[str, int], FloatArray] = {}
-    found: dict[str, Results] = {step: {} for step in STEPS}
-    work = [(step, name, number) for step, arms in STEPS.items() for name in arms for number in particles]
-    for step, name, number in bench.watch.over(work, "arms", len(work)):
-        if time.monotonic() - started > 60 * minutes:
-            line = f"{sum(map(len, found.values()))} of {len(work)} runs are done; run the same command again to go on"
-            return Outcome(notes=[line], finished=False)
-        if step == "own":
-            tuned[name, number] = runs.development_errors(name, number)
-        found[step][name, number] = runs.tested(name, number, _width(step, name, number, tuned))
+    until = started + 60 * minutes
+    arms = [(name, number) for name in ARMS for number in particles]
+    asked = [_Asked(*arm, width, DEVELOPMENT_SEED) for arm in arms for width in WIDTHS]
+    rows = _run_all(bench, learnt, folders["development"], asked, "development clips", until)
+    if rows is None:
+        return UNFINISHED
+    tuned = {
+        arm: np.array([np.mean([r.error for r in rows[_Asked(*arm, w, DEVELOPMENT_SEED)]]) for w in WIDTHS])
+        for arm in arms
+    }
+    widths = {
+        step: {(name, number): _width(step, name, number, tuned) for name in names for number in particles}
+        for step, names in STEPS.items()
+    }
+    asked = [_Asked(*arm, width, seed) for of in widths.values() for arm, width in of.items() for seed in range(seeds)]
+    rows = _run_all(bench, learnt, test, list(dict.fromkeys(asked)), "test clips", until)
+    if rows is None:
+        return UNFINISHED
+    found: dict[str, Results] = {
+        step: {
+            arm: (width, [_mean(of) for of in zip(*(rows[_Asked(*arm, width, s)] for s in range(seeds)), strict=True)])
+            for arm, width in of_step.items()
+        }
+        for step, of_step in widths.items()
+    }
     note = f"{clips} test clips, {seeds} seeds; 95 % by Student's t over clips; sigma_d {SPREAD:g}"
     return fair_outcome(nats, tuned, WIDTHS, found, note)
 
 
 @dataclass(frozen=True)
-class _Runs:
-    """What the arms are run on."""
+class _Asked:
+    """A run on every clip: see `run_arm`."""
 
-    store: Store
-    learnt: Learnt
-    development: Sequence[Path]
-    test: Sequence[Path]
-    seeds: int
+    arm: str
+    particles: int
+    width: float
+    seed: int
 
-    def development_errors(self, name: str, number: int) -> FloatArray:
-        """``(W,)`` mean error of the position on the development clips, for each of `WIDTHS`."""
-        rows = [[self._row(folder, name, number, width, 100) for folder in self.development] for width in WIDTHS]
-        return np.array([np.mean([row.error for row in of_width]) for of_width in rows])
 
-    def tested(self, name: str, number: int, width: float) -> tuple[float, list[Row]]:
-        """The width, and the mean over the seeds on each test clip."""
-        seeds = range(self.seeds)
-        return width, [_mean([self._row(folder, name, number, width, seed) for seed in seeds]) for folder in self.test]
+def _run_all(
+    bench: Bench, learnt: Learnt, folders: Sequence[Path], asked: Sequence[_Asked], what: str, until: float
+) -> dict[_Asked, list[Row]] | None:
+    """The rows of each clip for all that is asked; None where the time was over first.
 
-    def _row(self, folder: Path, name: str, number: int, width: float, seed: int) -> Row:
-        return self.store.recall(run_arm, folder, name, self.learnt, number, width, seed)
+    All runs on a clip come before those on the next, since a prepared clip takes some 300 MB.
+    """
+    rows: dict[_Asked, list[Row]] = {one: [] for one in asked}
+    for folder in bench.watch.over(folders, what, len(folders)):
+        for one in asked:
+            if time.monotonic() > until:
+                return None
+            row = bench.store.recall(run_arm, folder, one.arm, learnt, one.particles, one.width, one.seed)
+            rows[one].append(row)
+    return rows
 
 
 def _width(step: str, name: str, number: int, tuned: Mapping[tuple[str, int], FloatArray]) -> float:
@@ -179,14 +199,10 @@ def run_arm(folder: Path, arm: str, learnt: Learnt, particles: int, width: float
     )
 
 
-_READY: dict[Path, Clip] = {}
-
-
+@lru_cache(maxsize=1)
 def _prepared(folder: Path) -> Clip:
-    """The clip, once for all runs on it."""
-    if folder not in _READY:
-        _READY[folder] = prepare_clip(folder, BODY, EXTRACTION)
-    return _READY[folder]
+    """The clip, once for all runs on it that follow each other."""
+    return prepare_clip(folder, BODY, EXTRACTION)
 
 
 def _clips(store: Store, part: str, number: int) -> list[Path]:
