@@ -101,6 +101,27 @@ def test_rotated_boxes_of_a_network_are_tracked(room, tmp_path):
     assert set(rows["degrees"].tolist()) <= {45.0, -135.0}
 
 
+def test_detections_are_written_as_they_are_read(room, tmp_path, capsys):
+    given = rotated(room, tmp_path)
+    rows = json.loads((tmp_path / "rotated.json").read_text())
+    labels = [{"image_id": row["image_id"], "bbox": row["bbox"], "person_id": k} for k, row in enumerate(rows)]
+    (tmp_path / "labels.json").write_text(json.dumps({"annotations": labels}))
+    out = tmp_path / "out"
+    assert track(room, out, *given, "--save-detections", sources=("camera1",)) == 0
+    written = json.loads((out / "detections.json").read_text())
+    assert len(written) == len(rows)
+    # The model may turn a box by half a turn, which is the same box.
+    for one in written:
+        same = [row for row in rows if row["image_id"] == one["image_id"]]
+        assert min(np.abs(np.array(one["bbox"]) - row["bbox"]).max() for row in same) < 0.01
+    capsys.readouterr()
+    assert main(["evaluate", "detection", str(tmp_path / "labels.json"), str(out / "detections.json")]) == 0
+    assert "1.000" in capsys.readouterr().out
+    more = ["--detections", str(out / "detections.json"), *given[2:]]
+    assert track(room, tmp_path / "again", *more, sources=("camera1",)) == 0
+    assert (tmp_path / "again/world.csv").read_text() == (out / "world.csv").read_text()
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -339,6 +360,12 @@ def test_a_pose_from_height_and_from_points(tmp_path, capsys):
     assert "at 0.000, 0.000, 2.500 m" in capsys.readouterr().out.splitlines()[-1]
     assert main(["calibrate", "pose", str(lens), "--height", "0", "--out", str(tmp_path / "c.yaml")]) == 2
     one_line(capsys, "above 0 m")
+    words = ["calibrate", "pose", str(lens), "--height", "1.5", "--out", str(tmp_path / "c.yaml")]
+    assert main(words) == 2
+    one_line(capsys, "expected a camera above the person of 1.7 m, got one at a height of 1.5 m")
+    assert not (tmp_path / "c.yaml").exists()
+    # Somebody smaller stands under it.
+    assert main([*words, "--person-height", "1.2"]) == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -33,9 +33,13 @@ def pose(
         person_height: of the model of a person, metres.
     """
     from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, write_floor_cameras
+    from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
     from tsuiseki.tracking.pipelines.calibration.points import floor_about, standing
 
     camera, lines = place.camera(file)
+    if not place.projective:
+        # The person of `track fisheye` stands under its camera; a projective one may look from the side.
+        check_height(camera, PersonModel(height=person_height))
     area = floor_about(camera, floor)
     if stand is not None:
         lines.append(standing(camera, area, stand, person_height))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -41,6 +42,7 @@ def fisheye(
     resize: Literal["no", "cut", "widen"] = "no",
     tables: Path = Path("out/cache/person-tables"),
     overlay: bool = False,
+    save_detections: bool = False,
     hungarian: FisheyeSettings = HUNGARIAN,
     flow: FloorFlowSettings = DEFAULT_FLOW,
     unrolling: UnrollingSettings = UNROLLING,
@@ -49,8 +51,8 @@ def fisheye(
     """Track the people under ceiling cameras: where each is in the image and on the floor, in metres.
 
     DIR gets, for each camera in a folder of its name (or in DIR itself where there is one), tracks.txt (MOTChallenge
-    text, boxes in the image), world.csv, floor.png, dwell.png and, with --overlay, overlay.webm; and report.html and
-    run.json. Cameras are tracked apart: ids of one say nothing of another's.
+    text, boxes in the image), world.csv, floor.png, dwell.png and, when asked for, overlay.webm and detections.json;
+    and report.html and run.json. Cameras are tracked apart: ids of one say nothing of another's.
 
     Args:
         source: videos, folders of images or MOTChallenge sequence folders, one for each camera, in their order.
@@ -70,6 +72,8 @@ def fisheye(
             calibrated, widen, where they show more at the sides.
         tables: folder that keeps the tables of the cameras.
         overlay: also write videos with the rotated boxes drawn in.
+        save_detections: also write detections.json: the rotated box and score of every detection, as --detections and
+            tsuiseki evaluate detection read them.
         seed: of random numbers; kept in run.json, for nothing here draws any.
         hungarian: settings of --method hungarian.
         flow: settings of --method flow.
@@ -79,7 +83,9 @@ def fisheye(
     from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.features.networks.exported import Detect, open_appearance, open_detector
+    from tsuiseki.tracking.formats.space.rotated import write_rotated_detections
     from tsuiseki.tracking.pipelines.fisheye.floor_gate import FloorGate
+    from tsuiseki.tracking.pipelines.fisheye.found_boxes import FoundBoxes
     from tsuiseki.tracking.pipelines.fisheye.tracking import (
         DETECTORS,
         given_detections,
@@ -119,9 +125,14 @@ def fisheye(
             gate = FloorGate(each.placed.camera, each.floor, person.height / 2)
             people = people_on_floor(run.frames(each.source), detect, ceiling, run.times, each.source.length, gate)
             before, name = run.count, each.placed.name
-            watched = run.steps(people, f"tracking {name}", frames_expected(each.source))
+            prefix = "" if len(views) == 1 else f"{name}/"
+            boxes = FoundBoxes(each.source)
+            kept = boxes.watched(people) if save_detections else people
+            watched = run.steps(kept, f"tracking {name}", frames_expected(each.source))
             tracks = link_on_floor(watched, each.rate, method, hungarian, flow, run.times)
-            done.append(_written(run, each, tracks, "" if len(views) == 1 else f"{name}/", overlay))
+            if save_detections:
+                run.write(f"{prefix}detections.json", partial(write_rotated_detections, found=boxes.boxes))
+            done.append(_written(run, each, tracks, prefix, overlay))
             run.facts[name] = {
                 "people": len(tracks),
                 "frames": run.count - before,
