@@ -44,6 +44,8 @@ ANY_OVERLAP = 0.99
 Choice = dict[str, float]
 Tracking = Callable[[Sequence[FloorDetections], float, Choice], list[FloorTrack]]
 Boxes = Literal["filtered", "detected"]
+Rule = Literal["mota", "mota-and-idf1"]
+"""What settings are chosen by: MOTA, or the mean of MOTA and IDF1."""
 
 
 @dataclass(frozen=True)
@@ -250,20 +252,25 @@ def score(pairs: Sequence[SequencePair]) -> PeopleScores:
     return evaluate_sequences(pairs).combined
 
 
-def select(row: Row, validation: Sequence[Observed], least_score: float) -> tuple[Choice, float]:
-    """The choice of the best MOTA over the validation sequences, and that MOTA; the start's score after the rest."""
-
-    def best(choices: Iterable[Choice]) -> tuple[Choice, float]:
-        motas = [(choice, validated(row, validation, choice, least_score)) for choice in choices]
-        return max(motas, key=lambda one: one[1])
-
-    choice, mota = best(row.choices())
-    return best({**choice, "start_score": start} for start in row.starts) if row.starts else (choice, mota)
+def worth(scores: PeopleScores, rule: Rule) -> float:
+    """What settings are chosen by."""
+    return scores.mota if rule == "mota" else (scores.mota + scores.idf1) / 2
 
 
-def validated(row: Row, validation: Sequence[Observed], choice: Choice, least_score: float) -> float:
-    """MOTA of a choice over the validation sequences."""
-    return score([pair_of(str(k), o, run_row(row, o, choice, least_score)) for k, o in enumerate(validation)]).mota
+def select(row: Row, validation: Sequence[Observed], least_score: float, rule: Rule) -> tuple[Choice, PeopleScores]:
+    """The choice that is worth most on the validation sequences, and its scores; the start's score after the rest."""
+
+    def best(choices: Iterable[Choice]) -> tuple[Choice, PeopleScores]:
+        found = [(choice, validated(row, validation, choice, least_score)) for choice in choices]
+        return max(found, key=lambda one: worth(one[1], rule))
+
+    choice, scores = best(row.choices())
+    return best({**choice, "start_score": start} for start in row.starts) if row.starts else (choice, scores)
+
+
+def validated(row: Row, validation: Sequence[Observed], choice: Choice, least_score: float) -> PeopleScores:
+    """Scores of a choice over the validation sequences."""
+    return score([pair_of(str(k), o, run_row(row, o, choice, least_score)) for k, o in enumerate(validation)])
 
 
 def world_errors(observed: Observed, tracks: Sequence[FloorTrack]) -> FloatArray:

@@ -99,7 +99,8 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
 def notes(values: Mapping[str, Any]) -> list[str]:
     """What was chosen, and by how much both parts are ahead."""
     seeds = " and ".join(map(str, values["validation_seeds"]))
-    lines = [f"lowest score {values['least_score']:g}, chosen with all settings on rooms of seeds {seeds}"]
+    rule = {"mota": "MOTA", "mota-and-idf1": "the mean of MOTA and IDF1"}[values["chosen_by"]]
+    lines = [f"lowest score {values['least_score']:g}, chosen with all settings by {rule} on rooms of seeds {seeds}"]
     for room, margins in values["margins"].items():
         asked = margins["asked"]
         for measure in ("mota", "idf1"):

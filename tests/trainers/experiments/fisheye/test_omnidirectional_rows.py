@@ -16,7 +16,16 @@ from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.fisheye.observations import STAGES, Observed
 from tsuiseki.trainers.experiments.fisheye.omnidirectional import reproduce
 from tsuiseki.trainers.experiments.fisheye.pictures import first_switch, named
-from tsuiseki.trainers.experiments.fisheye.rows import ROWS, each_second, pair_of, run_row, score, select, world_errors
+from tsuiseki.trainers.experiments.fisheye.rows import (
+    ROWS,
+    each_second,
+    pair_of,
+    run_row,
+    score,
+    select,
+    world_errors,
+    worth,
+)
 from tsuiseki.trainers.experiments.fisheye.tables import interval, notes, tables
 from tsuiseki.trainers.experiments.store import Store
 
@@ -74,9 +83,17 @@ def test_looks_alone_exchange_those_in_the_same_clothes():
 
 def test_the_best_choice_on_validation_is_taken():
     row = next(row for row in ROWS if row.name == "world")
-    choice, mota = select(row, [observed()], 0.1)
-    assert mota > 0.9
+    choice, scores = select(row, [observed()], 0.1, "mota")
+    assert scores.mota > 0.9
     assert set(choice) == {"reach", "speed", "start_score"}
+
+
+def test_identities_count_only_where_the_rule_says_so():
+    base = score([pair_of("a", observed(), run_row(ROWS[0], observed(), {"feature_gate": 0.5}, 0.1))])
+    steady, busy = replace(base, mota=0.6, idf1=0.8), replace(base, mota=0.7, idf1=0.4)
+    assert worth(busy, "mota") > worth(steady, "mota")
+    assert worth(steady, "mota-and-idf1") == pytest.approx(0.7)
+    assert worth(steady, "mota-and-idf1") > worth(busy, "mota-and-idf1")
 
 
 @pytest.mark.parametrize(("argument", "value"), [("seeds", 0), ("seconds", 0), ("fast_seconds", 0), ("fast_seeds", -1)])
@@ -150,7 +167,7 @@ def test_filtered_boxes_take_the_settings_of_their_row():
 
 def test_tables_of_one_room_have_no_interval():
     values = {
-        "validation_seeds": [900], "least_score": 0.4, "rows": {"large 1 fps": {"both": {
+        "validation_seeds": [900], "least_score": 0.4, "chosen_by": "mota", "rows": {"large 1 fps": {"both": {
             "mota": [50.0], "idf1": [50.0], "hota": [40.0], "id_switches": [3], "world_error_median": None,
             "world_error_mean": None, "world_error_90": None}}},
         "where": {}, "detector": {"large": [{"part": "0 to 20°", "boxes": 3, "ap50": 0.5, "recall": 0.2,
