@@ -26,8 +26,6 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # cv2.remap takes fewer than 32768 columns.
 MOST_COLUMNS = 32000
-FULL_REACH = 0.95
-"""Of a small outline: nearly from its centre to twice its radius."""
 
 OutlinesOf: TypeAlias = Callable[[PinholeCamera, FloatArray, float], Outlines]
 """Outlines of spheres of a radius at ``(N, 3)`` centres."""
@@ -46,8 +44,6 @@ class ContourSettings:
         steepness: log-likelihood of a perfect outline over none.
         clutter: support at which a view speaks neither for a particle nor against, [0, 1]; by default what strong and
             even texture gives, the mean of the Gaussian over the sampled range.
-        blur: standard deviation of an edge in the image, pixels: where ``width`` times r0 is less, `reach` and
-            ``width`` grow alike until it is not, and `reach` at most to `FULL_REACH`; 0 never.
     """
 
     angles: int = 24
@@ -57,20 +53,12 @@ class ContourSettings:
     contrast: float = 60.0
     steepness: float = 60.0
     clutter: float = 0.30
-    blur: float = 0.7
 
     def __post_init__(self) -> None:
         if self.angles < 4 or self.radii < 3:
             raise ValueError(f"expected at least 4 angles and 3 radii, got {self.angles} and {self.radii}")
         if not (0 < self.reach < 1 and self.width > 0 and self.contrast > 0 and self.steepness > 0):
             raise ValueError("expected a reach in (0, 1) and positive width, contrast and steepness")
-        if not self.blur >= 0:
-            raise ValueError(f"expected a blur from 0, got {self.blur:g}")
-
-    def stretch(self, r0: FloatArray) -> FloatArray:
-        """By how much `reach` and `width` grow for outlines of radii ``r0`` in pixels: from 1."""
-        wanted = self.blur / (self.width * np.maximum(r0, 1e-9))
-        return np.clip(wanted, 1.0, max(FULL_REACH / self.reach, 1.0))
 
 
 @dataclass(frozen=True)
@@ -115,9 +103,6 @@ def polar_maps(
     t = np.arange(settings.angles) * (2 * np.pi / settings.angles)
     around = np.stack([np.ones_like(t), np.cos(t), np.sin(t)]).astype(np.float32)
     shares = np.linspace(1 - settings.reach, 1 + settings.reach, settings.radii, dtype=np.float32)[:, None]
-    stretch = settings.stretch(np.sqrt(np.abs(np.cross(spokes[:, :, 1], spokes[:, :, 2]))))
-    if (stretch > 1).any():
-        shares = 1 + (shares - 1) * np.repeat(stretch.astype(np.float32), settings.angles)
     columns, rows = (
         # Long rows, for the angles alone would be short ones.
         np.repeat(centre[:, axis].astype(np.float32), settings.angles)
