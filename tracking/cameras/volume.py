@@ -10,7 +10,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
-SMALLEST_RADIUS = 4.0
+SMALLEST_RADIUS = 2.5
 # Of the image height.
 LARGEST_SHARE = 0.25
 FARTHEST = 15.0
@@ -27,7 +27,7 @@ def in_sight(camera: PinholeCamera, points: FloatArray) -> BoolArray:
 def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 2) -> FloatArray:
     """``(2, 3)`` corners of a box, above z = 0, with all places where at least ``views`` cameras see the ball well.
 
-    Well means a radius of at least four pixels and at most a quarter of the image height.
+    Well means a radius of at least two and a half pixels and at most a quarter of the image height.
 
     Raises:
         RequestError: there is no such place.

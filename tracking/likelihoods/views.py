@@ -14,8 +14,23 @@ from tsuiseki.tracking.likelihoods.background import colour_difference
 from tsuiseki.tracking.likelihoods.sphere import ContourSettings, outline_support, polar_maps
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+
+def beside(count: int = 64, nearest: float = 2.0, farthest: float = 5.0) -> FloatArray:
+    """``(count, 3)`` places evenly spread over directions (a Fibonacci spiral), their distances taking turns."""
+    k = np.arange(count)
+    z, turn = 1 - (2 * k + 1) / count, k * np.pi * (3 - np.sqrt(5))
+    directions = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+    # Golden steps, so that neighbours on the spiral differ.
+    return np.asarray(directions * (nearest + (farthest - nearest) * (k * 0.618034 % 1))[:, None])
+
+
 Views: TypeAlias = Sequence[NDArray[Any] | None]
 """One image ``(H, W, 3)`` uint8, or one measured pixel ``(2,)``, a camera; None where it has nothing now."""
+
+SMALL = 6.0
+"""Radius of an outline that is faint for being small, pixels."""
+BESIDE = beside()
+"""Where the support of what is no ball is measured: ``(64, 3)``, 2 to 5 radii from the particles' middle."""
 
 
 class ViewLikelihood(Protocol):
@@ -29,11 +44,22 @@ class ViewLikelihood(Protocol):
 
 @dataclass(frozen=True)
 class ContourLikelihood:
-    """Section 2.2.2; see `tracking.likelihoods.sphere`."""
+    """Section 2.2.2; see `tracking.likelihoods.sphere`.
+
+    Small and blurred outlines have less support than sharp ones, and so has all else in such an image. Where an outline
+    is faint the support that says nothing is the mean of that beside the particles, at most ``settings.clutter``.
+
+    Attributes:
+        cameras: C cameras.
+        radius: of the sphere, metres.
+        settings: of the samples, and how they count.
+        faint: whether outlines are; by default those of a radius below `SMALL` pixels.
+    """
 
     cameras: Sequence[PinholeCamera]
     radius: float
     settings: ContourSettings = field(default_factory=ContourSettings)
+    faint: bool | None = None
 
     def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
         ratios = np.zeros((len(positions), len(self.cameras)))
@@ -42,8 +68,20 @@ class ContourLikelihood:
                 continue
             maps = polar_maps(camera, positions, self.radius, self.settings)
             support, share = outline_support(image, maps, self.settings).T
-            ratios[:, k] = self.settings.steepness * share * (support - self.settings.clutter)
+            clutter = self._clutter(camera, image, np.median(positions, axis=0)) if len(positions) else 0.0
+            ratios[:, k] = self.settings.steepness * share * (support - clutter)
         return ratios
+
+    def _clutter(self, camera: PinholeCamera, image: ImageArray, middle: FloatArray) -> float:
+        """The support that says nothing about ``middle`` ``(3,)``, metres."""
+        most, depth = self.settings.clutter, float(camera.to_camera(middle[None])[0, 2])
+        small = depth > 0 and camera.focal.mean() * self.radius < SMALL * depth
+        if not (small if self.faint is None else self.faint):
+            return most
+        maps = polar_maps(camera, middle + self.radius * BESIDE, self.radius, self.settings)
+        support, share = outline_support(image, maps, self.settings).T
+        seen = support[share > 0]
+        return min(most, float(seen.mean())) if len(seen) else most
 
     def broad(self) -> ContourLikelihood:
         """One that notices a ball from farther off, at a third of the cost: for searching."""

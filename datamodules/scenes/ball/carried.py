@@ -74,6 +74,7 @@ class CarriedBallSettings:
         defocus: standard deviation of the lens's blur, pixels.
         readout: time from the first row's exposure to the last one's, s: a rolling shutter.
         lateness: time by which each camera takes its frames later than it says, s; none for all by default.
+        clear: of the ball from the hand, m: as if on a thread, which is not drawn.
     """
 
     cameras: int = 2
@@ -88,6 +89,7 @@ class CarriedBallSettings:
     defocus: float = 0.0
     readout: float = 0.0
     lateness: tuple[float, ...] = ()
+    clear: float = 0.0
 
     def __post_init__(self) -> None:
         if not 2 <= self.cameras <= len(AZIMUTHS):
@@ -225,7 +227,7 @@ def _bodies(
     )
     skeleton = place(person.build, pose, position, heading)
     forearm = skeleton.fingers[1] - skeleton.wrist[1]
-    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * 0.88 * settings.radius
+    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * settings.radius + settings.clear)
     return pose, (position, heading), grip
 
 

@@ -75,7 +75,7 @@ def sphere_points_run(
         RequestError: something of this cannot be used; the message says what and why.
     """
     settings = settings or SphereSettings()
-    for name, expected in (("preset", "extended"), ("likelihood", "contour")):
+    for name, expected in (("preset", "extended"), ("likelihood", "contour"), ("faint", None)):
         if getattr(settings, name) != expected:
             raise RequestError(
                 f"`{name}`: expected none with `points`, which have no image to weigh; got {getattr(settings, name)}"

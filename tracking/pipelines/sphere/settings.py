@@ -36,6 +36,8 @@ class SphereSettings(Shared):
         drag: of a ballistic ball by the air: deceleration over the speed squared, 1/m; a tennis ball's is about 0.02.
         spin: X,Y,Z of a ballistic ball: its acceleration is the cross product of this with the velocity, 1/s.
         likelihood: the ball's outline, or the difference from the background.
+        faint: the ball's outline is faint, as with a lens out of focus: what says nothing is measured beside the ball;
+            by default where the ball is less than 12 pixels across. Covered cameras are noticed less surely then.
         tolerance: frames of different videos within so many seconds count as taken together; by default a quarter of
             the shortest time between frames, half of it with live cameras.
     """
@@ -50,6 +52,7 @@ class SphereSettings(Shared):
     drag: float = 0.0
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     likelihood: LikelihoodName = "contour"
+    faint: bool | None = None
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
@@ -59,6 +62,8 @@ class SphereSettings(Shared):
             raise RequestError(f"`particles`: expected at least 10, got {self.particles}")
         if self.agitation is not None and not self.agitation > 0:
             raise RequestError(f"`agitation`: expected a number above 0, got {self.agitation:g}")
+        if self.faint is not None and (self.preset == "paper" or self.likelihood == "background"):
+            raise RequestError("`faint`: expected only with the outline of the preset extended; leave it out")
         if not 0 <= self.bounce <= 1:
             raise RequestError(f"`bounce`: expected 0 to 1, got {self.bounce:g}")
         if not 0 <= self.drag < np.inf:

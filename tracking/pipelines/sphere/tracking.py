@@ -192,7 +192,9 @@ def chosen_likelihood(
         if backgrounds is not None:
             raise RequestError("`backgrounds`: expected only with the likelihood background; the outline needs none")
         printed = settings.preset == "paper"
-        return PrintedContourLikelihood(cameras, radius) if printed else ContourLikelihood(cameras, radius)
+        if printed:
+            return PrintedContourLikelihood(cameras, radius)
+        return ContourLikelihood(cameras, radius, faint=settings.faint)
     if backgrounds is None:
         pictures = []
         for source in sources:

@@ -22,6 +22,8 @@ from tsuiseki.tracking.types import FloatArray
 
 # Step between pixels over the ball's radius there, and between depths: what the outline's Gaussian bears.
 PIXEL_STEP, DEPTH_STEP = 0.2, 1.15
+# The former is at least so many pixels: an edge is no sharper than a pixel.
+LEAST_STEP = 0.8
 # Places kept of each camera's own search, and steps over the depth of each.
 KEPT, FINE = 1500, 24
 CHUNK = 20000
@@ -83,7 +85,7 @@ def _places(camera: PinholeCamera, cameras: Sequence[PinholeCamera], radius: flo
     size = camera.height * LARGEST_SHARE
     places = []
     while size >= SMALLEST_RADIUS:
-        step = PIXEL_STEP * size
+        step = max(PIXEL_STEP * size, LEAST_STEP)
         at = (np.arange(step / 2, end, step) for end in (camera.width, camera.height))
         pixels = np.stack(np.meshgrid(*at), axis=-1).reshape(-1, 2)
         rays = camera.rays(pixels)

@@ -29,9 +29,17 @@ CAMERAS = (2, 3, 4, 6)
 COVERED = (0, 5, 10, 20, 40)
 FIRST_COVERED = 30
 
-Group = Literal["section 3", "particles", "cameras", "covered", "disturbed"]
+Group = Literal["section 3", "particles", "cameras", "covered", "disturbed", "small"]
 LikelihoodName = Literal[
-    "background", "printed", "printed, scaled", "printed, fourth power", "ellipse", "divided", "contour"
+    "background",
+    "printed",
+    "printed, scaled",
+    "printed, fourth power",
+    "ellipse",
+    "divided",
+    "contour",
+    "sharp",
+    "faint",
 ]
 MakeLikelihood: TypeAlias = Callable[[Sequence[PinholeCamera], float, Sequence[ImageArray]], ViewLikelihood]
 
@@ -44,6 +52,8 @@ LIKELIHOODS: Mapping[LikelihoodName, MakeLikelihood] = {
     "ellipse": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
     "divided": lambda cameras, radius, _: DividedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
     "contour": lambda cameras, radius, _: ContourLikelihood(cameras, radius),
+    "sharp": lambda cameras, radius, _: ContourLikelihood(cameras, radius, faint=False),
+    "faint": lambda cameras, radius, _: ContourLikelihood(cameras, radius, faint=True),
 }
 """From C cameras, the radius in metres and C pictures of the empty scene."""
 
@@ -85,16 +95,17 @@ class Configuration:
     defocus: float = 0.0
     readout: float = 0.0
     late: float = 0.0
+    clear: float = 0.0
 
     @property
-    def of_film(self) -> tuple[float, float, float, float, float]:
+    def of_film(self) -> tuple[float, float, float, float, float, float]:
         """What the film itself depends on."""
-        return self.ball, self.exposure, self.defocus, self.readout, self.late
+        return self.ball, self.exposure, self.defocus, self.readout, self.late, self.clear
 
 
 def configurations() -> list[Configuration]:
     """Everything that is compared."""
-    return [*paper_and_additions(), *disturbed(), *varied()]
+    return [*paper_and_additions(), *disturbed(), *small(), *varied()]
 
 
 def paper_and_additions() -> list[Configuration]:
@@ -121,7 +132,6 @@ def disturbed() -> list[Configuration]:
         *((f"cameras turned by {p:g} px", {"camera_error": p}) for p in (1.0, 2.0, 5.0)),
         *((f"radius {100 * r:+.0f} %", {"radius_error": r}) for r in (-0.05, 0.05, 0.1)),
         *((f"out of focus, {s:g} px", {"defocus": s}) for s in (2.0, 4.0)),
-        ("a ball of 7 px across", {"ball": SMALL}),
         ("smeared, exposure 1/15 s", {"exposure": 1 / 15}),
         ("rolling shutter, 1/30 s", {"readout": 1 / 30}),
         *((f"camera 2 late by 1/{n} s", {"late": 1 / n}) for n in (60, 30, 15)),
@@ -134,6 +144,23 @@ def disturbed() -> list[Configuration]:
             Configuration("disturbed", f"{name}, as printed", "printed", notices=False, stages=1, **change),  # type: ignore[arg-type]
         )
     ]
+
+
+def small() -> list[Configuration]:
+    """Outlines that are faint: a ball of 7 pixels, half of it in the fist or clear of it, and a lens out of focus."""
+    made = []
+    for where, clear in (("half in the fist", 0.0), ("10 cm from the hand", 0.1)):
+        ball = partial(Configuration, "small", ball=SMALL, clear=clear)
+        made += [
+            ball(f"a ball of 7 px across, {where}: `track sphere`", motion=FLIGHT),
+            ball("the same, `--faint false`", "sharp", motion=FLIGHT),
+            ball("the same, `--faint false`, every view trusted", "sharp", motion=FLIGHT, notices=False),
+            ball("the same, as printed", "printed", notices=False, stages=1),
+        ]
+    for blur in (2.0, 4.0):
+        lens = partial(Configuration, "small", motion=FLIGHT, defocus=blur)
+        made += [lens(f"out of focus, {blur:g} px: `track sphere`"), lens("the same, `--faint true`", "faint")]
+    return made
 
 
 def varied() -> list[Configuration]:

@@ -25,6 +25,8 @@ PAPER_BELOW = {"background": "background", "printed": "contour"}
 COLUMNS = ("to position: mean, 95 % over films", "max", "sd", "to path: mean, 95 %", "max", "sd")
 NOT_THE_PAPERS = ("–", "–", "–")
 VARIED: tuple[Group, ...] = ("particles", "cameras", "covered")
+ALONE: tuple[Group, ...] = ("disturbed", "small")
+"""Their films have two cameras; the others share films of as many as any of them needs."""
 PAPER_FRAME = 20
 """The frame of figures 2 and 5, counted from 1."""
 
@@ -42,7 +44,8 @@ def reproduce(
         seeds: number of films, each with its own room, person, ball and noise.
         frames: of each film.
         only: one table alone: section 3; or disturbed, the error with inexact cameras and radius, blur and clocks that
-            differ; or the error against particles, cameras or covered frames, or varied: these three and their figure.
+            differ; or small, a ball of 7 pixels and a lens out of focus; or the error against particles, cameras or
+            covered frames, or varied: these three and their figure.
         seed: of the first film; the others follow.
 
     Raises:
@@ -55,8 +58,8 @@ def reproduce(
     rows = [row for row in configurations() if only is None or row.group in chosen]
     results: dict[Configuration, dict[int, FilmErrors]] = {row: {} for row in rows}
     for number in range(seed, seed + seeds):
-        for kind in dict.fromkeys((row.group == "disturbed", row.of_film) for row in rows):
-            alike = [row for row in rows if (row.group == "disturbed", row.of_film) == kind]
+        for kind in dict.fromkeys((row.group in ALONE, row.of_film) for row in rows):
+            alike = [row for row in rows if (row.group in ALONE, row.of_film) == kind]
             found = bench.store.recall(run_film, number, _film_settings(alike, frames), alike, bench.watch)
             for row, errors in zip(alike, found, strict=True):
                 results[row][number] = errors
@@ -73,12 +76,12 @@ def reproduce(
 
 
 def _film_settings(rows: Sequence[Configuration], frames: int) -> CarriedBallSettings:
-    ball, exposure, defocus, readout, late = rows[0].of_film
+    ball, exposure, defocus, readout, late, clear = rows[0].of_film
     cameras = max(row.cameras for row in rows)
     lateness = (0.0, late, *[0.0] * (cameras - 2)) if late else ()
     return CarriedBallSettings(
         cameras=cameras, frames=frames, radius=ball, exposure=exposure, defocus=defocus, readout=readout,
-        lateness=lateness,
+        lateness=lateness, clear=clear,
     )  # fmt: skip
 
 

@@ -24,13 +24,13 @@ TIMES = np.arange(24) / 15
 PATH = np.column_stack([0.4 * np.cos(2 * TIMES), 0.4 * np.sin(2 * TIMES), 1.0 + 0.2 * np.sin(3 * TIMES)])
 
 
-def picture(camera, centre, rng):
+def picture(camera, centre, rng, radius=RADIUS):
     """Speckled wall with an exact silhouette of the ball on it."""
     clean = np.full((180, 240, 3), 105.0)
     at = (np.arange(480) + 0.5) / 2, (np.arange(360) + 0.5) / 2
     rays = camera.rays(np.stack(np.meshgrid(*at), axis=-1).reshape(-1, 2))
     toward = centre - camera.position
-    hit = (toward @ toward - (rays @ toward) ** 2 < RADIUS**2).reshape(360, 480).astype(np.float32)
+    hit = (toward @ toward - (rays @ toward) ** 2 < radius**2).reshape(360, 480).astype(np.float32)
     share = cv2.resize(hit, (240, 180), interpolation=cv2.INTER_AREA)[:, :, None]
     clean = clean * (1 - share) + share * [190, 70, 50]
     return np.clip(clean + rng.normal(0, 3, clean.shape), 0, 255).astype(np.uint8)
@@ -89,6 +89,25 @@ def test_a_covered_camera_stops_contributing_and_comes_back(film):
     assert errors(found).max() < 0.03
     assert all(p.open[0] < 0.5 for p in found[9:16])
     assert found[-1].open[0] > 0.9
+
+
+def test_a_ball_of_seven_pixels_is_followed_where_a_fixed_level_loses_it():
+    small = 0.044  # 3.5 pixels from 2.5 m at a focal length of 200
+    rng = np.random.default_rng(1)
+    film = [[picture(camera, point, rng, small) for camera in CAMERAS[:2]] for point in PATH]
+    away = {}
+    for faint in (None, False):
+        tracker = SphereTracker(ContourLikelihood(CAMERAS[:2], small, faint=faint))
+        rng = np.random.default_rng(0)
+        state = tracker.start_at(PATH[0], 0.03, 400, 2, rng, TIMES[0])
+        found = []
+        for time, views in zip(TIMES, film, strict=True):
+            state, info = tracker.step(state, TimedViews(time, views), rng)
+            found.append(info.position)
+        away[faint] = errors(found)
+    # A pixel is 1.3 cm.
+    assert away[None].mean() < 0.013
+    assert away[None].mean() < 0.5 * away[False].mean()
 
 
 def test_dropped_frames_are_bridged(film):
