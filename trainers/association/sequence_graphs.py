@@ -54,7 +54,7 @@ def sequence_graphs(
     preparing = FlowInput(settings.input, settings.costs.link.motion, video.frame_rate, video.size, video.path())
     seen, scores = preparing.rows(list(video.detections) or [Detections.empty()])
     settings = replace(settings, costs=preparing.flow_costs(settings.costs))
-    probability = preparing.calibration(scores)
+    probability = preparing.probability(scores)
     observation = settings.input.detection(probability, video.frame_rate)
     logit = np.log(probability / (1 - probability))
     window = FlowWindow(settings.costs, video.frame_rate, video.size, changes=changes)

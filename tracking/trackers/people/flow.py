@@ -131,7 +131,7 @@ class FlowTracker:
             "duplicates": self.duplicates,
             "detections": self._given,
             "detections_rejected": self._given - self._used,
-            "typical_speed": round(self._looked_at.input.speed(), 3),
+            "typical_speed": round(self._looked_at.input.evidence.speed(), 3),
             "clutter_tracks": self._looked_at.clutter,
         }
 

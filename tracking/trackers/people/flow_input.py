@@ -16,10 +16,10 @@ from tsuiseki.tracking.association.flow.flow_window import FlowCosts, FlowWindow
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.association.occlusion import hidden_parts
-from tsuiseki.tracking.association.recurrence import RateOfRight, Stride, TypicalSpeed, found_again
 from tsuiseki.tracking.association.rows import DetectionRows, rows_of
-from tsuiseki.tracking.association.score_calibration import EXPECTED, IN_ADVANCE, DetectionCost, ScoreCalibration
+from tsuiseki.tracking.association.score_calibration import DetectionCost
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, MotionNoise
+from tsuiseki.tracking.association.video_evidence import VideoEvidence
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep, CameraTrajectory
 from tsuiseki.tracking.geometry import iou_pairs
@@ -70,10 +70,7 @@ class FlowInput:
         path: the camera's motion from images, of which several may read; None takes the boxes.
         observation: learnt prices of scores, taken for their calibration; None lets the video calibrate them.
         camera: the trajectory so far.
-        calibration: of the scores so far.
-        speed: of the targets so far.
-        rate_of_right: how often right detections were found again so far.
-        stride: of the frames with detections so far.
+        evidence: what the video says of its detections so far.
         duplicates: boxes left out so far.
     """
 
@@ -85,16 +82,12 @@ class FlowInput:
     observation: ScoreCost | None = None
     duplicates: int = 0
     _last: Detections = field(default_factory=Detections.empty)
-    _recent: Recent = field(default_factory=lambda: Recent())
     _count: int = 0
     _scored: bool = False
 
     def __post_init__(self) -> None:
         self.camera = CameraTrajectory("boxes" if self.path is None else "images")
-        self.calibration = ScoreCalibration(self.settings.detection)
-        self.speed = TypicalSpeed(memory=self.settings.detection.memory)
-        self.rate_of_right = RateOfRight(EXPECTED, IN_ADVANCE)
-        self.stride = Stride()
+        self.evidence = VideoEvidence(self.settings.detection, self.frame_rate)
         self._shifts: list[float] = []
         # Steps to frames whose detections have not come to `rows` yet.
         self._steps: list[CameraStep] = []
@@ -108,8 +101,7 @@ class FlowInput:
         """A copy that goes on by itself."""
         other = copy(self)
         other._steps = [*self._steps]
-        other.camera, other.calibration, other.speed = self.camera.copy(), copy(self.calibration), copy(self.speed)
-        other.stride, other.rate_of_right = copy(self.stride), copy(self.rate_of_right)
+        other.camera, other.evidence = self.camera.copy(), self.evidence.copy()
         return other
 
     def rows(self, found: Sequence[Detections]) -> tuple[Seen, FloatArray]:
@@ -128,7 +120,7 @@ class FlowInput:
         self._scored = self._scored or not np.isnan(rows.scores).all()
         self._follow_camera(rows, first, len(found))
         boxes = self.camera.to_first(rows.boxes, rows.frames)
-        self._calibrate(rows, boxes)
+        self.evidence.add(rows.frames, boxes, rows.scores, len(self.camera) - 1)
         last = rows.frames == len(self.camera) - 1
         self._last = Detections(rows.boxes[last], rows.scores[last])
         measured = Measurements(
@@ -153,7 +145,7 @@ class FlowInput:
     def probability(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` of detections of ``(N,)`` scores being right: as learnt, and by the video where nothing is."""
         if self.observation is None:
-            return self.calibration(scores)
+            return self.evidence.probability(scores)
         least = self.settings.detection.least
         odds = np.exp(self.observation(np.nan_to_num(scores)) - self.observation.b)
         return np.clip(1 / (1 + odds), least, 1 - least)
@@ -166,7 +158,7 @@ class FlowInput:
         if not self.settings.any_speed:
             return None
         known = self.probability(scores)
-        right = known if self.observation is not None else np.asarray(np.minimum(known / self.rate_of_right(), 1))
+        right = np.minimum(known / self.evidence.rate_of_right(), 1) if self.observation is None else known
         costs = self.settings.detection
         return Believed(right, costs(right, self.frame_rate) - costs(known, self.frame_rate))
 
@@ -186,12 +178,12 @@ class FlowInput:
         """What the flow costs where targets move as fast as in this video."""
         if not self.settings.any_speed:
             return costs
-        return replace(costs, link=costs.link.at_speed(self.speed()))
+        return replace(costs, link=costs.link.at_speed(self.evidence.speed()))
 
     def _noise(self, rows: DetectionRows) -> FloatArray:
         """``(N,)`` by how much more than r each measurement deviates."""
         hidden = hidden_parts(rows.frames, rows.boxes)
-        unsure = 1 - self.calibration(rows.scores)
+        unsure = 1 - self.evidence.probability(rows.scores)
         return 1 + self.noise.unsure * unsure + self.noise.hidden * hidden
 
     def _follow_camera(self, rows: DetectionRows, first: int, count: int) -> None:
@@ -236,52 +228,6 @@ class FlowInput:
     def _usual_shift(self) -> float:
         """By how much the camera moved from frame to frame over the last second, heights of a box."""
         return median(self._shifts) if self._shifts else 0.0
-
-    def _calibrate(self, rows: DetectionRows, boxes: FloatArray) -> None:
-        """Take in which detections were found again, of those whose later frame has come."""
-        again = self.settings.detection.again
-        self.stride.add(rows.frames)
-        stride = self.stride(self.frame_rate)
-        gap, last = again.frames(self.frame_rate, stride), len(self.camera) - 1
-        recent = self._recent.joined(rows.frames, boxes, rows.scores)
-        triples = found_again(recent.frames, recent.boxes, self.frame_rate, again, stride)
-        told = (recent.frames >= max(self._recent.told, gap)) & (recent.frames <= last - gap)
-        self.calibration.add(recent.scores[told], triples.found[told])
-        self.speed.add(triples.speed[told])
-        # What those on a line have before them; of the first of the video nobody knows.
-        self.rate_of_right.add(triples.found[triples.before[told & triples.found & (recent.frames >= 2 * gap)]])
-        self._recent = recent.since(last - 3 * gap + 1, max(self._recent.told, last - gap + 1))
-
-
-@dataclass(frozen=True)
-class Recent:
-    """The detections of the last frames.
-
-    Attributes:
-        frames: ``(N,)``.
-        boxes: ``(N, 4)`` as if the camera stood still, pixels.
-        scores: ``(N,)``.
-        told: the frame from which on it is not said yet what was found again.
-    """
-
-    frames: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    boxes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    scores: FloatArray = field(default_factory=lambda: np.empty(0))
-    told: int = 0
-
-    def joined(self, frames: IntArray, boxes: FloatArray, scores: FloatArray) -> Recent:
-        """With the detections of the next frames."""
-        return Recent(
-            np.append(self.frames, frames),
-            np.concatenate([self.boxes, boxes]),
-            np.append(self.scores, scores),
-            self.told,
-        )
-
-    def since(self, frame: int, told: int) -> Recent:
-        """Those from a frame on."""
-        kept = self.frames >= frame
-        return Recent(self.frames[kept], self.boxes[kept], self.scores[kept], told)
 
 
 def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, rounds: int | None = None) -> None:
