@@ -91,6 +91,6 @@ def _warnings_in_a_line() -> Iterator[None]:
 def complain(message: object, status: int) -> int:
     """Print one line to stderr; returns ``status``."""
     # The library speaks of arguments, in backquotes.
-    message = re.sub(r"`(\w+)`", lambda name: "--" + name[1].replace("_", "-"), str(message))
+    message = re.sub(r"`(\w+(?:\.\w+)*)`", lambda name: "--" + name[1].replace("_", "-"), str(message))
     print(f"tsuiseki: {' '.join(str(message).split())}", file=sys.stderr)
     return status

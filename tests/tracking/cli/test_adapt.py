@@ -60,7 +60,7 @@ def test_a_teacher_that_cannot_look(video: Path, tmp_path: Path, capsys: pytest.
     teacher = save_constant(tmp_path / "teacher.onnx", {"output0": rows})
     # Refused before the video is looked for.
     words = (str(tmp_path / "gone"), "--teacher", str(teacher))
-    assert "say which one is people with the detector option person" in refused(capsys, tmp_path / "o", *words)
+    assert "say which one is people with --detector-options.person" in refused(capsys, tmp_path / "o", *words)
     words += ("--detector-options.person", "1")
     assert main(["adapt", *words, "--out", str(tmp_path / "o")]) == 2
     said = capsys.readouterr()
@@ -190,3 +190,11 @@ def test_an_appearance_network_that_nothing_can_be_learnt_on(
     other = mean_colour(tmp_path / "other.onnx")
     line = refused(capsys, tmp_path / "o", str(video), "--appearance", str(other))
     assert "expected an appearance network of this toolkit to learn on" in line
+
+
+def test_a_detector_of_another_project_can_teach_and_not_learn(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = save_constant(tmp_path / "other.onnx", {"output0": np.zeros((7, 126), np.float32)})
+    line = refused(capsys, tmp_path / "o", str(video), "--detector", str(other))
+    assert "expected a detector of this toolkit, which can learn, got another file; give it as --teacher" in line

@@ -48,7 +48,7 @@ def class_of_people(path: Path, names: Sequence[str] | None, count: int | None, 
         return COCO[count]
     which = "an unknown number of" if count is None else str(count)
     raise RequestError(
-        f"{path}: {which} classes without names; say which one is people with the detector option person "
+        f"{path}: {which} classes without names; say which one is people with `detector_options.person` "
         "(COCO: 0 in YOLO, 1 in torchvision)"
     )
 
@@ -59,4 +59,4 @@ def _named(path: Path, names: Sequence[str]) -> int:
         return found[0]
     listed = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
     what = "several classes of people" if found else "no class of people"
-    raise RequestError(f"{path}: {what} among {listed}; say which one with the detector option person")
+    raise RequestError(f"{path}: {what} among {listed}; say which one with `detector_options.person`")

@@ -40,7 +40,8 @@ class ForeignAppearance:
         self.height, self.width = height or options.height, width or options.width
         if not self.height or not self.width:
             raise RequestError(
-                f"{self.path}: height and width of its input are open; give the appearance options height and width"
+                f"{self.path}: height and width of its input are open; give `appearance_options.height` and "
+                "`appearance_options.width`"
             )
         if len(self._wanted.shape) != 4 or len(self.session.get_outputs()) != 1:
             raise RequestError(

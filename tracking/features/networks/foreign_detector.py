@@ -164,7 +164,7 @@ class ForeignDetector:
             return None
         raise RequestError(
             f"{self.path}: height and width of its input are open and its metadata do not tell them; "
-            "give the detector options height and width, or export with fixed ones"
+            "give `detector_options.height` and `detector_options.width`, or export with fixed ones"
         )
 
     def _try(self) -> dict[str, NDArray[Any]]:
@@ -197,15 +197,15 @@ class ForeignDetector:
             )
         fitting = " or ".join(f"{name} {LAYOUTS[name].description}" for name in found)
         raise RequestError(
-            f"{self.path}: its outputs {_shapes(trial)} could be {fitting}; say which with the detector option layout"
+            f"{self.path}: its outputs {_shapes(trial)} could be {fitting}; say which with `detector_options.layout`"
         )
 
     def _choose_scores(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> ScoreKind | None:
         if not LAYOUTS[self.layout].paired:
             if options.scores is not None:
                 raise RequestError(
-                    f"{self.path}: the scores of layout {self.layout} can be but one thing; leave the detector option "
-                    "scores out"
+                    f"{self.path}: the scores of layout {self.layout} can be but one thing; leave "
+                    "`detector_options.scores` out"
                 )
             return None
         classes = paired(trial)[1]
@@ -214,14 +214,14 @@ class ForeignDetector:
             if options.scores == "probabilities" and found != ["probabilities"]:
                 raise RequestError(
                     f"{self.path}: expected probabilities, got class values from {classes.min():.3g} to "
-                    f"{classes.max():.3g}; give the detector option scores as sigmoid or softmax"
+                    f"{classes.max():.3g}; give `detector_options.scores` as sigmoid or softmax"
                 )
             return options.scores
         if len(found) == 1:
             return found[0]
         raise RequestError(
-            f"{self.path}: its class values could be logits of a {' or of a '.join(found)}; say which with the "
-            "detector option scores"
+            f"{self.path}: its class values could be logits of a {' or of a '.join(found)}; say which with "
+            "`detector_options.scores`"
         )
 
     def _choose_person(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> int:

@@ -94,10 +94,10 @@ class PeopleInputs:
         """The frames themselves with who was found there; see `found`."""
         times, last = times or StageTimes(), -1
         images = self.source.frames() if frames is None else frames
-        if self.workers > 1:
-            # Trackers use it late; loaded while networks look at frames it takes no time.
-            Thread(target=_load_parts, name="tsuiseki-load").start()
         for frame, found in stream(images, self.detect, self.describe, self.batch_size, times, self.workers):
+            if last < 0 and self.workers > 1:
+                # Trackers use it late; loaded while networks look at the next frames it takes no time.
+                Thread(target=_load_parts, name="tsuiseki-load").start()
             last = frame.index
             if self.camera is not None:
                 with times.measure("camera"):

@@ -192,9 +192,8 @@ def test_a_file_of_two_layouts_is_refused_with_both_and_the_option_decides(tmp_p
     unnamed = {"a": boxes_of_detr["dets"], "b": boxes_of_detr["labels"]}
     unnamed["a"] = np.maximum(unnamed["a"], 0)
     unnamed["a"][:, 2:] = np.maximum(unnamed["a"][:, 2:], unnamed["a"][:, :2])
-    with pytest.raises(
-        RequestError, match=r"could be detr .* or corners .*; say which with the detector option layout"
-    ):
+    either = r"could be detr .* or corners .*; say which with `detector_options\.layout`"
+    with pytest.raises(RequestError, match=either):
         open_detector(path)
     with pytest.raises(RequestError, match="could be detr"):
         open_detector(save_constant(tmp_path / "unnamed.onnx", unnamed))
@@ -219,7 +218,7 @@ def test_two_classes_of_a_transformer_are_told_from_suppressed_boxes(tmp_path):
 def test_rows_with_and_without_an_objectness_are_told_by_the_classes_or_refused_with_both(tmp_path):
     rows = yolov8_rows()["output0"]
     two = save_constant(tmp_path / "two.onnx", {"output0": rows[:, :6]})
-    both = r"could be yolox-decoded .* or yolov8-rows .*; say which with the detector option layout"
+    both = r"could be yolox-decoded .* or yolov8-rows .*; say which with `detector_options\.layout`"
     with pytest.raises(RequestError, match=both):
         open_detector(two)
     with pytest.raises(RequestError, match=both):
@@ -262,13 +261,14 @@ def test_logits_that_may_be_of_a_sigmoid_or_a_softmax_are_asked_for(tmp_path):
     low = softmax_detr(classes=1, no_object=-3.0)
     low["logits"][:, 0] -= 6
     path = save_constant(tmp_path / "low.onnx", low)
-    with pytest.raises(RequestError, match=r"logits of a sigmoid or of a softmax; say which .* option scores"):
+    either = r"logits of a sigmoid or of a softmax; say which with `detector_options\.scores`"
+    with pytest.raises(RequestError, match=either):
         open_detector(path, options=DetectorOptions(person=0))
     for kind in ("sigmoid", "softmax"):
         assert open_detector(path, options=DetectorOptions(person=0, scores=kind)).scores == kind
     with pytest.raises(RequestError, match="expected probabilities, got class values from -5 to -3"):
         open_detector(path, options=DetectorOptions(person=0, scores="probabilities"))
-    with pytest.raises(RequestError, match="leave the detector option scores out"):
+    with pytest.raises(RequestError, match=r"leave `detector_options\.scores` out"):
         open_detector(saved(tmp_path, "yolov8", metadata=NAMES), options=DetectorOptions(scores="sigmoid"))
 
 
