@@ -111,14 +111,15 @@ def learn_background(
         contrast = _found_contrast(ordered)
     back = _quantile(ordered, contrast)
     surroundings = _surroundings(back)
-    for _ in range(ROUNDS):
+    for done in range(ROUNDS + 1):
         least, peak = _noise_and_peak(images, back, surroundings, contrast)
         level = max(least, share * peak) if threshold is None else threshold
         core = max(level, CORE * peak)
         area = usual_area([_difference(image, back, contrast) > core for image in images])
         # One that moves a little shows only what it uncovers; painted over, it tells what the others look like.
         resting = _resting(back, surroundings, contrast, core, area)
-        if not resting.any():
+        # Levels are of the background that is kept, also where the last round found somebody.
+        if done == ROUNDS or not resting.any():
             break
         grown = cv2.dilate(_filled_up(resting, _difference(back, surroundings, contrast) > level), np.ones((9, 9)))
         back = np.where(grown[..., None] > 0, surroundings, back)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features import background_difference
 from tsuiseki.tracking.features.background_difference import learn_background
 from tsuiseki.tracking.trackers.animals.identity import contacts, exchanged_after_contacts
 from tsuiseki.tracking.trackers.animals.linking import AnimalSettings, link_animals
@@ -163,6 +164,21 @@ def test_a_large_one_that_rests_is_seen_beside_a_small_one_that_shifts_a_little(
     background = learn_background([scene(row, seed=t) for t, row in enumerate(rows)][::2])
     assert background.image[65:95, 35:85].max() < 60
     assert background.image[50:70, 150:195].max() < 60
+
+
+def test_levels_are_of_the_background_that_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last round may still find somebody."""
+    rows = [[(60, 80, 0, 46, 18), (170 + 3 * (t // 12), 60, 0, 30, 12)] for t in range(48)]
+    images = [scene(row, seed=t) for t, row in enumerate(rows)][::2]
+    found, resting = [], background_difference._resting
+    monkeypatch.setattr(background_difference, "_resting", lambda *a: found.append(resting(*a)) or found[-1])
+    more = learn_background(images)
+    rounds = sum(bool(each.any()) for each in found)
+    assert 0 < rounds < background_difference.ROUNDS
+    monkeypatch.setattr(background_difference, "ROUNDS", rounds)
+    just_enough = learn_background(images)
+    np.testing.assert_array_equal(just_enough.image, more.image)
+    assert (just_enough.threshold, just_enough.core, just_enough.area) == (more.threshold, more.core, more.area)
 
 
 def test_what_a_resting_animal_never_uncovers_is_no_background() -> None:
