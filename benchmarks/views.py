@@ -116,8 +116,8 @@ def look(image: ImageArray, truth: LabelledBoxes, path: str) -> Looked:
 def rules() -> dict[str, Callable[[Looked], int]]:
     """Ways of choosing, by name."""
     return {
-        f"grows by {WORTH:g}": lambda each: grows(each, WORTH),
-        "grows by 1.1": lambda each: grows(each, 1.1),
+        f"grows by {WORTH:g} (auto)": lambda each: grows(each, WORTH),
+        "grows by 1.25": lambda each: grows(each, 1.25),
         **{f"smallest at {n} pixels": lambda each, n=n: smallest(each, n) for n in (25, 35, 50)},  # type: ignore[misc]
         **{f"{s:g} of those confirmed": lambda each, s=s: confirmed(each, s) for s in (0.7, 0.8, 0.9)},  # type: ignore[misc]
         "all that show more": lambda each: max(each.found),
@@ -127,8 +127,8 @@ def rules() -> dict[str, Callable[[Looked], int]]:
 def grows(each: Looked, worth: float) -> int:
     """One more tile across as long as the sum of the scores grows by the factor ``worth``."""
     chosen = 1
-    for columns, found in each.found.items():
-        if _expected(found) > worth * _expected(each.found[chosen]):
+    for columns in range(2, max(each.found) + 1):
+        if _expected(each.found[columns]) > worth * _expected(each.found[chosen]):
             chosen = columns
         elif _expected(each.found[chosen]) >= 0.5:
             break

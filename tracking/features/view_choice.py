@@ -18,7 +18,7 @@ from tsuiseki.tracking.types import Detections, ImageArray
 # A pixel of the frame becomes at most this many of the input: a larger picture shows nothing more.
 LARGEST_SCALE = 1.5
 # More tiles are worth their time where they find this many times the people.
-WORTH = 1.25
+WORTH = 1.1
 _CERTAIN = 0.3
 _LOOKS = 3
 # Below this many people in a frame the look goes on: all of them may be too small so far.
