@@ -1,8 +1,11 @@
-"""Animals that enter and leave, on drawn films: OMP_NUM_THREADS=1 python benchmarks/animals.py [FILMS].
+"""Animals that enter, leave and touch, on drawn films: OMP_NUM_THREADS=1 python benchmarks/animals.py [FILMS].
 
 In each film of 100 frames two animals of unlike sizes walk about for all of it, one walks in over the border and one
 out. Printed are the frames by which an entry or an exit is reported late or early, counted from the moment when half of
 the animal is in the image, the errors of the place once it is wholly in, and exchanged identities.
+
+Then two animals meet, of unlike or the same size: they cross, touch and part, or rest side by side for 40 frames and
+part (`benchmarks/animal_contacts.py`).
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from animal_contacts import MEETINGS, Contact, meeting, told
 from walkers import machine
 
 from tsuiseki.tracking.pipelines.bodies.animals import track_animals
@@ -26,20 +30,49 @@ NOISE, FOUND = 3.0, 12.0
 def main() -> None:
     """Print a table over all films."""
     films = int(sys.argv[1]) if len(sys.argv) > 1 else 10
+    print(machine())
+    entering_and_leaving(films)
+    meetings(films)
+
+
+def meetings(films: int) -> None:
+    """Print what becomes of two identities in a contact."""
+    print("| two animals | sizes | both kept | exchanged | one lost | error of the place in contact, px: mean |")
+    print("|---|---|---|---|---|---|")
+    for kind in MEETINGS:
+        for looks, sizes in (("unlike", (40.0, 30.0)), ("the same", (34.0, 34.0))):
+            contacts: list[Contact] = []
+            for seed in range(films):
+                rng = np.random.default_rng((seed, 7))
+                paths, bodies = meeting(kind, sizes, FRAMES, rng)
+                contacts.append(told(followed(paths, bodies, rng), paths, bodies))
+            count = [sum(one.outcome == name for one in contacts) for name in ("kept", "exchanged", "lost")]
+            away = np.concatenate([one.away for one in contacts])
+            print(f"| {kind} | {looks} | {count[0]} | {count[1]} | {count[2]} | {away.mean():.1f} |", flush=True)
+
+
+def followed(paths: FloatArray, sizes: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """``(K, T, 2)`` places of each track in the film of ``(T, N, 3)`` poses; NaN where there is none."""
+    with tempfile.TemporaryDirectory() as folder:
+        arena = background(rng)
+        for frame, poses in enumerate(paths):
+            cv2.imwrite(f"{folder}/{frame + 1:06d}.png", drawn(arena, poses, sizes, rng))
+        tracks, _ = track_animals(Path(folder))
+    places = np.full((len(tracks), len(paths), 2), np.nan)
+    for row, track in enumerate(tracks):
+        places[row, track.frames] = track.states[:, :2]
+    return places
+
+
+def entering_and_leaving(films: int) -> None:
+    """Print how late entries and exits are reported."""
     late: dict[str, list[float]] = {"enters": [], "leaves": []}
     away: dict[str, list[float]] = {"stays": [], "enters": [], "leaves": []}
     exchanged, missed, extra = 0, 0, 0
     for seed in range(films):
         rng = np.random.default_rng(seed)
         paths, sizes = walks(rng)
-        with tempfile.TemporaryDirectory() as folder:
-            arena = background(rng)
-            for frame in range(FRAMES):
-                cv2.imwrite(f"{folder}/{frame + 1:06d}.png", drawn(arena, paths[frame], sizes, rng))
-            tracks, _ = track_animals(Path(folder))
-        places = np.full((len(tracks), FRAMES, 2), np.nan)
-        for row, track in enumerate(tracks):
-            places[row, track.frames] = track.states[:, :2]
+        places = followed(paths, sizes, rng)
         used = set()
         for animal, kind in enumerate(("stays", "stays", "enters", "leaves")):
             path, length = paths[:, animal, :2], sizes[animal, 0]
@@ -62,8 +95,7 @@ def main() -> None:
                 late[kind].append(float(shown[0] - np.flatnonzero(inside)[0]))
             if kind == "leaves":
                 late[kind].append(float(shown[-1] - np.flatnonzero(inside)[-1]))
-        extra += len(tracks) - len(used)
-    print(machine())
+        extra += len(places) - len(used)
     print(f"{films} films of {FRAMES} frames, two that stay, one that enters, one that leaves")
     print("| | entry or exit reported, frames late: median (least to greatest) | error of the place, px: mean · 95 % |")
     print("|---|---|---|")
