@@ -44,9 +44,10 @@ def choose(bench: Bench, peer: Peer) -> dict[str, tuple[PeerSettings, float, flo
     """
 
     def mean(name: str, settings: PeerSettings) -> float:
-        jobs = [(kind, seed) for kind in KINDS.values() for seed in DEVELOPMENT]
-        runs = [bench.store.recall(run_peer, peer, name, settings, kind, seed) for kind, seed in jobs]
-        return float(np.mean([run.scores.ospa1 for run in runs]))
+        kinds = [
+            bench.store.recall(run_peer, peer, name, settings, kind, tuple(DEVELOPMENT)) for kind in KINDS.values()
+        ]
+        return float(np.mean([run.scores.ospa1 for runs in kinds for run in runs]))
 
     chosen: dict[str, tuple[PeerSettings, float, float]] = {}
     steps = [(name, setting) for name, grid in GRIDS.items() for setting in grid]
@@ -63,23 +64,29 @@ def choose(bench: Bench, peer: Peer) -> dict[str, tuple[PeerSettings, float, flo
 
 
 def run_peer(
-    peer: Peer, name: str, chosen: PeerSettings, settings: UnseenSettings, seed: int, program: Path = PROGRAM
-) -> UnseenRun:
-    """A filter of the peer's environment.
+    peer: Peer,
+    name: str,
+    chosen: PeerSettings,
+    settings: UnseenSettings,
+    seeds: tuple[int, ...],
+    program: Path = PROGRAM,
+) -> list[UnseenRun]:
+    """A filter of the peer's environment, on the scenarios of one kind.
 
     Args:
         peer: which environment.
         name: of the filter.
         chosen: its thresholds, see ``program``.
-        settings: of the scenario.
-        seed: likewise.
+        settings: of the scenarios.
+        seeds: of each.
         program: what runs there; its text belongs to the result.
     """
-    scenario = unseen_scenario(settings, seed)
-    job = {
-        "model": asdict(settings),
-        "scans": [scan.measurements.tolist() for scan in scenario.scans],
-        "filters": {name: dict(chosen)},
-    }
-    found = peer.answer(program, job)["found"][name]
-    return scored(scenario.truth, inside(settings, found["rows"]), found["milliseconds"])
+    scenarios = [unseen_scenario(settings, seed) for seed in seeds]
+    runs = [
+        {"model": asdict(settings), "scans": [scan.measurements.tolist() for scan in one.scans]} for one in scenarios
+    ]
+    answer = peer.answer(program, {"filter": name, "settings": dict(chosen), "runs": runs})
+    return [
+        scored(one.truth, inside(settings, found["rows"]), found["milliseconds"])
+        for one, found in zip(scenarios, answer, strict=True)
+    ]

@@ -2,9 +2,9 @@
 
     python peer_program.py < job.json > result.json
 
-A job is ``{"model": {…}, "scans": [[[x, y], …], …], "filters": {filter: {setting: value}}}`` with the model's numbers,
-``leave`` "gone" where the filters are told that a target which leaves the region has ended; the result is ``{"version":
-…, "found": {filter: {"rows": [[scan, id, x, y], …], "milliseconds": [one a scan]}}}``. Nothing of Tsuiseki is imported
+A job is ``{"filter": …, "settings": {setting: value}, "runs": [{"model": {…}, "scans": [[[x, y], …], …]}, …]}`` with
+the models' numbers, ``leave`` "gone" where the filter is told that a target which leaves the region has ended; the
+result is a list of ``{"rows": [[scan, id, x, y], …], "milliseconds": [one a scan]}``. Nothing of Tsuiseki is imported
 here. Settings:
 
 - GM-PHD: ``shown``, weight from which a component is a target; ``merge``, squared distance within which components are
@@ -39,10 +39,8 @@ def main():
         print(version)
         return
     job = json.load(sys.stdin)
-    found = {
-        name: follow(FILTERS[name](job["model"], **chosen), job["scans"]) for name, chosen in job["filters"].items()
-    }
-    json.dump({"version": version, "found": found}, sys.stdout)
+    begin, settings = FILTERS[job["filter"]], job["settings"]
+    json.dump([follow(begin(run["model"], **settings), run["scans"]) for run in job["runs"]], sys.stdout)
 
 
 def follow(step, scans):

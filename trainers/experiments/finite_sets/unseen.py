@@ -68,11 +68,14 @@ def reproduce(
             for name, (method, lag) in METHODS.items():
                 run = bench.store.recall(run_ours, settings, number, method, particles, lag)
                 rows.setdefault((kind, name + suffix), []).append(run)
-            for name, (tuned, _, _) in chosen.items():
-                assert found is not None
-                run = bench.store.recall(run_peer, found, name, tuned, settings, number)
-                rows.setdefault((kind, name + suffix), []).append(run)
         rows.setdefault((kind, TOLD), []).append(bench.store.recall(run_told, plain, number))
+    if found is not None:
+        numbers = tuple(range(seed, seed + seeds))
+        work = [(kind, leave, name) for kind in KINDS for leave in TELLING for name in chosen]
+        for kind, leave, name in bench.watch.over(work, "peers", len(work)):
+            settings = replace(KINDS[kind], clutter=clutter, leave=leave)
+            runs = bench.store.recall(run_peer, found, name, chosen[name][0], settings, numbers)
+            rows[kind, name + TELLING[leave]] = runs
     version = f"; peers: {found.version}" if found else ""
     note = f"{seeds} scenarios of each kind from seed {seed}, clutter {clutter:g}; ± is the standard error{version}."
     values = [
