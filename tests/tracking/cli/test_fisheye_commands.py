@@ -203,6 +203,13 @@ def test_text_of_another_size_than_calibrated(room, tmp_path, capsys):
     one_line(capsys, "expected images of 320x240 as calibrated, got 640x480 in text")
 
 
+def test_videos_are_linked_by_the_flow_unless_asked_otherwise(room, tmp_path):
+    words = only_text(room, tmp_path, (320, 240))
+    for method in ([], ["--method", "hungarian"]):
+        assert main([*words, *method, "--overwrite"]) == 0
+        assert f'"method": "{method[-1] if method else "flow"}"' in (tmp_path / "out/run.json").read_text()
+
+
 @pytest.mark.parametrize("size", [(320, 240), (0, 0)])
 def test_text_of_the_calibrations_or_no_size_is_taken(room, tmp_path, size):
     assert main(only_text(room, tmp_path, size)) == 0

@@ -33,7 +33,7 @@ def fisheye(
     cameras: Path,
     output: SeededOutput,
     finding: Detecting = DETECTING,
-    method: Literal["hungarian", "flow"] = "hungarian",
+    method: Literal["hungarian", "flow"] | None = None,
     view: Literal["unrolled", "image"] = "unrolled",
     detections: list[Path] | None = None,
     crops: Literal["upright", "standing", "image"] = "upright",
@@ -57,7 +57,8 @@ def fisheye(
     Args:
         source: videos, folders of images or MOTChallenge sequence folders, one for each camera, in their order.
         cameras: cameras.yaml with lens, pose and floor of each camera; tsuiseki calibrate pose writes it.
-        method: hungarian decides each frame, by appearance and then by place; flow links the whole video at the end.
+        method: hungarian decides each frame, by appearance and then by place; flow links the whole video at the end; by
+            default flow, of a live source hungarian.
         detections: detections of each source, separated by commas, instead of a detector: MOTChallenge text (det.txt),
             or rotated boxes of a folder of images: a JSON list of image_id, bbox (cx, cy, w, h, degrees clockwise) and
             score, or labels of CEPDOF, MW-R or HABBOF.
@@ -129,11 +130,13 @@ def fisheye(
             boxes = FoundBoxes(each.source)
             kept = boxes.watched(people) if save_detections else people
             watched = run.steps(kept, f"tracking {name}", frames_expected(each.source))
-            tracks = link_on_floor(watched, each.rate, method, hungarian, flow, run.times)
+            chosen = method or ("hungarian" if each.source.live else "flow")
+            tracks = link_on_floor(watched, each.rate, chosen, hungarian, flow, run.times)
             if save_detections:
                 run.write(f"{prefix}detections.json", partial(write_rotated_detections, found=boxes.boxes))
             done.append(_written(run, each, tracks, prefix, overlay))
             run.facts[name] = {
+                "method": chosen,
                 "people": len(tracks),
                 "frames": run.count - before,
                 "frame_rate": each.rate,
