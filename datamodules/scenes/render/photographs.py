@@ -59,6 +59,10 @@ class Photographs:
             factor[at] = texture[row, column]
         return np.asarray(picture * factor**strength, dtype=np.float32)
 
+    def surface(self, rng: np.random.Generator) -> ImageArray:
+        """``(h, w, 3)`` uint8 RGB: a random surface, of which there must be one."""
+        return _read(self.paths["surfaces"][int(rng.integers(len(self.paths["surfaces"])))])
+
     def view(self, rng: np.random.Generator, width: int, height: int) -> Float32 | None:
         """``(H, W, 3)`` linear light: a random part of a random view, or None where there are no views."""
         if not self.paths["views"]:
@@ -75,12 +79,12 @@ class Photographs:
         return np.asarray(np.square(resized.astype(np.float32) / np.float32(255)))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=600)
 def _read(path: Path) -> ImageArray:
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise RequestError(f"expected a photograph at {path}, got something that cannot be decoded; remove it")
-    shrink = 1600 / max(image.shape[:2])
+    shrink = 1400 / max(image.shape[:2])
     return np.asarray(
         cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else image
     )

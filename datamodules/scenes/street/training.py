@@ -11,6 +11,7 @@ from tsuiseki.datamodules.scenes.figures.standing import Standing, dressed, tilt
 from tsuiseki.datamodules.scenes.people.person import person_solids, random_person
 from tsuiseki.datamodules.scenes.people.sprites import random_pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
+from tsuiseki.datamodules.scenes.render.facades import random_facades
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.render.night import by_night
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
@@ -63,6 +64,7 @@ class TrainingSettings:
         rendered: share of the people who are shown as sprites, where there is a library of them.
         photographs: chance that a photograph lies on the ground, and 0.3 times as large one that a whole view is one,
             where there are photographs.
+        facades: chance of walls that photographs cover, likewise.
     """
 
     width: int = 640
@@ -77,6 +79,7 @@ class TrainingSettings:
     night: float = 0.0
     rendered: float = 0.9
     photographs: float = 0.6
+    facades: float = 0.5
 
     def __post_init__(self) -> None:
         for name in ("people", "person_height", "clutter", "camera_height"):
@@ -144,13 +147,17 @@ def random_training_scene(
             _rendered(of_people, thing, spot, camera, stock.sprites, settings)
             for thing, spot in zip(people, spots, strict=True)
         ]
-    view = None
+    view, facades = None, []
     if stock.photographs is not None:
         ground, view = _photographed(of_photographs, ground, camera, stock.photographs, settings)
+    if stock.photographs is not None and view is None and of_photographs.random() < settings.facades:
+        reach = float(np.linalg.norm(spots, axis=1).max(initial=12.0))
+        facades = random_facades(of_photographs, stock.photographs, int(of_photographs.integers(1, 7)), spots, reach)
     count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1)) // (1 if view is None else 4)
     static = clutter_around(rng, camera, count, spots, LARGEST)
     if view is None:
         static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
+    static += facades
     picture = empty_picture(ground, settings.samples)
     picture, _ = darken(picture, static + people, camera, light, sunlit, float(rng.uniform(0.5, 2.5)))
     # One pass: static things and people hide each other alike.
