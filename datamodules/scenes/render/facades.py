@@ -53,7 +53,9 @@ class Facade:
         picture = self.picture
         shrink = min(1.0, 1.2 * float(np.ptp(corners, axis=0).max()) / max(picture.shape[:2]))
         if shrink < 1:
-            picture = cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+            picture = np.asarray(
+                cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8
+            )
         h, w = picture.shape[:2]
         source = np.array([[0, 0], [w, 0], [w, h], [0, h]], dtype=np.float32)
         turn = cv2.getPerspectiveTransform(source, (corners - [x1, y1]).astype(np.float32))
@@ -121,8 +123,8 @@ def _picture(rng: np.random.Generator, photographs: Photographs, wide: float, hi
         # Windows in rows, or single doors and posters.
         part = photographs.surface(rng)
         pw, ph = max(int(step * rng.uniform(0.25, 0.7)), 3), max(int(step * rng.uniform(0.3, 0.9)), 3)
-        part = cv2.resize(part, (pw, ph), interpolation=cv2.INTER_AREA)
-        part = np.clip(part * rng.uniform(0.3, 1.4), 0, 255).astype(np.uint8)
+        small = cv2.resize(part, (pw, ph), interpolation=cv2.INTER_AREA)
+        part = np.clip(small * rng.uniform(0.3, 1.4), 0, 255).astype(np.uint8)
         lefts = range(int(rng.integers(step)), w - pw, step) if kind == 0 else [int(rng.integers(max(w - pw, 1)))]
         tops = range(int(rng.integers(step)), h - ph, step) if kind == 0 else [max(h - ph - int(rng.integers(step)), 0)]
         for top in tops:
