@@ -19,7 +19,7 @@ from jsonargparse._actions import ActionConfigFile, _ActionConfigLoad
 
 from tsuiseki.tracking.cli.config import config_text
 from tsuiseki.tracking.cli.options import Given, Output
-from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, parts_of, shown_value
+from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, parts_of, shown_value, with_option
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 
@@ -65,17 +65,21 @@ def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict
     """
     # jsonargparse also leaves out of --print-config what its help does not show: hide options for --help alone.
     parser = build_parser(prog, function, every_option=not {"-h", "--help"} & set(words))
+
+    def said_of(message: str) -> str:
+        return with_option(friendly(message, parser.option_names()), words)
+
     try:
         found = parser.parse_args(_normalised(words, parser, prog.split()))
     except ArgumentError as error:
-        raise RequestError(friendly(str(error), parser.option_names())) from error
+        raise RequestError(said_of(str(error))) from error
     for option in options_of(function):
         if option.grouped and not isinstance(found[option.name], Namespace):
             raise RequestError(f"{option.name}: expected options of its own below it, got {found[option.name]!r}")
     try:
         values = parser.instantiate(found)
     except ValueError as error:  # a settings dataclass refuses a value
-        raise RequestError(friendly(str(error), parser.option_names())) from error
+        raise RequestError(said_of(str(error))) from error
     return _arguments(function, values, prog)
 
 

@@ -106,6 +106,9 @@ def friendly(message: str, options: Iterable[str]) -> str:
     # The options of a group that may be null have been found wrong by a parser of their own, without its name.
     if match := re.search(r"[Pp]arser key \"(.+?)\": .* Errors: - (.*?) - Expected .*NestedArg\(", text):
         return match[2].replace("--", f"{option_shown(match[1])}.", 1)
+    # Settings that may be null refuse a value of theirs; what null would be is beside the point.
+    if match := re.match(r"Does not validate against any of the Union subtypes.* Errors: - (.*?) - Expected an? ", text):
+        return match[1]
     if match := re.search(r"[Pp]arser key \"(.+?)\": (.*)", text):
         return f"{option_shown(match[1])}: {_expectation(match[2])}"
     if match := re.search(r"Group '(.+?)' does not accept option '(.+?)'", text):
@@ -120,6 +123,19 @@ def friendly(message: str, options: Iterable[str]) -> str:
         missing = [option_shown(n) if n.replace("_", "-") in names else n.upper() for n in match[1].split(", ")]
         return f"missing: {', '.join(missing)}"
     return text[:1].lower() + text[1:]
+
+
+def with_option(message: str, words: Iterable[str]) -> str:
+    """What a group of settings says of a value, with the option of the group that was typed for it.
+
+    >>> with_option("expected a gain from 0, got -1", ["clip.mp4", "--filter.gain", "-1"])
+    '--filter.gain: expected a gain from 0, got -1'
+    """
+    names = {word.partition("=")[0] for word in words if word.startswith("--")}
+    # A message speaks of the field: of `most_frames` for --bridging.most-frames.
+    fields = {name: name.rpartition(".")[2].replace("-", "_") for name in names if "." in name}
+    meant = [name for name, field in fields.items() if re.search(rf"\b{re.escape(field)}\b", message)]
+    return message if message.startswith("--") or len(meant) != 1 else f"{meant[0]}: {message}"
 
 
 def _expectation(text: str) -> str:

@@ -16,9 +16,12 @@ from rich.table import Table
 from rich.text import Text
 
 from tsuiseki.tracking.evaluation.coverage import coverage, spans
+from tsuiseki.tracking.evaluation.multi import restrict
 from tsuiseki.tracking.evaluation.pairs import RESULT_PLACES, SINGLE_RESULT_PLACES, result_file
+from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.single import SingleSequence
+from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -69,25 +72,34 @@ def target_coverage(boxes: np.ndarray, tracks: Sequence[Track], overlap: float =
     )  # fmt: skip
 
 
-def cover_targets(sequences: Sequence[SingleSequence], result: Path, overlap: float) -> dict[str, TargetCoverage]:
+def cover_targets(
+    sequences: Sequence[SingleSequence], result: Path, overlap: float, frames: FrameRange = EVERY_FRAME
+) -> dict[str, TargetCoverage]:
     """Every labelled target, by the name of its sequence, against its tracks.
+
+    A result that is of other frames than those that are scored is warned of.
 
     Args:
         sequences: with one labelled target each.
         result: a MOTChallenge text file where there is one sequence, or a folder, see `pairs`.
         overlap: see `target_coverage`.
+        frames: that are scored.
 
     Raises:
-        RequestError: a sequence has no result, or it is broken.
+        RequestError: a sequence has no result, or it is broken, or ``frames`` reaches beyond it.
     """
-    return {
-        one.name: target_coverage(
-            one.boxes,
-            read_tracks(result_file(one.name, result, len(sequences) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES)),
-            overlap,
-        )
-        for one in sequences
-    }
+    return {one.name: _cover(one, result, len(sequences) == 1, overlap, frames) for one in sequences}
+
+
+def _cover(target: SingleSequence, result: Path, alone: bool, overlap: float, frames: FrameRange) -> TargetCoverage:
+    file = result_file(target.name, result, alone, RESULT_PLACES, SINGLE_RESULT_PLACES)
+    tracks = read_tracks(file)
+    wanted = frames.within(len(target.boxes))
+    assert wanted.last is not None
+    warn_of_other_frames(file, wanted.first, wanted.last)
+    boxes = target.boxes.copy()
+    boxes[~wanted.mask(np.arange(len(boxes)))] = np.nan
+    return target_coverage(boxes, restrict(tracks, wanted), overlap)
 
 
 def coverage_table(results: Mapping[str, Mapping[str, TargetCoverage]]) -> Table:

@@ -138,7 +138,7 @@ def test_the_printed_configuration_can_be_read_back(tmp_path: Path, capsys: pyte
         ("in a --out o --dry-run=perhaps", "--dry-run: expected true or false, got 'perhaps'"),
         ("in a --out o --filter.max-ag 1", "unknown option --filter.max-ag; did you mean --filter.max-age?"),
         ("in a --out o --filter.gain much", "--filter.gain: expected a number, got 'much'"),
-        ("in a --out o --filter.gain -1", "expected a gain of at least 0, got -1.0"),
+        ("in a --out o --filter.gain -1", "--filter.gain: expected a gain of at least 0, got -1.0"),
         ("in a --out o --config missing.yaml", "`config`: cannot read missing.yaml"),
         ("in", "missing: RESULTS, --out"),
     ],

@@ -214,13 +214,13 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "expected a model of kind 'action'": ["--actions", str(weights / "appearance_people.onnx")],
         "--threshold: expected a number from 0 to 1": ["--threshold", "1.5"],
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
-        "expected a window from 0": ["--drone.window", "-1"],
+        "--drone.window: expected a window from 0": ["--drone.window", "-1"],
         "flow-maf averages the features of actions": ["--drone.flow.costs.link.action.features", "single"],
-        "expected most_frames from 1 frame, got 0": ["--bridging.most_frames", "0"],
+        "tsuiseki: --bridging.most_frames: expected most_frames from 1 frame, got -1\n": ["--bridging.most_frames", "-1"],
         "--bridging.most-frames: expected a whole number, got 'some'": ["--bridging.most_frames", "some"],
         "unknown option --bridging.shortest;": ["--bridging.shortest", "5"],
         "--bridging: expected null or options of its own below it, got 'true'": ["--bridging", "true"],
-        "expected least_peak from 0 to 1": ["--bridging.least-peak", "1.5"],
+        "tsuiseki: --bridging.least-peak: expected least_peak from 0 to 1": ["--bridging.least-peak", "1.5"],
     }
     save_other(other)
     for message, more in cases.items():

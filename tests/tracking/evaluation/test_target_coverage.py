@@ -1,5 +1,7 @@
 """Tracks of many against the one person who is labelled."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -70,3 +72,31 @@ def test_an_overlap_outside_its_range_and_a_missing_result_are_refused(files, ca
     assert "--overlap: expected a share above 0" in capsys.readouterr().err
     assert main([*command[:3], str(files)]) == 2
     assert "the result of walk" in capsys.readouterr().err
+
+
+def test_a_result_of_a_stretch_is_said_and_can_be_scored_alone(files, capsys):
+    (files / "part").mkdir()
+    write_tracks(files / "part" / "tracks.txt", [track(2, range(3, 7))])
+    run = {"files": ["tracks.txt"], "frames": {"frame": [4, 5, 6, 7]}, "partial": False}
+    (files / "part" / "run.json").write_text(json.dumps(run))
+    command = ["evaluate", "coverage", str(files / "truth" / "walk.txt"), str(files / "part")]
+
+    def row(*more):
+        assert main([*command, *more]) == 0
+        printed = capsys.readouterr()
+        return next(line for line in printed.out.splitlines() if "walk" in line).split()[2:4], printed.err
+
+    numbers, said = row()
+    assert numbers == ["10", "40.0"]
+    assert "is of frames 4-7 alone, but 1-10 are scored; for its own use --frames 4-7" in said
+    assert row("--frames", "4-7") == (["4", "100.0"], "")
+    assert row("--frames", "4-5")[0] == ["2", "100.0"]
+    assert main([*command, "--frames", "4-70"]) == 2
+    assert "expected frames within 1-10, got --frames 4-70" in capsys.readouterr().err
+
+
+def test_tracks_outside_the_stretch_are_not_counted(files, capsys):
+    command = ["evaluate", "coverage", str(files / "truth"), str(files / "result"), "--frames", "1-5"]
+    assert main(command) == 0
+    row = next(line for line in capsys.readouterr().out.splitlines() if "walk" in line)
+    assert row.split() == ["walk", "result", "5", "100.0", "1", "0", "5", "1", "0"]

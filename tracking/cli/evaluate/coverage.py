@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from tsuiseki.tracking.cli.evaluate.options import Comparison
+from tsuiseki.tracking.cli.evaluate.options import Comparison, Stretch
 from tsuiseki.tracking.errors import RequestError
 
 
-def coverage(given: Comparison, overlap: float = 0.5) -> None:
+def coverage(given: Comparison, stretch: Stretch, overlap: float = 0.5) -> None:
     """Say how well tracks of many follow the one person who is labelled: share of frames, switches of identity.
 
     Args:
@@ -23,5 +23,5 @@ def coverage(given: Comparison, overlap: float = 0.5) -> None:
     if not 0 < overlap <= 1:
         raise RequestError(f"`overlap`: expected a share above 0 and at most 1, got {overlap:g}")
     sequences = find_single_sequences(given.truth)
-    found = {name: cover_targets(sequences, path, overlap) for name, path in given.named().items()}
+    found = {name: cover_targets(sequences, path, overlap, stretch.range) for name, path in given.named().items()}
     given.report(coverage_table(found), coverage_values(found))
