@@ -32,13 +32,13 @@ from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.trackers.drone import DRONE_FLOW, DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.experiments.drone.borrowed_actions import borrowed, place_of
 from tsuiseki.trainers.experiments.drone.tables import COMPARED, difference_cell
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.store import Store
 
 STEPS = 30  # of the simulation in a second
 SAMPLES = 2000
-PLACES = 64
 SAME = 0.3  # overlap from which a detection shows a labelled person
 CHOICE_SEED, TEST_SEED = 0, 1000
 OFFSETS, ENDS = (1.0, 1.5, 2.0, 2.5, 3.0), (5.0, 7.0, 10.0)
@@ -121,22 +121,14 @@ def draw_crowd(scene: CrowdScene, seed: int) -> CrowdClip:
         np.random.default_rng([seed, 1]), truth.select(visible), length, *scene.size, scene.faults
     )
     seen = []
-    course = _course(done.reshape(length, scene.people, -1), np.random.default_rng([seed, 2]))
+    course = borrowed(done.reshape(length, scene.people, -1), np.random.default_rng([seed, 2]))
     for frame, detections in enumerate(found):
         there = np.flatnonzero((frames == frame) & visible)
         of_detection, of_label = assign_overlaps(iou_matrix(detections.boxes, truth.boxes[there]), SAME)
-        corner = (detections.boxes[:, :2] // 160).astype(np.int64)
-        doing = course[frame, (corner[:, 0] + 8 * corner[:, 1]) % PLACES]
+        doing = course[frame, place_of(detections.boxes)]
         doing[of_detection] = done[there[of_label]]
         seen.append(replace(detections, actions=doing))
     return CrowdClip(truth, seen)
-
-
-def _course(done: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """``(T, PLACES, A)`` what false boxes of a place do: as a person of ``done`` ``(T, P, A)`` at another time."""
-    length, people = done.shape[:2]
-    whom, later = rng.integers(people, size=PLACES), rng.integers(1, length, size=PLACES)
-    return np.asarray(done[(np.arange(length)[:, None] + later) % length, whom])
 
 
 def _box(scene: CrowdScene, position: FloatArray, posture: str) -> tuple[float, float, float, float]:

@@ -31,6 +31,7 @@ from tsuiseki.tracking.trackers.people.flow_output import long_tracks
 from tsuiseki.tracking.trackers.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
+from tsuiseki.trainers.experiments.drone.borrowed_actions import borrowed, done_by_person, place_of
 from tsuiseki.trainers.experiments.drone.clips import Clip
 
 ComparedMethod = Literal["deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided"]
@@ -135,25 +136,22 @@ def by_iteration(
 
 
 def with_labelled_actions(clip: Clip, rng: np.random.Generator) -> Clip:
-    """``clip`` with the labelled actions in place of what the streams say; what shows nobody acts like somebody there.
+    """``clip`` with the labelled actions in place of what the streams say; false boxes act as a person at another time.
 
     Args:
         clip: observed.
-        rng: draws whom a false detection acts like, for each stretch of about half a second.
+        rng: draws whom and when for each place of false boxes.
     """
-    every = clip.labels.actions
-    # False boxes in a row at one place would give themselves away by changing in every frame.
-    like = rng.integers(len(every), size=(len(clip.seen) // 15 + 1, 64))
-    return replace(clip, seen=[_labelled(one, clip.labels, every[like[one.frame // 15]]) for one in clip.seen])
+    like = borrowed(done_by_person(clip.labels, len(clip.seen)), rng)
+    first = clip.seen[0].frame
+    return replace(clip, seen=[_labelled(one, clip.labels, like[one.frame - first]) for one in clip.seen])
 
 
 def _labelled(one: Observation, labels: LabelledActions, like: FloatArray) -> Observation:
     assert one.actions is not None
     rows = np.flatnonzero(labels.truth.frames == one.frame)
     found, label = assign_overlaps(iou_matrix(one.detections.boxes, labels.truth.boxes[rows]), SAME)
-    centre = one.detections.boxes[:, :2] // 160
-    place = (centre[:, 0] + 8 * centre[:, 1]).astype(np.int64) % len(like)
-    actions = like[place]
+    actions = like[place_of(one.detections.boxes)]
     actions[found] = labels.actions[rows[label]]
     return replace(one, actions=np.repeat(actions[None], len(one.actions), axis=0))
 
