@@ -107,7 +107,8 @@ def friendly(message: str, options: Iterable[str]) -> str:
     if match := re.search(r"[Pp]arser key \"(.+?)\": .* Errors: - (.*?) - Expected .*NestedArg\(", text):
         return match[2].replace("--", f"{option_shown(match[1])}.", 1)
     # Settings that may be null refuse a value of theirs; what null would be is beside the point.
-    if match := re.match(r"Does not validate against any of the Union subtypes.* Errors: - (.*?) - Expected an? ", text):
+    refused = r"Does not validate against any of the Union subtypes.* Errors: - (.*?) - Expected an? "
+    if match := re.match(refused, text):
         return match[1]
     if match := re.search(r"[Pp]arser key \"(.+?)\": (.*)", text):
         return f"{option_shown(match[1])}: {_expectation(match[2])}"

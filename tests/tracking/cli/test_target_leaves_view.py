@@ -8,7 +8,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.boxes import read_boxes
-from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs
+from tsuiseki.tracking.geometry import iou_pairs
 
 HIGH, WIDE = 160, 200
 TARGET = np.array([24, 36])

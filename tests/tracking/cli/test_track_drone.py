@@ -216,7 +216,7 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
         "--drone.window: expected a window from 0": ["--drone.window", "-1"],
         "flow-maf averages the features of actions": ["--drone.flow.costs.link.action.features", "single"],
-        "tsuiseki: --bridging.most_frames: expected most_frames from 1 frame, got -1\n": ["--bridging.most_frames", "-1"],
+        "tsuiseki: --bridging.most_frames: expected most_frames from 1 frame, got -1": ["--bridging.most_frames", "-1"],
         "--bridging.most-frames: expected a whole number, got 'some'": ["--bridging.most_frames", "some"],
         "unknown option --bridging.shortest;": ["--bridging.shortest", "5"],
         "--bridging: expected null or options of its own below it, got 'true'": ["--bridging", "true"],

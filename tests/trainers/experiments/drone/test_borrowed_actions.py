@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions
+from tsuiseki.tracking.pipelines.drone.observations import Observation
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.drone.borrowed_actions import PLACES, borrowed, done_by_person, place_of
 from tsuiseki.trainers.experiments.drone.clips import Clip
 from tsuiseki.trainers.experiments.drone.rows import with_labelled_actions
-from tsuiseki.tracking.pipelines.drone.observations import Observation
 
 LENGTH = 40
 ONE = np.array([100.0, 100, 130, 170])
@@ -21,7 +21,7 @@ def labels():
     """Person 1 walks (0) and from frame 20 on sits (1); person 2 lies (2), and is out of view in frames 10 to 29."""
     rows = [(t, 1, int(t >= 20)) for t in range(LENGTH)] + [(t, 2, 2) for t in range(LENGTH) if not 10 <= t < 30]
     frames, ids, actions = np.array(sorted(rows)).T
-    boxes = np.where((ids == 1)[:, None], ONE, ONE + [300, 0, 300, 0])
+    boxes = np.where((ids == 1)[:, None], ONE, ONE + 300.0)
     sure = np.ones(len(ids), dtype=np.bool_)
     truth = GroundTruth(frames, ids, boxes, sure, ~sure, np.ones(len(ids)))
     return LabelledActions("clip", truth, np.eye(3, dtype=np.bool_)[actions], ("Walking", "Sitting", "Lying"))

@@ -1,8 +1,8 @@
 """The largest error of the estimated camera motion over the steps of the flights whose table is published.
 
 They are drawn at a quarter of their size, with nearly nobody: the camera's way is the same. Held is what the page says
-of the published size: 12.5 pixels of 1280 in the median over places, 28.7 at the worst place. A step that is lost is off
-by more than a hundred.
+of the published size: 12.5 pixels of 1280 in the median over places, 28.7 at the worst place. A step that is lost is
+off by more than a hundred.
 """
 
 from dataclasses import replace
