@@ -55,7 +55,9 @@ class SeenBefore:
     def look(self, image: ImageArray, box: FloatArray) -> bool:
         """Take a frame ``(H, W, 3)`` with the box ``(4,)`` of the target; whether it shows what stood there before."""
         seen = [self._before[-back] for back in self.settings.back if back <= len(self._before)]
-        found = any(self._likeness(image, box, *earlier) >= self.settings.alike for earlier in seen)
+        scale = min(self.settings.side / float(np.sqrt((box[2:] - box[:2]).prod())), 1.0)
+        shown, _ = _cut(image, box, scale)
+        found = any(self._likeness(shown, box, scale, *earlier) >= self.settings.alike for earlier in seen)
         if not found:  # else the frames from before the target was lost would be forgotten
             self._before.append((image, box))
         return found
@@ -64,12 +66,12 @@ class SeenBefore:
         """The box has jumped: where it was before may not have been the target's place."""
         self._before.clear()
 
-    def _likeness(self, image: ImageArray, box: FloatArray, earlier: ImageArray, was: FloatArray) -> float:
+    def _likeness(
+        self, shown: ImageArray, box: FloatArray, scale: float, earlier: ImageArray, was: FloatArray
+    ) -> float:
         """Greatest correlation of what the box shows with an earlier frame, away from where the target ``was``."""
         sides = box[2:] - box[:2]
-        scale = min(self.settings.side / float(np.sqrt(sides.prod())), 1.0)
         reach = np.concatenate([-sides, sides]) * self.settings.reach
-        shown, _ = _cut(image, box, scale)
         around, corner = _cut(earlier, box + reach, scale)
         if min(shown.shape[:2]) < _LEAST or (np.array(around.shape[:2]) <= shown.shape[:2]).any():
             return -1.0
