@@ -43,6 +43,7 @@ from tsuiseki.tracking.trackers.single.particles import (
     densest,
     dispersion,
     draw_particles,
+    from_before,
     jump_prior,
     random_walk,
     step_deviation,
@@ -138,11 +139,12 @@ class KcfParticle:
         settings, target = self.settings, self.target
         past = self._archive.candidates()
         windows = self._windows(image)
-        peaks = highest_maxima(self._observation.maps(windows, target.bank, target.size), settings.hypotheses)
+        maps = self._observation.maps(windows, target.bank, target.size)
+        peaks, heights = highest_maxima(maps, settings.hypotheses)
         if not len(peaks):  # a flat response, as on a constant image: the target is where it was
-            peaks = target.centre[None]
+            peaks, heights = target.centre[None], np.ones(1)
         weights = self._archive.weights(settings.past == "score")
-        shares = jump_prior(peaks, target.centre, self.model.target * target.size) if settings.prefers_near else None
+        shares = self._mixture_weights(peaks, heights)
         particles = draw_particles(
             peaks, len(past), weights, settings.past_share, settings.particles, self._deviation, self._rng, shares
         )
@@ -155,6 +157,15 @@ class KcfParticle:
         bank = join([banks[number] for number in used])
         state = self._filter(move=False).init(particles)
         self._weigh(self._observation.view(image, windows, bank, target.size), Search(state, bank, 0), move=False)
+
+    def _mixture_weights(self, peaks: FloatArray, heights: FloatArray) -> FloatArray | None:
+        """``(M,)`` P_J of the maxima; None makes all alike."""
+        if self.settings.prefers_near:
+            return jump_prior(peaks, self.target.centre, self.model.target * self.target.size)
+        if self.settings.mixture == "uniform":
+            return None
+        positive = np.maximum(heights, 1e-9)
+        return positive / positive.sum()
 
     def _continue_search(self, image: ImageArray, search: Search) -> None:
         view = self._observation.view(image, self._windows(image), search.bank, self.target.size)
@@ -190,6 +201,8 @@ class KcfParticle:
     def _filter(self, move: bool) -> ParticleFilter[SearchView]:
         """Resampling in every frame; the particles of the first one stay where they were drawn."""
         motion = random_walk(self._deviation) if move else _stay
+        if move and self.settings.windows_of == "particles":
+            motion = from_before(motion)
         return ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=1.0)
 
     def _weigh(self, view: SearchView, search: Search, move: bool) -> None:
@@ -211,7 +224,7 @@ class KcfParticle:
             value = float(view.maps.maps[:, used[strongest]].max())
             self._archive = self._archive.add(bank.select(slice(strongest, strongest + 1)), value)
         numbers = np.searchsorted(used, state.particles[:, 2])
-        particles = np.column_stack([state.particles[:, :2], numbers])
+        particles = np.column_stack([state.particles[:, :2], numbers])  # where they were before is done with
         self.search = Search(ParticleState(particles, state.log_weights), bank, search.frames + 1)
         spread = dispersion(particles, weights, self._agreement()) / float(np.prod(self.model.target))
         if spread >= settings.convergence:

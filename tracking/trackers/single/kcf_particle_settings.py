@@ -11,6 +11,8 @@ Past = Literal["uniform", "score"]
 Covariance = Literal["variances", "deviations"]
 ResponseScale = Literal["printed", "greatest"]
 Agreement = Literal["covariance", "lengths", "pixels"]
+WindowsOf = Literal["target", "particles"]
+Mixture = Literal["uniform", "heights"]
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,9 @@ class KcfParticleSettings:
             whatever the motion takes them for; or one square pixel (``pixels``).
         decides_always: the response is compared with epsilon_1 in every frame, as Fig. 3.2 can be read: during a
             search a filter whose response is above it goes on alone at once.
+        windows_of: about what the window of (3.5) lies: the ``target``'s place in the frame before, one window for all;
+            or each of the ``particles``' own place in the frame before, which takes a window a particle.
+        mixture: P_J, the weights of (3.1): ``uniform`` as printed in Table 3.2, or by the ``heights`` of the maxima.
 
         spread: factor on the standard deviation of S: 2.7 pixels for a target of 25 is less than people move.
         reach: windows searched to each side of the one about the target; 0 is the thesis.
@@ -73,6 +78,8 @@ class KcfParticleSettings:
     response_scale: ResponseScale = "printed"
     agreement: Agreement = "covariance"
     decides_always: bool = False
+    windows_of: WindowsOf = "target"
+    mixture: Mixture = "uniform"
 
     spread: float = 1.0
     reach: int = 0

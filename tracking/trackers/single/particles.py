@@ -81,6 +81,15 @@ def random_walk(deviation: FloatArray, size_deviation: float = 0.0) -> Motion:
     return each_frame(move)
 
 
+def from_before(motion: Motion) -> Motion:
+    """``motion`` of ``(N, 3)`` particles, after which columns 3 and 4 are where each was before it."""
+
+    def move(particles: FloatArray, frames: float, rng: np.random.Generator) -> FloatArray:
+        return np.column_stack([motion(particles, frames, rng), particles[:, :2]])
+
+    return move
+
+
 def dispersion(particles: FloatArray, weights: FloatArray, variances: FloatArray) -> float:
     """Weighted variance V of the particles by the Mahalanobis distance, equations (3.7) and (3.8).
 

@@ -28,6 +28,9 @@ READINGS: Mapping[str, KcfParticleSettings] = {
     "both, confidence looked at in every frame": replace(THESIS, decides_always=True),
     "both, C of lengths, confidence in every frame": replace(THESIS, agreement="lengths", decides_always=True),
     "both, the densest place put out": replace(THESIS, densest=True),
+    "both, P_J by the heights of the maxima": replace(THESIS, mixture="heights"),
+    "both, a window about each particle": replace(THESIS, windows_of="particles"),
+    "both, C of lengths, a window about each particle": replace(THESIS, agreement="lengths", windows_of="particles"),
 }
 
 
