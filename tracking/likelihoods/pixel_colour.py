@@ -84,6 +84,24 @@ def size_contrast(probabilities: Float32Array, width: float, height: float, fact
     return np.asarray(inside / area - (with_ring - inside) / np.maximum(large - area, 1e-6))
 
 
+def coloured_area(probabilities: Float32Array, width: float, height: float) -> float:
+    """How many looked-at pixels about the middle are more likely the target's than not, by how much, in halves.
+
+    The zeroth moment of Bradski, "Computer vision face tracking for use in a perceptual user interface", 1998. It does
+    not depend on the target's outline, but on how clearly colours tell the target.
+
+    Args:
+        probabilities: from `PixelColour.probabilities`.
+        width: of the target's box, patch pixels; pixels within twice its sides count.
+        height: likewise.
+    """
+    rows, columns = probabilities.shape
+    across, down = round(width / STEP), round(height / STEP)
+    top, left = max(rows // 2 - down, 0), max(columns // 2 - across, 0)
+    part = probabilities[top : rows // 2 + down, left : columns // 2 + across]
+    return float(np.maximum(part - 0.5, 0).sum())
+
+
 def _centred_sums(sums: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Sums over boxes of ``sizes`` ``(S, 2)`` in the middle of an integral image, and their areas in the image."""
     rows, columns = sums.shape[0] - 1, sums.shape[1] - 1

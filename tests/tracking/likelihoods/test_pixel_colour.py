@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.likelihoods.peaks import peak
-from tsuiseki.tracking.likelihoods.pixel_colour import PixelColour, shift_response, size_contrast
+from tsuiseki.tracking.likelihoods.pixel_colour import PixelColour, coloured_area, shift_response, size_contrast
 
 SIDE, WIDTH, HEIGHT = 104, 24, 40
 
@@ -54,3 +54,14 @@ def test_blending_moves_by_the_rate():
     half = COLOUR.blend(other, 0.5)
     np.testing.assert_allclose(half.target, (COLOUR.target + other.target) / 2)
     assert half.around.sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("outline", [(60, 20), (20, 60), (36, 36)])
+def test_the_area_of_the_targets_colours_does_not_depend_on_its_outline(outline):
+    wide, high = outline
+    probabilities = np.full((120, 120), 0.2, np.float32)
+    probabilities[60 - high // 2 : 60 + high // 2, 60 - wide // 2 : 60 + wide // 2] = 1.0
+    area = coloured_area(probabilities, 80.0, 80.0)
+    assert area == pytest.approx(wide * high / 2)  # certain pixels count a half
+    probabilities[:10], probabilities[-10:] = 1.0, 1.0  # beyond twice the target's sides
+    assert coloured_area(probabilities, 80.0, 80.0) == area

@@ -78,6 +78,18 @@ def far_peak(response: FloatArray, least: int, margin: float) -> float:
     return best_offset(response)
 
 
+def far_area(ratio: float, step: float, least: int) -> float:
+    """Steps of size by which an area has grown, where they are at least ``least``, 0 else.
+
+    Args:
+        ratio: of the area now to what it was at the present size, > 0.
+        step: ratio of neighbouring sizes, > 1.
+        least: steps from which on it is far.
+    """
+    steps = 0.5 * float(np.log(max(ratio, 1e-6)) / np.log(step))
+    return steps if abs(steps) >= least else 0.0
+
+
 def _spectrum(sample: FloatArray | NDArray[np.float32]) -> Complex2D:
     taper = np.hanning(len(sample) + 2)[1:-1, None].astype(np.float32)
     return np.asarray(scipy.fft.rfft(sample * taper, axis=0), dtype=np.complex64)

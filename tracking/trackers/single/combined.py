@@ -25,6 +25,7 @@ import numpy as np
 from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import ComplexArray
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.particles.weights import normalise
 from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak
 from tsuiseki.tracking.likelihoods.response import ResponseMaps, SizedResponseMaps
 from tsuiseki.tracking.trackers.single import regularised
@@ -179,7 +180,7 @@ class Combined:
         maps = self._sized_maps(image, bank)
         particle_filter = self._particle_filter()
         before = self._challenge or Challenge(particle_filter.init(self._draw(maps.middle)))
-        state, _ = particle_filter.step(before.state, maps, self._rng)
+        state, _ = particle_filter.step(self._renewed(before.state, maps.middle), maps, self._rng)
         heaviest = state.particles[int(np.argmax(state.log_weights))]
         there = self._climbed(image, self._at(heaviest, bank))
         moved = bool((np.abs(there.centre - target.centre) > 0.5 * self._model.target * target.size).any())
@@ -189,6 +190,17 @@ class Combined:
         self._challenge = Challenge(state, before.wins + 1 if won else 0)
         if self._challenge.wins >= settings.wins:
             self.go_on_at(there)
+
+    def _renewed(self, state: ParticleState, maps: ResponseMaps) -> ParticleState:
+        """``state`` with a share of its particles at the present maxima: a target may come back where none are left."""
+        count = round(self.settings.renewed * len(state))
+        if not count:
+            return state
+        chosen = self._rng.choice(len(state), count, replace=False)
+        particles, log_weights = state.particles.copy(), state.log_weights.copy()
+        particles[chosen] = self._draw(maps)[:count]
+        log_weights[chosen] = -np.log(len(state))
+        return ParticleState(particles, normalise(log_weights))
 
     def _bank(self) -> ComplexArray:
         """``(K, D, rows, columns // 2 + 1)`` the present filter, the first one, and those stored."""
@@ -229,8 +241,22 @@ class Combined:
         centres = target.centre + grid[np.argsort((grid**2).sum(axis=1), kind="stable")] * step
         inside = np.all((centres >= 0) & (centres <= [image.shape[1], image.shape[0]]), axis=1)
         centres = centres[inside | (np.arange(len(centres)) == 0)]
+        if self.settings.roaming and self.doubted > self.settings.lost_after:
+            centres = np.concatenate([centres, self._elsewhere(image, centres, step)])
         maps = [regularised.responses(model, replace(target, centre=c), image, bank)[0] for c in centres]
         return ResponseMaps(np.stack(maps), centres, model.cell_pixels(size))
+
+    def _elsewhere(self, image: ImageArray, centres: FloatArray, step: FloatArray) -> FloatArray:
+        """``(W, 2)`` further windows: that of the challenger, and some of a grid over the whole picture in turn."""
+        across, down = (np.arange(step[axis] / 2, image.shape[1 - axis], step[axis]) for axis in (0, 1))
+        every = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+        first = self.searched_frames * self.settings.roaming
+        more = every[(first + np.arange(self.settings.roaming)) % len(every)]
+        if self._challenge is not None:
+            state = self._challenge.state
+            more = np.concatenate([state.particles[None, int(np.argmax(state.log_weights)), :2], more])
+        near = (np.abs(more[:, None] - centres[None]) < step / 2).all(axis=2).any(axis=1)
+        return np.asarray(more[~near])
 
     def _draw(self, maps: ResponseMaps) -> FloatArray:
         """``(N, 4)`` particles x, y, number of a filter and logarithm of the size over the present one.

@@ -25,6 +25,8 @@ class CombinedSettings:
         stored: filters kept from frames without doubt, beside the first frame's.
         store_interval: frames between them.
         particles: N.
+        renewed: share of the particles that are drawn anew in every frame of a doubt, at the maxima of all filters.
+        roaming: further windows, all over the picture in turn, that are searched in a frame once the target is lost.
         reach: windows searched to each side of the one about the target; 1 gives 3 x 3.
         spread: standard deviation of the particles' step, as a share of the target's sides.
         size_spread: likewise of the logarithm of their size; 0 leaves it as it is. More takes three times as long.
@@ -46,6 +48,8 @@ class CombinedSettings:
     stored: int = 3
     store_interval: int = 25
     particles: int = 200
+    renewed: float = 0.0
+    roaming: int = 0
     reach: int = 1
     spread: float = 0.25
     size_spread: float = 0.0

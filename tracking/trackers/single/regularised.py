@@ -15,7 +15,9 @@ The response of a size is that of the filter over sizes, and the contrast of col
 it. A box holds outstretched arms and legs, and the contrast is greatest for less than the box; how much less is
 measured in the first frame. The filter over sizes learns what it has found, and sees sizes up to a sixth away. Where
 the size is further off, it confirms itself for good. The colours see further: the size follows them to one far from the
-present one that they want for several frames in a row, where the filter of places agrees. Nothing is trained.
+present one that they want for several frames in a row. Where they tell the target's pixels clearly, their number tells
+the size (the zeroth moment: Bradski 1998), whatever the target's outline does. Else a peak of their contrast does, and
+the filter of places has to agree. Nothing is trained.
 """
 
 from __future__ import annotations
@@ -39,9 +41,9 @@ from tsuiseki.tracking.filters.correlation.regularised_correlation import (
     learn,
     respond,
 )
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_peak
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_area, far_peak
 from tsuiseki.tracking.likelihoods.peaks import peak
-from tsuiseki.tracking.likelihoods.pixel_colour import PixelColour, shift_response, size_contrast
+from tsuiseki.tracking.likelihoods.pixel_colour import PixelColour, coloured_area, shift_response, size_contrast
 from tsuiseki.tracking.trackers.single.interface import TargetState, box_centre
 from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
 from tsuiseki.tracking.trackers.single.size_samples import SizeLadder, SizeSample
@@ -150,6 +152,7 @@ class RegularisedTarget:
         colour_score: mean colour probability at ``centre``, in [0, 1].
         seen: what `resize` looked at, for the `update` of the same frame; None else.
         insisted: for how many frames in a row the colours have wanted a far larger size; negative: a far smaller one.
+        area: of the target's colours in the first frame, see `pixel_colour.coloured_area`.
     """
 
     centre: FloatArray
@@ -162,6 +165,7 @@ class RegularisedTarget:
     colour_score: float = 1.0
     seen: SizeSample | None = None
     insisted: int = 0
+    area: float = 1.0
 
 
 def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTarget:
@@ -172,9 +176,11 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0).rows) if model.settings.sizes > 1 else None
     colour = PixelColour.learn(patch, float(width), float(height))
     factors = model.settings.size_step ** np.arange(-_WIDEST, _WIDEST + 1.0)
-    contrast = size_contrast(colour.probabilities(patch), float(width), float(height), factors)
+    probabilities = colour.probabilities(patch)
+    contrast = size_contrast(probabilities, float(width), float(height), factors)
     contrast_at = model.settings.size_step ** (model.settings.calibration * best_offset(contrast))
-    return RegularisedTarget(centre, 1.0, filters, colour, sizes, contrast_at)
+    area = max(coloured_area(probabilities, float(width), float(height)), 1.0)
+    return RegularisedTarget(centre, 1.0, filters, colour, sizes, contrast_at, area=area)
 
 
 def responses(
@@ -225,12 +231,17 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     best = best_offset(
         target.sizes.respond(seen.rows) + settings.size_colour * contrast[reach - near : reach + near + 1]
     )
-    far = far_peak(contrast, _FAR, settings.size_margin) if settings.size_reach else 0.0
+    clear = settings.size_reach > 0 and contrast[reach - near : reach + near + 1].max() >= settings.size_by_area
+    if clear:
+        area = coloured_area(probabilities, float(width), float(height))
+        far = far_area(area / target.area, settings.size_step, _FAR)
+    else:
+        far = far_peak(contrast, _FAR, settings.size_margin) if settings.size_reach else 0.0
     side = int(np.sign(far))
     insisted = target.insisted + side if side * target.insisted > 0 else side
     if abs(insisted) >= settings.size_patience:
         step = float(np.clip(far, -near, near))
-        best, insisted = (far, insisted) if _agrees(model, target, image, step) else (best, 0)
+        best, insisted = (far, insisted) if clear or _agrees(model, target, image, step) else (best, 0)
     factor = settings.size_step ** (middle + best) / target.size
     size = target.size * float(np.clip(factor, 1 / settings.size_change, settings.size_change))
     size = float(np.clip(size, settings.smallest, settings.largest))

@@ -28,6 +28,8 @@ class RegularisedSettings:
         size_margin: how much greater the contrast of colours must be there.
         size_patience: frames in a row in which it must be, always on the same side, before the size follows it.
         size_agreement: share of its response at the present size that the filter of places must have on the way there.
+        size_by_area: contrast of colours from which on the number of the target's pixels tells the size, which needs
+            no agreement then; 2 never does.
         size_relearning: share of a new frame in the size filter while the size follows.
         calibration: share of the first frame's calibration of the contrast of colours that is used, in [0, 1].
         size_area: pixels of the template of the size filter.
@@ -50,7 +52,8 @@ class RegularisedSettings:
     size_reach: int = 24
     size_margin: float = 0.03
     size_patience: int = 5
-    size_agreement: float = 0.9
+    size_agreement: float = 0.95
+    size_by_area: float = 0.45
     size_relearning: float = 0.2
     calibration: float = 0.5
     size_area: float = 512.0

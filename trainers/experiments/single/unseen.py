@@ -47,13 +47,14 @@ class Group:
 
 def groups(contrib: Path | None = None) -> tuple[Group, ...]:
     """With scale search and at fixed size; with CSRT where the Python of OpenCV-contrib's environment is given."""
+    # No far sizes, those of the contrast of colours alone, and those of their area, too.
+    far = [(0.0, 2.0), (0.9, 2.0), (0.95, 2.0), (0.9, 0.45), (0.95, 0.4), (0.95, 0.45), (0.95, 0.5)]
     scaled = {
-        f"far sizes {agreement or 'no'}, calibration {calibration:g}": _combined(
-            size_agreement=agreement, size_reach=24 if agreement else 0, calibration=calibration
+        f"far sizes {agreement or 'no'}, area {area if area < 2 else 'no'}": _combined(
+            size_agreement=agreement, size_reach=24 if agreement else 0, size_by_area=area
         )
-        for agreement in (0.0, 0.9, 0.95)
-        for calibration in (0.5, 1.0)
-    }
+        for agreement, area in far
+    } | {"far sizes 0.95, area 0.45, calibration 1": _combined(calibration=1.0)}
     fixed = {
         f"colours {share:g}, certain {certain:g}": replace(_combined(colour_share=share, sizes=1), certain=certain)
         for share in (0.2, 0.3)

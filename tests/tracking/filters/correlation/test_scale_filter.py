@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_peak
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_area, far_peak
 
 SIZES = 11
 
@@ -47,3 +47,10 @@ def test_a_far_size_is_a_clear_peak_away_from_the_middle(at, height, found):
     response = np.zeros(21)
     response[10 + at] += height
     assert far_peak(response, least=4, margin=0.1) == found
+
+
+def test_an_area_tells_the_steps_to_a_far_size():
+    assert far_area(1.03**16, step=1.03, least=4) == pytest.approx(8)  # an area grows with the square of the size
+    assert far_area(1.03**-16, step=1.03, least=4) == pytest.approx(-8)
+    assert far_area(1.03**6, step=1.03, least=4) == 0  # three steps are near
+    assert np.isfinite(far_area(0.0, step=1.03, least=4))
