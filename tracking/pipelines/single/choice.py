@@ -12,6 +12,7 @@ from tsuiseki.tracking.features.objectness import read_objectness
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.pipelines.single.tracking import check_preset
 from tsuiseki.tracking.trackers.single.combined import Combined
+from tsuiseki.tracking.trackers.single.combined_settings import redetecting
 from tsuiseki.tracking.trackers.single.interface import SingleTracker
 from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import Past
@@ -33,7 +34,8 @@ class SingleChoice(Shared):
         scale: whether combined, regularised, kcf and kcf-particle also look for other sizes; by default the first two
             do, and the others as the preset says.
         past: how kcf-particle draws filters of the past, all alike or by their score; by default as the preset says.
-        redetect: kcf-particle searches a wider area for a lost target, and combined in every doubt, which takes longer.
+        redetect: kcf-particle searches a wider area for a lost target, and combined the whole picture, a few windows a
+            frame: for targets that leave the view and come back elsewhere.
         recognise: also say lost where the target, a person, no longer looks as in the first frame, by the shipped
             appearance network; combined also lets it choose where to go on.
         objectness: model for kcf-particle from `tsuiseki train objectness`; by default the shipped one.
@@ -66,7 +68,7 @@ class SingleChoice(Shared):
             return self._kcf_particle(tracker, seed)
         redetect = self.redetect
         if isinstance(tracker, Combined) and redetect:
-            tracker, redetect = Combined(replace(tracker.settings, reach=3), seed), False
+            tracker, redetect = Combined(redetecting(tracker.settings), seed), False
         if redetect:
             raise RequestError(f"`redetect`: expected with `method` combined or kcf-particle, got {self.method}")
         for name, value in (("past", self.past), ("objectness", self.objectness)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
 from tsuiseki.tracking.trackers.single.seen_before import SeenBeforeSettings
@@ -57,3 +57,8 @@ class CombinedSettings:
     margin: float = 0.1
     wins: int = 3
     seen_before: SeenBeforeSettings = field(default_factory=SeenBeforeSettings)
+
+
+def redetecting(settings: CombinedSettings) -> CombinedSettings:
+    """``settings`` that also find a lost target that comes back anywhere in the picture."""
+    return replace(settings, renewed=0.25, roaming=4)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
+from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings, redetecting
 from tsuiseki.tracking.trackers.single.kcf import KcfSettings
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST
 from tsuiseki.tracking.types import BoolArray, FloatArray
@@ -46,6 +46,7 @@ class Watched:
 TRACKERS: Mapping[str, Watched] = {
     "KCF": Watched(KcfSettings()),
     "combined": Watched(CombinedSettings()),
+    "combined, --redetect": Watched(redetecting(CombinedSettings())),
     "combined, --recognise": Watched(CombinedSettings(), shipped("appearance_people")),
     "kcf-particle, robust": Watched(ROBUST),
 }
