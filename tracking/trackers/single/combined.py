@@ -255,7 +255,7 @@ class Combined:
         if self._challenge is not None:
             state = self._challenge.state
             more = np.concatenate([state.particles[None, int(np.argmax(state.log_weights)), :2], more])
-        near = (np.abs(more[:, None] - centres[None]) < step / 2).all(axis=2).any(axis=1)
+        near = np.any(np.all(np.abs(more[:, None] - centres[None]) < step / 2, axis=2), axis=1)
         return np.asarray(more[~near])
 
     def _draw(self, maps: ResponseMaps) -> FloatArray:

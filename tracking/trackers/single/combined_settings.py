@@ -48,7 +48,7 @@ class CombinedSettings:
     stored: int = 3
     store_interval: int = 25
     particles: int = 200
-    renewed: float = 0.0
+    renewed: float = 0.25
     roaming: int = 0
     reach: int = 1
     spread: float = 0.25
@@ -61,4 +61,4 @@ class CombinedSettings:
 
 def redetecting(settings: CombinedSettings) -> CombinedSettings:
     """``settings`` that also find a lost target that comes back anywhere in the picture."""
-    return replace(settings, renewed=0.25, roaming=4)
+    return replace(settings, roaming=4)

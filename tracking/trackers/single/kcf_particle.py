@@ -165,7 +165,7 @@ class KcfParticle:
         if self.settings.mixture == "uniform":
             return None
         positive = np.maximum(heights, 1e-9)
-        return positive / positive.sum()
+        return np.asarray(positive / positive.sum())
 
     def _continue_search(self, image: ImageArray, search: Search) -> None:
         view = self._observation.view(image, self._windows(image), search.bank, self.target.size)
