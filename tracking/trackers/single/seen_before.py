@@ -27,6 +27,8 @@ class SeenBeforeSettings:
         every: frames between two looks.
         back: how many looks before the present one the frames are that are compared. Looks that find the background
             are not counted.
+        turns: how many looks share the frames of ``back`` between them, in turn; a look after one that has found the
+            background compares with all of them.
         reach: how far around the box it looks there, in sides of the box.
         overlap: share of the box up to which a place may overlap the target's box of that frame.
         alike: normalised correlation of colours from which on it is the same, in [-1, 1].
@@ -35,6 +37,7 @@ class SeenBeforeSettings:
 
     every: int = 3
     back: tuple[int, ...] = (2, 3, 7, 13)
+    turns: int = 2
     reach: float = 1.0
     overlap: float = 0.1
     alike: float = 0.9
@@ -51,20 +54,24 @@ class SeenBefore:
     def __init__(self, settings: SeenBeforeSettings) -> None:
         self.settings = settings
         self._before: deque[tuple[ImageArray, FloatArray]] = deque(maxlen=max(settings.back))
+        self._looks, self._found = 0, False
 
     def look(self, image: ImageArray, box: FloatArray) -> bool:
         """Take a frame ``(H, W, 3)`` with the box ``(4,)`` of the target; whether it shows what stood there before."""
-        seen = [self._before[-back] for back in self.settings.back if back <= len(self._before)]
+        self._looks += 1
+        turn = slice(None) if self._found else slice(self._looks % self.settings.turns, None, self.settings.turns)
+        seen = [self._before[-back] for back in self.settings.back[turn] if back <= len(self._before)]
         scale = min(self.settings.side / float(np.sqrt((box[2:] - box[:2]).prod())), 1.0)
         shown, _ = _cut(image, box, scale)
-        found = any(self._likeness(shown, box, scale, *earlier) >= self.settings.alike for earlier in seen)
-        if not found:  # else the frames from before the target was lost would be forgotten
+        self._found = any(self._likeness(shown, box, scale, *earlier) >= self.settings.alike for earlier in seen)
+        if not self._found:  # else the frames from before the target was lost would be forgotten
             self._before.append((image, box))
-        return found
+        return self._found
 
     def forget(self) -> None:
         """The box has jumped: where it was before may not have been the target's place."""
         self._before.clear()
+        self._found = False
 
     def _likeness(
         self, shown: ImageArray, box: FloatArray, scale: float, earlier: ImageArray, was: FloatArray

@@ -38,9 +38,14 @@ def test_a_box_that_stays_behind_shows_what_was_in_view_before():
     """The target walks on. What the box shows from then on was in view until the target came, eight looks ago."""
     places = [*range(10, 98, 8), *range(98, 178, 8)]
     boxes = [*range(10, 98, 8), *[98] * 10]
-    said = looks(places, boxes, SeenBeforeSettings(back=(2, 4, 8)))
+    said = looks(places, boxes, SeenBeforeSettings(back=(2, 4, 8), turns=1))
     assert not any(said[:13])
     assert all(said[14:])
+    # In turn it is seen a look later at most, and from then on in every look.
+    first = said.index(True)
+    in_turn = looks(places, boxes, SeenBeforeSettings(back=(2, 4, 8), turns=2))
+    assert in_turn.index(True) - first in (0, 1)
+    assert all(in_turn[in_turn.index(True) :])
 
 
 def test_a_small_box_at_the_border_is_no_match():
