@@ -199,7 +199,10 @@ def test_the_level_of_all_responses_matters_only_as_printed(settings, same):
     rng, centre = np.random.default_rng(0), tracker.target.centre
     maps = rng.random((1, 1, 24, 24)).astype(np.float32)
     particles = np.column_stack([rng.normal(centre, 3, (5, 2)), np.zeros(5)])
-    levels = [SearchView(ResponseMaps(maps * k, centre[None], 4.0), images[0], np.empty((0, 4))) for k in (1.0, 0.25)]
+    levels = [
+        SearchView(ResponseMaps(maps * k, centre[None], 4.0), images[0], np.empty((0, 4)), tracker.target.bank)
+        for k in (1.0, 0.25)
+    ]
     high, low = (tracker._log_likelihood(particles, view) for view in levels)
     assert np.allclose(high, low, atol=1e-3) is same
 
