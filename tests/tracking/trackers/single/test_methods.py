@@ -376,7 +376,8 @@ def test_particles_with_sizes_find_a_target_that_came_back_larger():
     images, boxes = clip(path, sizes=[1.0] * 12 + [1.2] * 4)
     sizes = {}
     for spread in (0.0, 0.05):
-        tracker = Combined(CombinedSettings(reach=2, size_spread=spread, filter=RegularisedSettings(sizes=1)))
+        settings = CombinedSettings(reach=2, renewed=0.0, size_spread=spread, filter=RegularisedSettings(sizes=1))
+        tracker = Combined(settings)
         assert overlaps(run(tracker, images, boxes[0]), boxes)[-1] > 0.5
         sizes[spread] = tracker.target.size
     assert sizes[0.0] == 1.0
