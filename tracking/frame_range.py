@@ -40,6 +40,8 @@ class FrameRange:
         """
         last = length - 1 if self.last is None else self.last
         if self.first >= length or last >= length:
+            if length == 0:
+                raise RequestError("expected a video with frames, got none, and nothing says how long it is")
             raise RequestError(f"expected frames within 1-{length}, got `frames` {self}")
         return FrameRange(self.first, last)
 

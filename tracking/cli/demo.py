@@ -12,7 +12,6 @@ from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
     from tsuiseki.tracking.report.demo import DemoResult
     from tsuiseki.tracking.trackers.people.run import FrameLog
 
@@ -72,9 +71,10 @@ def demo(
         tracks, log = run_trackers(steps, street_trackers(source, models, threads), run.times)
         truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
         scores = scored(scene, truth, tracks, run.count)
-        _write(run, DemoResult(source, truth, tracks, scores, run.count), log, models)
+        demo = DemoResult(source, truth, tracks, scores, run.count)
+        _write(run, demo, log, models)
     if run.status == 0:
-        show_scores(scores, output.out, "video and plots")
+        show_scores(demo, output.out, "video and plots")
     return run.status
 
 
@@ -112,12 +112,12 @@ def record_method(
     record.write(run.work / settings["method"])
 
 
-def show_scores(scores: Mapping[str, PeopleEvaluation], out: Path, what: str) -> None:
+def show_scores(demo: DemoResult, out: Path, what: str) -> None:
     """Print the scores of all methods, and where the report is; ``what`` it shows."""
     from tsuiseki.tracking.evaluation.table import people_table, show
     from tsuiseki.tracking.report.demo import why_not_best
 
-    show(people_table(scores))
-    for line in why_not_best(scores):
+    show(people_table(demo.scores))
+    for line in why_not_best(demo):
         print(line)
     print(f"report with {what}: {out / REPORT_FILE}")

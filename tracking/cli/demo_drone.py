@@ -48,9 +48,10 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
         }
         tracks = {name: found.tracks for name, found in results.items()}
         scores = scored(CLIP_FOLDER, truth, tracks, frames)
-        _write(run, DemoResult(source, truth, tracks, scores, frames), results)
+        demo = DemoResult(source, truth, tracks, scores, frames)
+        _write(run, demo, results)
     if run.status == 0:
-        show_scores(scores, output.out, "video, actions and plots")
+        show_scores(demo, output.out, "video, actions and plots")
     return run.status
 
 

@@ -83,7 +83,8 @@ def read_detections(
     Scores of two scales are taken as they are, and told.
 
     Args:
-        path: rows ``frame, -1, x, y, width, height, score, …``; without the score it is not known, NaN.
+        path: rows ``frame, -1, x, y, width, height, score, …``; a score that is left out, empty or nan is not known,
+            NaN; an empty file is a video in which nothing was detected, which is said.
         length: number of frames of the video; by default up to the last frame that has a detection.
         score_range: smallest and largest score to expect; by default any finite number.
 
@@ -103,7 +104,7 @@ def read_classed_detections(
     `read_detections`.
     """
     path = Path(path)
-    rows, lines = read_rows(path, {6, 7, 8, 9, 10}, "detections", flat=True)
+    rows, lines = read_rows(path, {6, 7, 8, 9, 10}, "detections", detected=True)
     if rows.shape[1] == 6:  # boxes without scores
         rows = np.column_stack([rows, np.full(len(rows), np.nan)])
     if np.any(np.diff(rows[:, 0]) < 0):
@@ -150,6 +151,8 @@ def _tell_two_scales(path: Path, scores: FloatArray) -> None:
 
 def _used(path: Path, rows: FloatArray, lines: IntArray, length: int | None) -> BoolArray:
     """``(N,)`` the detections that are of use; what is left out is told."""
+    if len(rows) == 0:
+        return np.empty(0, dtype=np.bool_)
     if length is not None and rows[0, 0] > length:
         raise RequestError(
             f"{path}:{lines[0]}: detection for frame {rows[0, 0]:g}, but the video has {length} frames; "

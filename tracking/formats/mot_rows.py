@@ -13,11 +13,13 @@ from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, IntArray
 
+SCORE = 6  # Column of the score, counted from 0.
 
-def read_rows(path: Path, columns: set[int], what: str, flat: bool = False) -> tuple[FloatArray, IntArray]:
+
+def read_rows(path: Path, columns: set[int], what: str, detected: bool = False) -> tuple[FloatArray, IntArray]:
     """The numbers of a text file, ``(N, columns)``, checked row by row, and the line ``(N,)`` that each stands in.
 
-    With ``flat`` boxes may be without width or height.
+    Detections may be without width or height, without a score, which is NaN then, and none at all.
     """
     if not path.is_file():
         raise RequestError(f"expected {what} at {path}, found no such file")
@@ -31,6 +33,9 @@ def read_rows(path: Path, columns: set[int], what: str, flat: bool = False) -> t
         shown = text[0][:60]
         warnings.warn(f"{path}: the first line, {shown!r}, is a heading and left out", InputWarning, stacklevel=3)
         text, first = text[1:], 2
+    if not text and detected:
+        warnings.warn(f"{path} is empty: nothing was detected", InputWarning, stacklevel=3)
+        return np.empty((0, SCORE + 1)), np.empty(0, dtype=np.int64)
     if not text:
         raise RequestError(f"{path} is empty: expected rows of {what}")
     lines = np.arange(first, first + len(text))
@@ -38,14 +43,28 @@ def read_rows(path: Path, columns: set[int], what: str, flat: bool = False) -> t
     width = len(cells[0])
     allowed = f"{min(columns)} to {max(columns)}" if len(columns) > 2 else " or ".join(map(str, sorted(columns)))
     for number, row in zip(lines.tolist(), cells, strict=True):
+        if detected and len(row) == SCORE and width == SCORE + 1:
+            row.append("")
         if len(row) != width or len(row) not in columns:
             raise RequestError(f"{path}:{number}: expected {allowed} numbers separated by commas, got {len(row)}")
+        if detected and width > SCORE and not row[SCORE].strip():
+            row[SCORE] = "nan"
     try:
         rows = np.array(cells, dtype=np.float64)
-    except ValueError as error:
-        raise RequestError(f"{path}: expected rows of numbers: {error}") from error
-    _refuse_impossible(path, rows, lines, flat)
+    except ValueError:
+        told = zip(lines.tolist(), cells, strict=True)
+        line, bad = next((number, cell) for number, row in told for cell in row if not _is_number(cell))
+        raise RequestError(f"{path}:{line}: expected numbers separated by commas, got {bad.strip()!r}") from None
+    _refuse_impossible(path, rows, lines, detected)
     return rows, lines
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_heading(line: str) -> bool:
@@ -53,9 +72,12 @@ def _is_heading(line: str) -> bool:
     return bool(re.match(r"[\s\"]*(?!nan\b|inf\b)[A-Za-z_]", line, re.IGNORECASE))
 
 
-def _refuse_impossible(path: Path, rows: FloatArray, lines: IntArray, flat: bool) -> None:
-    not_finite = ~np.isfinite(rows).all(axis=1)
-    no_area = (rows[:, 4:6] < 0).any(axis=1) | (not flat) & (rows[:, 4:6] == 0).any(axis=1)
+def _refuse_impossible(path: Path, rows: FloatArray, lines: IntArray, detected: bool) -> None:
+    finite = np.isfinite(rows)
+    if detected and rows.shape[1] > SCORE:
+        finite[:, SCORE] |= np.isnan(rows[:, SCORE])
+    not_finite = ~finite.all(axis=1)
+    no_area = (rows[:, 4:6] < 0).any(axis=1) | (not detected) & (rows[:, 4:6] == 0).any(axis=1)
     no_frame = (rows[:, 0] < 1) | (rows[:, 0] != np.floor(rows[:, 0])) | (rows[:, 0] > LAST_FRAME)
     for bad, expected in (
         (not_finite, "finite numbers"),

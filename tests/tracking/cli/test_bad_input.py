@@ -98,8 +98,7 @@ DETECTIONS: dict[str, tuple[str, int, str]] = {
     "NaN": ("1,-1,nan,9,16,32,0.9\n", 2, "expected finite numbers"),
     "frame 0": (rows(0), 2, "whole frame number from 1"),
     "too few columns": ("1,-1,9,9\n", 2, "numbers separated by commas, got 4"),
-    "no numbers": ("1,-1,a,9,16,32,0.9\n", 2, "expected rows of numbers"),
-    "empty": ("", 2, "is empty"),
+    "no numbers": ("1,-1,a,9,16,32,0.9\n", 2, ":1: expected numbers separated by commas, got 'a'"),
 }
 
 

@@ -147,7 +147,7 @@ def test_sequences_that_lie_are_refused(tmp_path):
         ("1,3,11,21,30,40,0,-1,-1,-1", "no usable box: column 7"),
         (MOT15_ROW + "\n" + MOT15_ROW, "id 3 stands twice in frame 1"),
         (MOT15_ROW + "\n1,2,3", ":2: expected 9 or 10 numbers"),
-        ("1,3,11,21,30,x,1,-1,-1,-1", "rows of numbers"),
+        (MOT15_ROW + "\n1,3,11,21,30,x,1,-1,-1,-1", ":2: expected numbers separated by commas, got 'x'"),
         ("1,3,11,21,nan,40,1,-1,-1,-1", "finite"),
         ("0,3,11,21,30,40,1,-1,-1,-1", "whole frame number from 1"),
         ("1,3,11,21,30,40,1,-1,-1,-1\n1000000000,3,11,21,30,40,1,-1,-1,-1", ":2: expected a whole frame number"),
@@ -166,12 +166,30 @@ def test_broken_ground_truth_is_refused_in_one_line(tmp_path, text, message):
         ("1,-1,1,1,-5,5,0.5", "positive width and height"),
         ("1,-1,1,nan,5,5,0.5", "finite"),
         ("1,-1,1,1,5,5,inf", "finite"),
+        ("1,-1,1,1,5,5,0.5\n2,-1,1,1,5,5,abc", ":2: expected numbers separated by commas, got 'abc'"),
+        ("1,-1,1,1,5,,0.5", ":1: expected numbers separated by commas, got ''"),
         ("1e18,-1,1,1,5,5,0.5", "a whole frame number from 1 to 10000000"),
     ],
 )
 def test_broken_detections_are_refused_in_one_line(tmp_path, text, message):
     with pytest.raises(RequestError, match=message):
         read_detections(write(tmp_path, text, "det.txt"), length=4)
+
+
+@pytest.mark.parametrize("missing", ["nan", ""])
+def test_a_score_that_is_missing_is_not_known(tmp_path, missing):
+    text = f"1,-1,1,1,5,5,0.5\n2,-1,1,1,5,5,{missing}\n2,-1,9,9,5,5,0.25\n"
+    first, second = read_detections(write(tmp_path, text, "det.txt"), length=2)
+    np.testing.assert_equal(first.scores, [0.5])
+    np.testing.assert_equal(second.scores, [np.nan, 0.25])
+    wide = f"1,-1,1,1,5,5,0.5,2\n1,-1,9,9,5,5,{missing},3\n"
+    np.testing.assert_equal(read_detections(write(tmp_path, wide, "det.txt"))[0].scores, [0.5, np.nan])
+
+
+def test_a_file_without_any_detection_is_a_video_without_people(tmp_path):
+    with pytest.warns(InputWarning, match="nothing was detected"):
+        found = read_detections(write(tmp_path, "", "det.txt"), length=3)
+    assert [len(one) for one in found] == [0, 0, 0]
 
 
 @pytest.mark.parametrize(

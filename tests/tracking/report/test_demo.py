@@ -1,9 +1,12 @@
 """What the demo says where the method that is drawn is not the best."""
 
+from dataclasses import replace
+from unittest.mock import Mock
+
 import numpy as np
 
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
-from tsuiseki.tracking.report.demo import why_not_best
+from tsuiseki.tracking.report.demo import DemoResult, why_not_best
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -11,11 +14,13 @@ FRAMES = np.arange(10)
 BOX = np.array([10.0, 10, 30, 60])
 
 
-def scored(*tracks: Track):
-    boxes = np.tile(BOX, (10, 1))
-    every = np.ones(10, dtype=bool)
-    truth = GroundTruth(FRAMES, np.ones(10, dtype=int), boxes, every, ~every, np.ones(10))
-    return evaluate_sequences([SequencePair("walk", truth, list(tracks), 10)])
+EVERY = np.ones(10, dtype=bool)
+TRUTH = GroundTruth(FRAMES, np.ones(10, dtype=int), np.tile(BOX, (10, 1)), EVERY, ~EVERY, np.ones(10))
+
+
+def demo(**tracks: list[Track]) -> DemoResult:
+    scores = {name: evaluate_sequences([SequencePair("walk", TRUTH, each, 10)]) for name, each in tracks.items()}
+    return DemoResult(Mock(), TRUTH, tracks, scores, 10)
 
 
 def track(number: int, shift: float = 0.0) -> Track:
@@ -23,10 +28,22 @@ def track(number: int, shift: float = 0.0) -> Track:
 
 
 def test_a_second_best_method_is_told_by_its_false_boxes():
-    (line,) = why_not_best({"clean": scored(track(1)), "flow": scored(track(1), track(2, 200.0))})
+    line, where = why_not_best(demo(clean=[track(1)], flow=[track(1), track(2, 200.0)]))
     assert line.startswith("flow is not the best here in HOTA (0.")
     assert "keeps 10 false boxes (clean 0), misses 0 people (0)" in line
 
+    assert where.startswith("Of these false boxes 10 lie on 1 things that never move")
+
+
+def test_false_boxes_are_told_by_what_they_are():
+    away = track(2, 200.0)
+    away.boxes[:] += np.arange(10)[:, None] * [9.0, 0, 9, 0]
+    away = replace(away, observed=FRAMES < 6)
+    line, where = why_not_best(demo(clean=[track(1)], flow=[track(1), away]))
+    assert "keeps 10 false boxes" in line
+    assert "0 lie on 0 things" in where
+    assert "4 were filled into gaps, and 6 were detected" in where
+
 
 def test_the_best_method_needs_no_excuse():
-    assert why_not_best({"poor": scored(track(2, 200.0)), "flow": scored(track(1))}) == []
+    assert why_not_best(demo(poor=[track(2, 200.0)], flow=[track(1)])) == []

@@ -1,4 +1,4 @@
-"""Methods of association on given detections, on five real data sets (`reproduce association`)."""
+"""Methods of association on given detections, on six real data sets (`reproduce association`)."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def reproduce(
     peer: str | None = None,
     gap: float = 2.0,
 ) -> Outcome:
-    """Methods of association on the given detections of five data sets: HOTA, MOTA, IDF1, and where the rest is lost.
+    """Methods of association on the given detections of six data sets: HOTA, MOTA, IDF1, and where the rest is lost.
 
     DIR gets results.json, tables.md, scores.csv (every row on every sequence) and association.png.
 
