@@ -61,7 +61,8 @@ def sequence_graphs(
     window.add(seen)
     if len(seen):
         change = window.learnt(logit, observation)
-        window.solve(observation + change[:, 0], change[:, 1], change[:, 2])
+        believed = preparing.believed(scores)
+        window.solve(observation + change[:, 0], change[:, 1], change[:, 2], believed=believed)
     owners = owners_of(seen.frames, seen.image, video.truth)
     labels = window.labels() if len(seen) else np.empty(0, np.int64)
     parts = _link_parts(seen, window, labels, settings)

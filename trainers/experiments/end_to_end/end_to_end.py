@@ -9,7 +9,16 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.association.sequences import DATA_SETS, Clip, DataSet, find_clips
 from tsuiseki.trainers.experiments.association.tables import values_of
 from tsuiseki.trainers.experiments.end_to_end.choosing import hota
-from tsuiseki.trainers.experiments.end_to_end.given import BOTH, DEFAULT, LOGISTIC, TREES, alternatives, given
+from tsuiseki.trainers.experiments.end_to_end.given import (
+    ALTERNATIVES,
+    BOTH,
+    DEFAULT,
+    LOGISTIC,
+    OTHERS,
+    TREES,
+    alternatives,
+    given,
+)
 from tsuiseki.trainers.experiments.end_to_end.gradient import draw_gradient
 from tsuiseki.trainers.experiments.end_to_end.runs import lost_links
 from tsuiseki.trainers.experiments.end_to_end.streets import STREETS, StreetCount, write_streets
@@ -29,6 +38,7 @@ def reproduce(
     data: Path = Path("../shared/data"),
     sets: list[str] = list(SETS),  # noqa: B006, the parser shows it and nobody changes it
     parts: list[str] = list(PARTS),  # noqa: B006
+    rows: list[str] = list(ALTERNATIVES),  # noqa: B006
     processes: int = 0,
 ) -> Outcome:
     """Networks learnt through the flow against costs learnt on pairs and those by default: HOTA, MOTA, IDF1, switches.
@@ -45,12 +55,13 @@ def reproduce(
             second), unseen (costs learnt on
             generated streets, on real sequences), appearance (the Siamese network), heads (of the detector), gradient
             (the picture), separated by commas.
+        rows: of the part alternatives, separated by commas.
         processes: groups that are learnt at the same time; 0 takes all cores.
 
     Raises:
-        RequestError: an unknown set or part, or no data.
+        RequestError: an unknown set, part or row, or no data.
     """
-    _check(data, sets, parts)
+    _check(data, sets, parts, rows)
     tables, values = list[Table](), dict[str, object]()
     streets = None
     if "unseen" in parts or ({"given", "alternatives"} & set(parts) and "streets" in sets):
@@ -64,7 +75,8 @@ def reproduce(
         if "alternatives" in parts:
             for number, (one, clips) in enumerate(there[:2]):
                 others = [] if number else _of_other_sets(data, one)
-                results = alternatives(bench, one, clips, others, processes, every=number == 0)
+                asked = [name for name in rows if number == 0 or name not in OTHERS]
+                results = alternatives(bench, one, clips, others, processes, asked)
                 values[f"{one.key}, alternatives"] = {result.name: values_of(result) for result in results}
                 tables.append(gain_table(f"{one.title}, alternatives", results, (DEFAULT, BOTH)))
     if "unseen" in parts and streets is not None:
@@ -111,8 +123,8 @@ def _of_other_sets(data: Path, one: DataSet) -> list[Clip]:
     return [clip for other in pool if other != one for clip in find_clips(data, other)] if one in pool else []
 
 
-def _check(data: Path, sets: Sequence[str], parts: Sequence[str]) -> None:
-    for name, asked, known in (("sets", sets, SETS), ("parts", parts, PARTS)):
+def _check(data: Path, sets: Sequence[str], parts: Sequence[str], rows: Sequence[str]) -> None:
+    for name, asked, known in (("sets", sets, SETS), ("parts", parts, PARTS), ("rows", rows, ALTERNATIVES)):
         wrong = [one for one in asked if one not in known]
         if wrong or not asked:
             raise RequestError(f"{name}: expected some of {', '.join(known)}, got {', '.join(wrong) or 'none'}")

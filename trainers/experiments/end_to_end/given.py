@@ -27,8 +27,7 @@ from tsuiseki.trainers.experiments.experiment import Bench
 
 GAP = 2.0
 DEFAULT, LOGISTIC, TREES, ORACLE = "default", "pairs, logistic", "pairs, boosted trees", "right links"
-SEARCHED, SHARED, SURE = "direct search", "both losses, shares by HOTA", "both losses, shares that surely gain"
-POOLED = "both losses, other sets too"
+SEARCHED, SHARED, SURE, POOLED = "direct search", "shares by HOTA", "shares that surely gain", "other sets too"
 BOTH = "both losses"
 LEARNT = {"Fenchel-Young": Fit(loss="fenchel_young"), "hinge": Fit(loss="hinge"), BOTH: Fit()}
 FIT_OF_POOL = Fit(steps=300)
@@ -47,8 +46,10 @@ FOR_FEW = {
     "tracks broken for the joins": Fit(broken=8),
     "links and joins alone": Fit(detections=False, broken=8),
     "mean of four fits": Fit(broken=8, fits=4),
-    "both losses, another seed": Fit(seed=1),
+    "another seed": Fit(seed=1),
 }
+# All rows of other ways; those of OTHERS are of the first set alone, as is POOLED.
+ALTERNATIVES = (*OTHERS, *FOR_FEW, POOLED, SHARED, SURE, SEARCHED)
 
 
 def given(bench: Bench, one: DataSet, clips: list[Clip], processes: int = 0) -> list[Result]:
@@ -76,9 +77,9 @@ def alternatives(
     clips: list[Clip],
     others: Sequence[Clip] = (),
     processes: int = 0,
-    every: bool = True,
+    rows: Sequence[str] = ALTERNATIVES,
 ) -> list[Result]:
-    """Other ways to learn through the flow, and without it.
+    """Other ways to learn through the flow, and without it; and both losses, as they are learnt by default.
 
     Args:
         bench: where it works.
@@ -86,14 +87,18 @@ def alternatives(
         clips: its sequences.
         others: sequences of other sets, for the row that learns from them, too; by default there is no such row.
         processes: folds at the same time; 0 takes all cores.
-        every: all ways; otherwise those for few sequences alone.
+        rows: of `ALTERNATIVES`.
     """
-    learners = through_the_flow({BOTH: LEARNT[BOTH], **(OTHERS if every else {}), **FOR_FEW})
-    if others:
+    fits = {name: fit for name, fit in {**OTHERS, **FOR_FEW}.items() if name in rows}
+    learners = through_the_flow({BOTH: LEARNT[BOTH], **fits})
+    if others and POOLED in rows:
         learners.append(Learner(POOLED, learnt_tables, FIT_OF_POOL, tuple(others)))
     learnt = learnt_rows(bench, one, clips, learners, processes)
     own = default(bench, clips)
-    return [own, *learnt, *_shared(bench, one, clips, own), _searched(bench, one, clips)]
+    found = [own, *learnt]
+    if {SHARED, SURE} & set(rows):
+        found += [row for row in _shared(bench, one, clips, own) if row.name in rows]
+    return [*found, _searched(bench, one, clips)] if SEARCHED in rows else found
 
 
 def default(bench: Bench, clips: Sequence[Clip]) -> Result:

@@ -1,4 +1,7 @@
-"""The detector's heads trained on through the flow, against as many steps by the detector's own loss alone."""
+"""The detector's heads trained on through the flow, against as many steps by the detector's own loss alone.
+
+Tracked are both with the costs that they learnt through, which take all places of starts and ends alike.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
-from tsuiseki.trainers.association.data import WindowImages
+from tsuiseki.trainers.association.data import FLOWS, WindowImages
 from tsuiseki.trainers.association.fitting import Fit, fitted
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.association.training import AssociationTraining
@@ -69,7 +72,7 @@ def _scored(video: DetectedVideo, detector: DetectorTraining, trunk: FrozenTrunk
     every = [_found(read_image(path), detector, trunk) for path in video.images]
     precision = evaluate_detections(labelled_boxes(video.truth, range(len(every))), every).average_precision
     sure = [Detections(f.boxes[f.scores >= TRACKED_FROM], f.scores[f.scores >= TRACKED_FROM]) for f in every]
-    return np.append(sums_of(video, tracks_on(video, sure)), precision)
+    return np.append(sums_of(video, tracks_on(video, sure, FLOWS["people"])), precision)
 
 
 @torch.no_grad()

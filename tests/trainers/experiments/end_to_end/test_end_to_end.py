@@ -53,7 +53,7 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
     monkeypatch.setattr(given, "LOOKS", 4)
     monkeypatch.setattr(given, "FIT_OF_POOL", Fit(steps=5))
     monkeypatch.setattr(given, "OTHERS", {"joins as they are": Fit(joins=0.0, steps=5)})
-    monkeypatch.setattr(given, "FOR_FEW", {"mean": Fit(steps=5, broken=2, fits=2, detections=False)})
+    monkeypatch.setattr(given, "FOR_FEW", {"mean of four fits": Fit(steps=5, broken=2, fits=2, detections=False)})
     words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given,alternatives", "--sets", "mot15"]
     words += ["--cache", str(tmp_path / "cache"), "--processes", "1"]
     assert main([*words, "--out", str(tmp_path / "one")]) == 0
@@ -69,13 +69,8 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
         "right links",
     }
     assert set(values) == rows
-    assert set(others) >= {
-        "direct search",
-        "both losses, shares by HOTA",
-        "both losses, other sets too",
-        *given.OTHERS,
-        *given.FOR_FEW,
-    }
+    chosen = {given.SEARCHED, given.SHARED, given.SURE, given.POOLED}
+    assert set(others) == {"default", "both losses", *given.OTHERS, *given.FOR_FEW, *chosen}
     assert others["both losses"] == values["both losses"]
     assert all(0 < row["hota"] <= 1 for row in (*values.values(), *others.values()))
     assert values["right links"]["idf1"] >= values["default"]["idf1"]
@@ -83,6 +78,10 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
     assert main([*words, "--out", str(tmp_path / "two")]) == 0
     assert sorted(path.name for path in (tmp_path / "cache").rglob("*.json")) == entries
     assert json.loads((tmp_path / "two" / "results.json").read_text()) == found
+    words[words.index("given,alternatives")] = "alternatives"
+    assert main([*words, "--rows", "direct search,mean of four fits", "--out", str(tmp_path / "some")]) == 0
+    some = json.loads((tmp_path / "some" / "results.json").read_text())["mot15, alternatives"]
+    assert some == {name: others[name] for name in ("default", "both losses", "mean of four fits", "direct search")}
 
 
 def test_what_becomes_of_the_links_of_the_labels(data: Path) -> None:
@@ -104,7 +103,11 @@ def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: P
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [(["--parts", "all"], "parts: expected some of given"), (["--data", "nowhere"], "data: expected mot/")],
+    [
+        (["--parts", "all"], "parts: expected some of given"),
+        (["--rows", "better"], "rows: expected some of all of the change of detections"),
+        (["--data", "nowhere"], "data: expected mot/"),
+    ],
 )
 def test_what_is_not_there(words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "end-to-end", *words, "--out", str(tmp_path / "out")]) == 2
