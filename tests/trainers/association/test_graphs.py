@@ -141,6 +141,28 @@ def test_windows_of_next_to_nothing(empty: DetectedVideo) -> None:
     assert levels.detections.labelled.sum() == 0
 
 
+def test_people_whom_first_prices_leave_out_are_in_tracks_as_in_the_tracker() -> None:
+    """A detector that misses every third person and places boxes ill, at 7 frames a second."""
+    rng = np.random.default_rng(0)
+    rate, frames, people = 7.0, 40, 12
+    first, velocity = rng.uniform(0, [600, 400], (people, 2)), rng.normal(0, 1, (people, 2))
+    velocity *= 1.2 * 60 / rate / np.linalg.norm(velocity, axis=1, keepdims=True)
+    found, labels = [], []
+    for t in range(frames):
+        size = np.array([25.0, 60.0]) * np.exp(rng.normal(0, 0.1, (people, 2)))
+        place = first + velocity * t
+        centre = place + rng.normal(0, 3, (people, 2))
+        boxes = np.concatenate([centre - size / 2, centre + size / 2], axis=1)[rng.random(people) > 0.3]
+        found.append(Detections(boxes, np.ones(len(boxes))))
+        labels.append(np.concatenate([place - [12.5, 30], place + [12.5, 30]], axis=1))
+    count = frames * people
+    every, ids = np.ones(count, np.bool_), np.tile(np.arange(1, people + 1), frames)
+    when = np.repeat(np.arange(frames), people)
+    truth = GroundTruth(when, ids, np.concatenate(labels), every, ~every, np.ones(count))
+    graph = sequence_graphs(DetectedVideo("poor", found, truth, rate, (800, 600))).detections
+    assert (graph.tracks >= 0).mean() > 0.7
+
+
 def test_single_labelled_boxes_are_neither_right_nor_wrong() -> None:
     """The tracker drops shorter tracks, so x* has none."""
     whole = video(people=1, clutter=False, unseen=False)
