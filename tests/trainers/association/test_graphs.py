@@ -154,7 +154,8 @@ def test_people_whom_first_prices_leave_out_are_in_tracks_as_in_the_tracker() ->
         centre = place + rng.normal(0, 3, (people, 2))
         boxes = np.concatenate([centre - size / 2, centre + size / 2], axis=1)[rng.random(people) > 0.3]
         found.append(Detections(boxes, np.ones(len(boxes))))
-        labels.append(np.concatenate([place - [12.5, 30], place + [12.5, 30]], axis=1))
+        half = np.array([12.5, 30.0])
+        labels.append(np.concatenate([place - half, place + half], axis=1))
     count = frames * people
     every, ids = np.ones(count, np.bool_), np.tile(np.arange(1, people + 1), frames)
     when = np.repeat(np.arange(frames), people)
