@@ -85,13 +85,13 @@ def why_not_best(demo: DemoResult) -> list[str]:
         f"{drawn} is not the best here in HOTA ({ours.hota:.3f}; {best} {theirs.hota:.3f}): it keeps "
         f"{ours.false_positives} false boxes ({best} {theirs.false_positives}), misses {ours.false_negatives} people "
         f"({theirs.false_negatives}) and changes {ours.id_switches} ids ({theirs.id_switches}).",
-        _where_false_boxes_come_from(demo.tracks[drawn], demo.truth),
+        _where_false_boxes_come_from(demo.tracks[drawn], demo.truth, ours.false_positives),
     ]
 
 
-def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth) -> str:
-    """A sentence that tells things that stand still, boxes filled into gaps and the rest apart."""
-    still = filled = moving = things = 0
+def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, count: int) -> str:
+    """A sentence that tells things that stand still, boxes filled into gaps and the rest of ``count`` boxes apart."""
+    still = filled = things = 0
     for track in tracks:
         false = _on_nobody(track, truth)
         if not false.any():
@@ -102,10 +102,10 @@ def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth) ->
             still += int(false.sum())
         else:
             filled += int((false & ~track.observed).sum())
-            moving += int((false & track.observed).sum())
     return (
         f"Of these false boxes {still} lie on {things} things that never move and were taken for people all the time, "
-        f"{filled} were filled into gaps, and {moving} were detected beside people or on nobody."
+        f"{filled} were filled into gaps over nobody, and {count - still - filled} lie beside people or on people who "
+        "have a box already."
     )
 
 

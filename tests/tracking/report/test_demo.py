@@ -42,7 +42,7 @@ def test_false_boxes_are_told_by_what_they_are():
     line, where = why_not_best(demo(clean=[track(1)], flow=[track(1), away]))
     assert "keeps 10 false boxes" in line
     assert "0 lie on 0 things" in where
-    assert "4 were filled into gaps, and 6 were detected" in where
+    assert "4 were filled into gaps over nobody, and 6 lie beside people" in where
 
 
 def test_the_best_method_needs_no_excuse():
