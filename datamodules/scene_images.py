@@ -15,7 +15,13 @@ from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flig
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.rooms.panoramas import PanoramaPictures, panorama_picture
-from tsuiseki.datamodules.scenes.street.training import Stock, TrainingSettings, random_training_scene, varied_settings
+from tsuiseki.datamodules.scenes.street.training import (
+    Stock,
+    TrainingSettings,
+    random_training_scene,
+    sparse_settings,
+    varied_settings,
+)
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
@@ -44,9 +50,15 @@ def write_scene_images(folder: Path, count: int, settings: TrainingSettings, see
 
 
 def write_varied_images(
-    folder: Path, count: int, size: tuple[int, int], seed: int, sprites: str = "", photographs: str = ""
+    folder: Path,
+    count: int,
+    size: tuple[int, int],
+    seed: int,
+    sprites: str = "",
+    photographs: str = "",
+    sparse: bool = False,
 ) -> None:
-    """Render ``count`` pictures of `varied_settings`, ``size`` (width, height); else as `write_scene_images`.
+    """Render ``count`` pictures of `varied_settings` or `sparse_settings`; else as `write_scene_images`.
 
     Args:
         folder: gets the sequence.
@@ -55,12 +67,13 @@ def write_varied_images(
         seed: of all chance.
         sprites: folder of rendered people (`scenes.figures.library`); without one people are drawn.
         photographs: folder of photographs (`scenes.render.photographs`); without one grounds are drawn.
+        sparse: few people among many things.
 
     Raises:
         RequestError: fewer than one picture, the folder holds files, or there is nothing in the other folders.
     """
     _stock(sprites, photographs)
-    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs))
+    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, sparse))
 
 
 def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, seed: int) -> None:
@@ -115,13 +128,14 @@ def _stock(sprites: str, photographs: str) -> Stock:
 
 
 def _varied_picture(
-    size: tuple[int, int], seed: int, sprites: str, photographs: str, folder: Path, numbers: range
+    size: tuple[int, int], seed: int, sprites: str, photographs: str, sparse: bool, folder: Path, numbers: range
 ) -> list[Labels]:
     labels = []
     stock = _stock(sprites, photographs)
     for number in numbers:
         rng = np.random.default_rng([seed, number])
-        labels.append(_saved(folder, number, *random_training_scene(rng, varied_settings(rng, *size), stock)))
+        settings = sparse_settings(*size) if sparse else varied_settings(rng, *size)
+        labels.append(_saved(folder, number, *random_training_scene(rng, settings, stock)))
     return labels
 
 

@@ -32,6 +32,28 @@ def shipped(name: str) -> Path:
     raise RequestError(f"this installation ships no model {name!r}; {hint}")
 
 
+def shipped_or_file(kind: str, given: str | Path) -> Path:
+    """A file as it is given; a bare word stands for the shipped model of that name.
+
+    Args:
+        kind: what the shipped models' names begin with: ``detector``, …
+        given: a path, or the rest of such a name.
+
+    Raises:
+        RequestError: a bare word that names neither a file nor a shipped model of this kind.
+
+    >>> shipped_or_file("detector", "street").name, shipped_or_file("detector", "own/best.onnx").name
+    ('detector_street.onnx', 'best.onnx')
+    """
+    path = Path(given)
+    if path.suffix or len(path.parts) != 1 or path.exists():
+        return path
+    names = [name.removeprefix(f"{kind}_") for name in shipped_names() if name.startswith(f"{kind}_")]
+    if path.name not in names:
+        raise RequestError(f"`{kind}`: expected an ONNX file or one of the shipped {', '.join(names)}, got {given}")
+    return shipped(f"{kind}_{path.name}")
+
+
 def shipped_names() -> list[str]:
     """The names of all shipped models."""
     return sorted(path.stem for path in FOLDER.iterdir() if path.suffix in (".onnx", ".json"))

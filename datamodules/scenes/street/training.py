@@ -121,6 +121,13 @@ def varied_settings(rng: np.random.Generator, width: int, height: int) -> Traini
     return kinds[int(rng.choice(len(kinds), p=(0.35, 0.3, 0.2, 0.15)))]
 
 
+def sparse_settings(width: int, height: int) -> TrainingSettings:
+    """Few people among many things: what scores are calibrated on, as most of a real view shows nobody."""
+    return TrainingSettings(
+        width, height, people=(0, 2), clutter=(6, 26), person_height=(20.0, 200.0), night=0.1, facades=0.8
+    )
+
+
 def random_training_scene(
     rng: np.random.Generator, settings: TrainingSettings | None = None, stock: Stock = NOTHING
 ) -> tuple[ImageArray, FloatArray, FloatArray]:

@@ -17,6 +17,7 @@ from tsuiseki.tracking.geometry import clip_boxes, straddling, suppress
 from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.weights import shipped_or_file
 
 MOST_CANDIDATES = 400
 
@@ -165,9 +166,12 @@ def open_detector(
 ) -> Detector | ForeignDetector:
     """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises.
 
+    A bare word stands for a shipped one, see `shipped_or_file`.
+
     Raises:
-        RequestError: see the two; or ``options`` for a detector of this toolkit, which needs none.
+        RequestError: see the three; or ``options`` for a detector of this toolkit, which needs none.
     """
+    path = shipped_or_file("detector", path)
     try:
         found = Detector(path, score_threshold, iou_threshold, threads)
     except MissingCardError:

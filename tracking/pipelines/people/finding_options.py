@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.options import Shared
-from tsuiseki.tracking.weights import shipped
+from tsuiseki.tracking.weights import shipped, shipped_or_file
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.features.networks.exported import Detect
@@ -26,7 +26,7 @@ class Detecting(Shared):
     """The networks that find and describe people.
 
     Attributes:
-        detector: exported detector; by default the shipped one.
+        detector: exported detector, or the name of a shipped one (street, figures); by default the shipped one.
         score_threshold: the detector keeps what scores at least this, from 0 to 1.
         score_range: smallest and largest score that the rows of --detections may have; by default any.
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
@@ -88,6 +88,9 @@ class FindingOptions(Detecting):
             raise RequestError("expected `classes` with `detections`, whose column 8 they stand in, got no detections")
         return classed_detections(self.detections, source, wanted, self.score_range)
 
+    def _file(self, default: str) -> Path:
+        return shipped(default) if self.detector is None else shipped_or_file("detector", self.detector)
+
     def detect(self, source: Source, default: str, threads: int | None = None) -> Detect | list[Detections]:
         """The given detections, or what finds people.
 
@@ -104,7 +107,7 @@ class FindingOptions(Detecting):
         wanted = parse_view(self.view)
         if self.detections is not None or not source.has_images:
             return people_detect(source, self.detections, None, Path(), score_range=self.score_range)
-        path, threads = self.detector or shipped(default), self.threads if threads is None else threads
+        path, threads = self._file(default), self.threads if threads is None else threads
         found = open_detector(path, self.score_threshold, threads=threads, options=self.detector_options)
         return found if wanted == (1, None) else ViewedDetector(found, wanted, frame_rate=source.frame_rate)
 
