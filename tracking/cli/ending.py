@@ -17,6 +17,8 @@ from tsuiseki.tracking.errors import InputWarning, Interrupted, RequestError, Ru
 DONE, FAILED, WRONG_REQUEST = 0, 1, 2
 # Ways to ask a run to end, as far as the system knows them.
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+# What was noted of the input of the command that runs; a process runs one at a time.
+_NOTES: list[str] = []
 
 
 def ended(command: Callable[[], int | None]) -> int:
@@ -73,19 +75,26 @@ def _interrupt(number: int, _: FrameType | None) -> None:
 
 @contextmanager
 def _warnings_in_a_line() -> Iterator[None]:
-    """Within the ``with`` block every `InputWarning` is printed as a note."""
+    """Within the ``with`` block every `InputWarning` is printed as a note, and kept for `notes`."""
+    _NOTES.clear()
     with warnings.catch_warnings():
         warnings.simplefilter("always", InputWarning)
         usual = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
+                _NOTES.append(str(message))
                 complain(f"note: {message}", DONE)
             else:
                 usual(message, category, *place, **more)
 
         warnings.showwarning = show
         yield
+
+
+def notes() -> list[str]:
+    """What was noted of the input since the command began."""
+    return [*_NOTES]
 
 
 def complain(message: object, status: int) -> int:

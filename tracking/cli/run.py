@@ -36,7 +36,7 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, on_signals
+from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, notes, on_signals
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal_of
 from tsuiseki.tracking.frame_range import FrameRange
@@ -281,7 +281,8 @@ class Run:
         shutil.rmtree(self.work / PARTS, ignore_errors=True)
         given = self.output.given
         record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
-        record.partial, record.reason, record.facts = bool(self._reason), self._reason, self.facts
+        record.partial, record.reason = bool(self._reason), self._reason
+        record.facts = {**self.facts, **({"notes": notes()} if notes() else {})}
         record.write(self.work)
 
     def _report(self) -> None:

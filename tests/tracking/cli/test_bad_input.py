@@ -152,6 +152,8 @@ def test_detections_after_the_end_are_left_out_and_told(
         if source == "images"
         else "tsuiseki: note: 2 detection(s) after the last frame of v.webm, 12, are left out"
     ]
+    noted = json.loads((tmp_path / "o" / "run.json").read_text())["facts"]["notes"]
+    assert ["2 detection(s) after" in note for note in noted] == [True]
 
 
 def test_detections_of_another_video_are_refused(inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
