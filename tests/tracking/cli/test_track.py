@@ -97,7 +97,7 @@ def test_the_flow_of_each_class_tells_what_it_found(
     text_only: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = text_only / "det.txt"
-    false = [f"{t},-1,{700 + 61 * t % 300},1,40,100,0.4,3,-1,-1" for t in range(1, 41)]
+    false = [f"{t},-1,{700 + 97 * t * t % 300},{53 * t * t % 400},40,100,0.4,3,-1,-1" for t in range(1, 41)]
     file.write_text(file.read_text() + "\n".join([*false, *false[::-1]]) + "\n")
     words = ["track", "people", str(text_only), "--detections", str(file), "--fps", "10"]
     assert main([*words, "--classes", "1,3", "--out", str(tmp_path / "o")]) == 0

@@ -59,8 +59,13 @@ def test_the_distances_at_first_are_those_of_the_tracker(graphs: list[Graphs]) -
     with torch.no_grad():
         found = module.costs(batch).numpy()
     assert np.ptp(batch.detections.links[:, DISTANCE]) > 0.1
+    # Along tracks the tracker also averages over detections of whom labels say nothing, which are in no window.
+    graph = batch.detections
+    alone = (graph.tracks[graph.tail] < 0) & (graph.tracks[graph.head] < 0)
+    assert alone.sum() > 10
+    same = np.append(np.ones(3 * len(graph), dtype=bool), alone)
     # float32, and 18 a unit of distance.
-    np.testing.assert_allclose(found, batch.detections.costs, atol=1e-3)
+    np.testing.assert_allclose(found[same], graph.costs[same], atol=1e-3)
 
 
 def test_detections_without_features_are_left_as_they_are(graphs: list[Graphs]) -> None:
