@@ -282,7 +282,7 @@ class Run:
         given = self.output.given
         record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
-        record.facts = {**self.facts, **({"notes": notes()} if notes() else {})}
+        record.facts = {**self.facts, "notes": noted} if (noted := notes()) else self.facts
         record.write(self.work)
 
     def _report(self) -> None:

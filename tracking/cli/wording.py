@@ -155,7 +155,7 @@ def _expectation(text: str) -> str:
     text = re.sub(r"^expected tuple with (\d+) elements", r"expected \1 values separated by commas", text)
     text = re.sub(r"^expected (?:list\[)+float\]+", "expected numbers separated by commas", text)
     text = re.sub(r"^expected list\[int\]", "expected whole numbers separated by commas", text)
-    text = re.sub(r", got '\[(.*)\]'$", lambda found: f", got '{found[1].replace(chr(39), '')}'", text)
+    text = re.sub(r", got '\[(.*)\]'$", lambda found: ", got '" + found[1].replace("'", "") + "'", text)
     for name, words in KIND_NAMES.items():
         text = re.sub(rf"^expected {name}\b", f"expected {words}", text)
     return text
