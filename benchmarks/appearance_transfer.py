@@ -18,8 +18,9 @@ import numpy as np
 from tsuiseki.datamodules.readers.images import LabelledImage, labelled_images
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc, evaluate_retrieval
 from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.preprocessing import crop_boxes
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 SPACES = {"Lab": cv2.COLOR_RGB2LAB, "HSV": cv2.COLOR_RGB2HSV}
 
@@ -44,15 +45,17 @@ def _root_histogram(image: ImageArray, space: str, bins: int) -> FloatArray:
     converted = cv2.cvtColor(image, SPACES[space])
     top = 180 if space == "HSV" else 256
     counts = cv2.calcHist([converted], [0, 1, 2], None, [bins] * 3, [0, top, 0, 256, 0, 256]).ravel()
-    return np.sqrt(counts / counts.sum())
+    return np.asarray(np.sqrt(counts / counts.sum()))
 
 
-def describe(samples: list[LabelledImage], method: str | Appearance, least_visible: float) -> tuple[FloatArray, ...]:
+def describe(
+    samples: list[LabelledImage], method: str | Appearance, least_visible: float
+) -> tuple[FloatArray, IntArray, IntArray]:
     """Features, identities and frames of every labelled box."""
     features, ids, frames = [], [], []
     for sample in samples:
         kept = ~sample.ignored & (sample.visibility >= least_visible)
-        image = cv2.cvtColor(cv2.imread(str(sample.path)), cv2.COLOR_BGR2RGB)
+        image = read_image(sample.path)
         boxes = sample.boxes[kept]
         if isinstance(method, str):
             space, bins = method.split()
@@ -64,7 +67,7 @@ def describe(samples: list[LabelledImage], method: str | Appearance, least_visib
     return np.concatenate(features), np.concatenate(ids), np.concatenate(frames)
 
 
-def scores(features: FloatArray, ids: FloatArray, frames: FloatArray, apart: int, window: int) -> tuple[float, ...]:
+def scores(features: FloatArray, ids: IntArray, frames: IntArray, apart: int, window: int) -> tuple[float, ...]:
     """Rank-1, mean average precision and area under the ROC."""
     distances = 1 - features @ features.T
     same = ids[:, None] == ids[None, :]
@@ -88,7 +91,8 @@ def main() -> None:
     parser.add_argument("--least-visible", type=float, default=0.0)
     arguments = parser.parse_args()
     samples = labelled_images(arguments.sequence, tuple(arguments.frames))
-    methods = {f"histogram {m}": m for m in ("Lab 4", "Lab 6", "Lab 8", "HSV 4", "HSV 6", "HSV 8")}
+    histograms = ("Lab 4", "Lab 6", "Lab 8", "HSV 4", "HSV 6", "HSV 8")
+    methods: dict[str, str | Appearance] = {f"histogram {m}": m for m in histograms}
     methods |= {str(path): Appearance(path, threads=1) for path in arguments.models}
     print(f"{'':40} rank-1    mAP    AUC")
     for name, method in methods.items():

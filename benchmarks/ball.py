@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, ball_frames
+from tsuiseki.datamodules.scenes.ball.bouncing import BouncingBallSettings, ball_frames
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.likelihoods.colour_region import parse_colour
@@ -37,7 +37,7 @@ class Clip:
     edges: list[EdgeImage]
 
 
-def make_clip(seed: int, settings: CarriedBallSettings) -> Clip:
+def make_clip(seed: int, settings: BouncingBallSettings) -> Clip:
     """A generated clip as the tracker sees it."""
     frames = list(ball_frames(settings, seed))
     return Clip(np.stack([f.states[0] for f in frames]), [EdgeImage.of(f.image, EXTRACTION) for f in frames])
@@ -62,14 +62,18 @@ def errors(clip: Clip, states: FloatArray) -> tuple[float, float]:
 def main() -> None:
     """Prints the table."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    settings = CarriedBallSettings(frames=240)
+    settings = BouncingBallSettings(frames=240)
     learning, *tests = (make_clip(seed, settings) for seed in (LEARNING_CLIP, *TEST_CLIPS))
     wide = follow(learning, RandomWalk(WIDE), 3000)
     mean_squash = learning.states[learning.states[:, 3] > SQUASHED, 3].mean()
     print("wide run: centre {:.2f} px, squash {:.3f} of {:.3f}".format(*errors(learning, wide), mean_squash))
     for source, states in (("wide run", wide), ("exact states", learning.states)):
         learnt = learn_motion([states], BODY.name, BODY.fields, BODY.angles, settings.frame_rate)
-        motions = {"walk": learnt.random_walk(), "independent": learnt.independent(), "learnt": learnt.proposal()}
+        motions: dict[str, BodyMotion] = {
+            "walk": learnt.random_walk(),
+            "independent": learnt.independent(),
+            "learnt": learnt.proposal(),
+        }
         for particles in (50, 300):
             for name, motion in motions.items():
                 found = [errors(clip, follow(clip, motion, particles, seed)) for clip in tests for seed in SEEDS]

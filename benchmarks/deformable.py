@@ -59,6 +59,7 @@ def frame_times(clip: Clip, particles: int, repeats: int) -> tuple[float, float,
     rounds = []
     for _ in range(repeats):
         tracker = new_tracker(clip, particles)
+        assert tracker.extraction is not None
         marks = []
         for index, image in enumerate(clip.images):
             start = time.process_time()

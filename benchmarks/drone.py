@@ -86,7 +86,7 @@ def linking(people: int, frames: int, repeat: int) -> None:
         "jerked look-alikes": acting_look_alikes(frames, people, ACTIONS),
     }.items():
         given = [replace(found, actions=actions) for found, actions in zip(video, said, strict=True)]
-        best: dict[str, float] = dict.fromkeys(METHODS, np.inf)
+        best: dict[DroneMethod, float] = dict.fromkeys(METHODS, np.inf)
         for _ in range(repeat):
             for method in METHODS:
                 best[method] = min(best[method], cpu_seconds(partial(linked, given, method)))

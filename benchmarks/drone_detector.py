@@ -27,7 +27,7 @@ from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.pipelines.drone.observations import Observers, observe
 from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
-from tsuiseki.tracking.types import Frame
+from tsuiseki.tracking.types import BoolArray, Frame
 from tsuiseki.tracking.types.labels import GroundTruth
 
 VISIBLE, OVERLAP = 0.4, 0.5
@@ -99,11 +99,11 @@ def report(name: str, detector: Path, images: list[LabelledImage], bridging: Bri
         for sample, seen in zip(images, observe(frames, observers), strict=True):
             kept = seen.detections
             counted = ~sample.ignored & (sample.visibility >= VISIBLE)
-            overlaps = iou_matrix(kept.boxes, sample.boxes)
+            overlapping: BoolArray = iou_matrix(kept.boxes, sample.boxes) >= OVERLAP
             people += int(counted.sum())
-            hits += int((overlaps >= OVERLAP).any(axis=0)[counted].sum())
+            hits += int(overlapping[:, counted].any(axis=0).sum())
             total += len(kept)
-            right += int((overlaps >= OVERLAP).any(axis=1).sum())
+            right += int(overlapping.any(axis=1).sum())
         print(
             f"{name:20s} score >= {threshold:.1f}: recall {hits / max(people, 1):.3f} of {people} people in "
             f"{len(images)} frames, {total / max(len(images), 1):.1f} detections a frame, "

@@ -344,7 +344,7 @@ def stills(folder: Path, out: Path) -> None:
 def overhead(folder: Path, out: Path, *, blank: bool) -> None:
     """Somebody who stands and somebody on a chair, placed by hand, as cylinders with upright and rotated boxes."""
     camera = _overhead_camera(folder)
-    picture = cv2.imread(str(folder / "data" / "12may16" / "2016-05-13-033831.jpg"))
+    picture = np.ascontiguousarray(read_image(folder / "data" / "12may16" / "2016-05-13-033831.jpg")[:, :, ::-1])
     if blank:
         picture[:] = 250
         cv2.circle(picture, tuple(np.round(camera.lens.centre).astype(int).tolist()), 500, (235, 235, 235), -1)

@@ -6,7 +6,7 @@
 ``build`` finds and prices the links and makes the first network, ``solve`` is our call, and ``bare`` is what the peer,
 OR-tools' cost-scaling push-relabel (`pip install ortools`), takes for the same network once it has it. With
 ``--features`` the detections carry 128 appearance features. With ``--delay`` the tracker that answers so many seconds
-after each frame is timed, too, up to frame 400 and from there to the end, its answers forgotten as they come. Steps
+after each frame is timed, too, up to frame 400, half way and to the end, its answers forgotten as they come. Steps
 take turns, and the best turn of each counts, in seconds of the processor. Use one thread: ``OMP_NUM_THREADS=1``.
 """
 
@@ -17,6 +17,7 @@ import pickle
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -54,10 +55,10 @@ def main() -> None:
     best = dict.fromkeys(("prepare", "build", "solve", "bare", "whole tracker"), float("inf"))
     for _ in range(arguments.repeat):
         given = FlowInput(settings.input, settings.costs.link.motion, FRAME_RATE, None)
-        seen, scores = _timed(best, "prepare", lambda given=given: given.rows(video))
-        observation = settings.input.detection(given.calibration(scores), FRAME_RATE)
-        graph = _timed(best, "build", lambda seen=seen, observation=observation: _build(seen, observation, settings))
-        _timed(best, "solve", lambda graph=graph: solve_in_windows(graph))
+        seen, scores = _timed(best, "prepare", partial(given.rows, video))
+        observation = given.costs(scores)
+        graph = _timed(best, "build", partial(_build, seen, observation, settings))
+        _timed(best, "solve", partial(solve_in_windows, graph))
         best["bare"] = min(best["bare"], _bare_solve(graph))
     memory = peak_memory()
     tracks = _timed(best, "whole tracker", lambda: run_tracker(video, FlowTracker(settings, frame_rate=FRAME_RATE)))
@@ -75,13 +76,13 @@ def main() -> None:
 
 
 def _followed(video: list[Detections], tracker: FlowTracker) -> dict[int, tuple[float, int]]:
-    """Milliseconds a frame, and bytes of the tracker's state, at frame 400 and at the end."""
-    found, last = {}, 0
+    """Milliseconds a frame since the mark before, and bytes of the tracker's state, at 400, half way and at the end."""
+    found, last = dict[int, tuple[float, int]](), 0
     start = time.process_time()
     for number, detections in enumerate(video, start=1):
         tracker.update(detections)
         tracker.forget()
-        if number in (400, len(video)):
+        if number in (400, len(video) // 2, len(video)):
             now = time.process_time()
             found[number] = (1000 * (now - start) / (number - last), len(pickle.dumps(tracker)))
             start, last = time.process_time(), number

@@ -16,6 +16,7 @@ import platform
 import time
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -86,7 +87,7 @@ class StoneSoup:
 class _Sampler:
     """Draws `BORN` particles of a Gaussian birth, in the shape that Stone Soup's predictor asks for."""
 
-    def __init__(self, birth: object) -> None:
+    def __init__(self, birth: Any) -> None:
         self.birth = birth
 
     def sample(self, timestamp: object = None, **_: object) -> object:
