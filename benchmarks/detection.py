@@ -10,20 +10,19 @@ from __future__ import annotations
 import argparse
 import itertools
 import time
-from importlib import resources
 from typing import Any
 
 from walkers import machine
 
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, street_frames
 from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    shipped = resources.files("tsuiseki.tracking") / "weights" / "detector_street.onnx"
-    parser.add_argument("--detector", default=str(shipped))
+    parser.add_argument("--detector", default=str(shipped(PEOPLE_DETECTOR)))
     parser.add_argument("--frames", type=int, default=60)
     parser.add_argument("--size", type=int, nargs=2, default=(640, 480))
     parser.add_argument("--threads", type=int, default=1)

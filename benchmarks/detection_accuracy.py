@@ -15,7 +15,6 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +28,7 @@ from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 LOWEST_SCORE = 0.02
 FIRM = 0.8
@@ -51,9 +51,8 @@ class Sequence:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    shipped = resources.files("tsuiseki.tracking") / "weights" / "detector_street.onnx"
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--detector", default=str(shipped))
+    parser.add_argument("--detector", default=str(shipped(PEOPLE_DETECTOR)))
     parser.add_argument("--view", default="auto")
     parser.add_argument("--score-threshold", type=float, default=0.3)
     parser.add_argument("--streets", type=int, default=3)

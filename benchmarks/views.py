@@ -16,7 +16,6 @@ import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import TypeAlias
 
@@ -30,6 +29,7 @@ from tsuiseki.tracking.features.view_choice import WORTH, most_columns
 from tsuiseki.tracking.features.views import TiledDetector, view_of
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 CERTAIN = 0.3
 HD, UHD = (1920, 1080), (3840, 2160)
@@ -58,9 +58,8 @@ class Looked:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    shipped = resources.files("tsuiseki.tracking") / "weights" / "detector_street.onnx"
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--detector", default=str(shipped))
+    parser.add_argument("--detector", default=str(shipped(PEOPLE_DETECTOR)))
     parser.add_argument("--only", nargs="*", default=[])
     arguments = parser.parse_args()
     for name, pictures in sets(arguments.data):

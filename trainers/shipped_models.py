@@ -1,16 +1,19 @@
-"""The commands that make the shipped models, as they stand in `docs/training.md`."""
+"""The commands that make the shipped models, as they stand in `docs/training.md` and `docs/detector.md`."""
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
 from importlib import resources
 from pathlib import Path
 
-from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.pipelines.people.demo import STREET_MODELS
 
 SHIPPED = {kind: f"{name}.onnx" for kind, name in STREET_MODELS.items()}
+# What the demo takes where there is nothing to render people of.
+DRAWN = SHIPPED | {"detector": "detector_street.onnx"}
 
 # {configs}: the configurations of the package; {work}: where checkpoints and clips go; {models}: where the models go.
 COMMANDS = (
@@ -24,30 +27,62 @@ COMMANDS = (
     "train affinity --folders {work}/streets --detector {models}/detector_street.onnx --skips 1,2,3 "
     "--appearance {models}/appearance_people.onnx --out {models}/affinity_people.onnx",
 )
+# {assets}: bodies and clothes; {pictures}, {sparse}: what is rendered of them, as `data.train` and `data.val` take it.
+RENDERED_COMMANDS = (
+    "simulate sprites --assets {assets} --out {work}/sprites",
+    "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered "
+    "--model.start {models}/detector_street.onnx --data.train {pictures} --data.val {sparse}",
+    "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-2 "
+    "--model.start {work}/rendered/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
+    "--trainer.max_epochs 7 --model.learning_rate 0.0013 --data.seed 5",
+    "export detector --checkpoint {work}/rendered-2/checkpoints/last.ckpt --float16 "
+    "--calibrate {work}/rendered-sparse --out {models}/detector_figures.onnx --training-data 'rendered people'",
+)
 
 
-def make_models(folder: Path) -> dict[str, Path]:
-    """Run `COMMANDS`; the models come to lie in ``folder``.
+def make_models(folder: Path, assets: Path | None = None) -> dict[str, Path]:
+    """Run `COMMANDS`, and `RENDERED_COMMANDS` where there are assets; the models come to lie in ``folder``.
+
+    Args:
+        folder: for models and trainings.
+        assets: as `simulate sprites` takes it, and perhaps ``photographs/``; without, there are drawn people alone.
 
     Raises:
-        RequestError: the `train` extra is missing.
+        RequestError: the `train` extra or the assets are missing.
         RunError: a command failed.
     """
     from tsuiseki.tracking.cli import main
 
+    if assets is not None and not assets.is_dir():
+        raise RequestError(f"`assets`: expected a folder of bodies and clothes (docs/detector.md), got {assets}")
     folder.mkdir(parents=True, exist_ok=True)
-    for words in commands(folder):
+    for words in commands(folder, assets):
         print(f"$ tsuiseki {shlex.join(words)}", file=sys.stderr, flush=True)
         if main(words) != 0:
             raise RunError(f"`tsuiseki {' '.join(words[:2])}` failed; its message stands above")
-    return {kind: folder / name for kind, name in SHIPPED.items()}
+    return {kind: folder / name for kind, name in (DRAWN if assets is None else SHIPPED).items()}
 
 
-def commands(folder: Path) -> list[list[str]]:
-    """The words of `COMMANDS` for models in ``folder``."""
+def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
+    """The words of the commands for models in ``folder``, with people rendered of ``assets`` if there are any."""
+    work = folder / "training"
     places = {
-        "configs": shlex.quote(str(resources.files("tsuiseki.configs"))),
-        "work": shlex.quote(str(folder / "training")),
-        "models": shlex.quote(str(folder)),
+        "configs": str(resources.files("tsuiseki.configs")),
+        "work": str(work),
+        "models": str(folder),
+        "assets": str(assets),
+        "pictures": _rendered(work / "rendered-pictures", assets, "varied", 1300, 21),
+        "sparse": _rendered(work / "rendered-sparse", assets, "sparse", 80, 41),
     }
-    return [shlex.split(command.format(**places)) for command in COMMANDS]
+    quoted = {name: shlex.quote(place) for name, place in places.items()}
+    wanted = COMMANDS if assets is None else COMMANDS + RENDERED_COMMANDS
+    return [shlex.split(command.format(**quoted)) for command in wanted]
+
+
+def _rendered(folder: Path, assets: Path | None, scene: str, count: int, seed: int) -> str:
+    """Footage of rendered people as `train detector` takes it, before photographs where there are some."""
+    footage = {"folder": str(folder), "generate": count, "scene": scene, "seed": seed}
+    footage["sprites"] = str(folder.parent / "sprites")
+    if assets is not None and (assets / "photographs").is_dir():
+        footage["photographs"] = str(assets / "photographs")
+    return json.dumps([footage])

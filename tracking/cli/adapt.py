@@ -150,13 +150,13 @@ def _teacher(given: Path | None, options: DetectorOptions) -> SizedDetect | None
 
 def _detector(given: Path | None) -> Path:
     from tsuiseki.tracking.onnx import kind_of
-    from tsuiseki.tracking.weights import shipped, shipped_or_file
+    from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped, shipped_or_file
 
     if given is not None and not kind_of(given):
         raise RequestError(
             f"{given}: expected a detector of this toolkit, which can learn, got another file; give it as `teacher`"
         )
-    return shipped("detector_street") if given is None else shipped_or_file("detector", given)
+    return shipped(PEOPLE_DETECTOR) if given is None else shipped_or_file("detector", given)
 
 
 def _run(run: Run, adaptation: Adaptation) -> None:

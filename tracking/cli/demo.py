@@ -24,6 +24,7 @@ def demo(
     output: SeededOutput = OUTPUT,
     scene: Literal["street", "drone"] = "street",
     train: bool = False,
+    assets: Path | None = None,
     frames: int = FRAMES,
     threads: int = 0,
 ) -> int:
@@ -39,6 +40,8 @@ def demo(
     Args:
         scene: what is generated.
         train: first train the models anew on generated scenes and use those; takes hours, and the train extra.
+        assets: with --train, folder of the bodies and clothes that people are rendered of (docs/detector.md says how to
+            get them); without it the detector learns from drawn people alone.
         frames: length of the clip.
         seed: of the clip.
         threads: CPU threads of the networks; 0 takes all.
@@ -50,6 +53,8 @@ def demo(
         if train:
             raise RequestError("`train`: expected --scene street; docs/drone.md has the commands for the drone")
         return demo_drone(output, frames, threads)
+    if assets is not None and not train:
+        raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
     from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.pipelines.people.demo import scored, shipped_street, street_inputs, street_trackers
@@ -59,7 +64,7 @@ def demo(
     from tsuiseki.trainers.shipped_models import make_models
 
     with output.run() as run:
-        models = make_models(run.work / "models") if train else shipped_street()
+        models = make_models(run.work / "models", assets) if train else shipped_street()
         with run.times.measure("generate"):
             settings = StreetSettings(frames=frames, frame_rate=FRAME_RATE)
             clip = write_street(

@@ -8,6 +8,8 @@ from pathlib import Path
 from tsuiseki.tracking.errors import RequestError
 
 FOLDER = Path(__file__).resolve().parent
+# The detector of people that is taken where none is given.
+PEOPLE_DETECTOR = "detector_figures"
 
 
 def shipped(name: str) -> Path:

@@ -56,7 +56,7 @@ def test_demo_with_the_shipped_models(tmp_path: Path) -> None:
 def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path) -> None:
     """Their configurations exist, their options are known, and every shipped file comes out."""
     made = set()
-    for kind, what, *words in commands(tmp_path):
+    for kind, what, *words in commands(tmp_path, tmp_path):
         group = COMMANDS[kind]
         assert isinstance(group, Group)
         command = group.commands[what]
@@ -66,3 +66,8 @@ def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path) -> 
         if not command.forwarded:
             parse(f"tsuiseki {kind} {what}", command.load([kind, what]), words)
     assert set(SHIPPED.values()) <= made
+
+
+def test_assets_are_for_training(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["demo", "--assets", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "`assets`: expected it with `train`" in capsys.readouterr().err.replace("--assets", "`assets`").replace("--train", "`train`")

@@ -25,7 +25,7 @@ DRONE_METHODS: Mapping[Literal["flow", "flow-saf", "flow-maf"], str] = {
     "flow-maf": "flow, multi-frame actions",
 }
 # What ships for people, by what it does.
-STREET_MODELS = {"detector": "detector_street", "appearance": "appearance_people", "affinity": "affinity_people"}
+STREET_MODELS = {"detector": weights.PEOPLE_DETECTOR, "appearance": "appearance_people", "affinity": "affinity_people"}
 
 
 def shipped_street() -> dict[str, Path]:

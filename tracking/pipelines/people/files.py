@@ -28,6 +28,7 @@ from tsuiseki.tracking.trackers.people.by_class import ByClass
 from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.types import IntArray
 from tsuiseki.tracking.video import Source
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +36,9 @@ class PeopleFinding(FindingOptions):
     """Where the detections come from, and who is compared by appearance.
 
     Attributes:
-        detector: detector as ONNX; by default the shipped detector_street.onnx. One of other projects (YOLO, YOLOX,
-            RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
+        detector: detector as ONNX; by default the shipped detector_figures.onnx; a bare word, such as street, names
+            another shipped one. One of other projects (YOLO, YOLOX, RT-DETR, RF-DETR, torchvision) is recognised by its
+            inputs and outputs.
         view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people, by looks
             at some frames), tiles across such as 3 (1 is the whole frame alone), across and down such as 3x2, or tiles
             (as many as show more than fewer).
@@ -93,7 +95,7 @@ def opened(
     threads = threads_of_a_call(source, finding.threads)
     kinds: Sequence[IntArray] = []
     if finding.classes is None:
-        detect = finding.detect(source, "detector_street", threads)
+        detect = finding.detect(source, PEOPLE_DETECTOR, threads)
     else:
         detect, kinds = finding.classed(source, finding.classes)
     describe = finding.describer(source, linking.method, threads)

@@ -39,7 +39,7 @@ from tsuiseki.tracking.trackers.people.compensated import MotionCompensated
 from tsuiseki.tracking.trackers.people.run import shifted
 from tsuiseki.tracking.types import Frame, Targets, Track
 from tsuiseki.tracking.video import Source, open_source
-from tsuiseki.tracking.weights import shipped
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 
 def track_people(
@@ -158,7 +158,7 @@ def _prepared(
     """Everything opened and checked before the first frame is read."""
     opened = open_source(str(source), parse_frames(frames))
     call = threads_of_a_call(opened, threads)
-    detect = people_detect(opened, detections, detector, shipped("detector_street"), threads=call)
+    detect = people_detect(opened, detections, detector, shipped(PEOPLE_DETECTOR), threads=call)
     camera = CameraPath() if moving_camera else None
     tracker = _tracker(method, affinity, detect, threads, seed, opened, camera, delay)
     inputs = PeopleInputs(

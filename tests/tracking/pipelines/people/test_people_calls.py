@@ -18,7 +18,7 @@ from tsuiseki.tracking.pipelines.people.tracking import follow_people, targets_a
 from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.trackers.people.sort import Sort
 from tsuiseki.tracking.types import Track
-from tsuiseki.tracking.weights import shipped
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 
 def labelled(street: Path) -> list[np.ndarray]:
@@ -116,7 +116,7 @@ def test_a_tracker_with_settings_of_its_own_is_a_method(street: Path) -> None:
 
 
 def test_what_is_read_from_files_is_what_is_given_as_objects(street: Path) -> None:
-    detector, affinity = Detector(shipped("detector_street"), threads=1), Affinity(shipped("affinity_people"), 1)
+    detector, affinity = Detector(shipped(PEOPLE_DETECTOR), threads=1), Affinity(shipped("affinity_people"), 1)
     tracks = track_people(street, detector=detector, affinity=affinity, threads=1)
     assert same(tracks, track_people(street, threads=1))
 
