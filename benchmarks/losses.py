@@ -13,15 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence, restrict
+from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.frame_range import parse_frames
-from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
-
-NOBODY = -1
 
 
 @dataclass(frozen=True)
@@ -77,12 +74,7 @@ def matched(truth: GroundTruth, tracks: list[Track]) -> Rows:
     frames = np.concatenate([t.frames for t in tracks])
     ids = np.concatenate([np.full(len(t), t.id) for t in tracks])
     boxes = np.concatenate([t.boxes for t in tracks])
-    person = np.full(len(frames), NOBODY)
-    for frame in np.unique(frames):
-        here, there = np.flatnonzero(frames == frame), np.flatnonzero(truth.frames == frame)
-        ours, theirs = assign_overlaps(iou_matrix(boxes[here], truth.boxes[there]), 0.5)
-        person[here[ours]] = there[theirs]
-    return Rows(frames, ids, boxes, person)
+    return Rows(frames, ids, boxes, matched_labels(frames, boxes, truth))
 
 
 def put_right(truth: GroundTruth, rows: Rows) -> dict[str, Rows]:

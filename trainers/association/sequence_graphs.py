@@ -24,13 +24,13 @@ from tsuiseki.tracking.association.flow.link_pricing import LinkParts, Pricing, 
 from tsuiseki.tracking.association.flow.seen import Seen, select_detections
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
 from tsuiseki.tracking.association.tracklets.joining import Ends, evidence_of_joins, join_parts
+from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.trackers.people.flow import FlowSettings
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
 from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, next_of_owner, short_runs, taken_out
-from tsuiseki.trainers.experiments.association.oracle import IGNORED, NOBODY, owners_of
 
 # Scores nearer to 0 and 1 count as this; a video that trusts all scores alike still lets a little gradient through.
 CERTAIN, FLATTEST = 1e-6, 0.1

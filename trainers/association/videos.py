@@ -12,6 +12,7 @@ import numpy as np
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.owners import owners_of
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
@@ -22,7 +23,6 @@ from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.types import Detections, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo
-from tsuiseki.trainers.experiments.association.oracle import owners_of
 
 # About what detections of MOT17, MOT15, KITTI and PETS are off their labels: much, and much the same a frame later.
 LIKE_REAL = DetectorFaults(jitter=0.03, steady=0.8)

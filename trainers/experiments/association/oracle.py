@@ -17,36 +17,14 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
-from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
-NOBODY, IGNORED = -1, -2
 Repair = Literal["links", "false boxes", "false tracks"]
 REPAIRS: tuple[Repair, ...] = get_args(Repair)
 # Upper ends of the bins of gaps in which links are counted, seconds; the first is that of one frame to the next.
 GAP_BINS = (0.4, 0.8, 2.0)
-
-
-def owners_of(frames: IntArray, boxes: FloatArray, truth: GroundTruth) -> IntArray:
-    """``(N,)`` whose each box is: an id of the labels, `NOBODY` or `IGNORED`.
-
-    Args:
-        frames: ``(N,)`` increasing.
-        boxes: ``(N, 4)`` pixels.
-        truth: the labels.
-    """
-    owners = np.full(len(frames), NOBODY, dtype=np.int64)
-    known = truth.select(truth.evaluated | truth.ignored)
-    for frame in np.unique(frames):
-        here, there = np.flatnonzero(frames == frame), np.flatnonzero(known.frames == frame)
-        if not len(there):
-            continue
-        rows, columns = assign_overlaps(iou_matrix(known.boxes[there], boxes[here]), MATCH_OVERLAP)
-        owners[here[columns]] = np.where(known.ignored[there[rows]], IGNORED, known.ids[there[rows]])
-    return owners
 
 
 def right_links(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tsuiseki.tracking.evaluation.owners import owners_of
 from tsuiseki.tracking.evaluation.resampling import score_sums
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.labelled import read_labels, with_labels
@@ -13,7 +14,6 @@ from tsuiseki.trainers.experiments.association.oracle import (
     LinkCounts,
     Repair,
     link_counts,
-    owners_of,
     repaired,
     right_links,
 )

@@ -9,11 +9,8 @@ from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.association.oracle import (
-    IGNORED,
-    NOBODY,
     REPAIRS,
     link_counts,
-    owners_of,
     repaired,
     right_links,
     straight,
@@ -47,14 +44,6 @@ def stretch(person: int, first: int, last: int) -> list[tuple[int, int]]:
 
 def idf1(truth: GroundTruth, tracks: list[Track]) -> float:
     return evaluate_sequence(truth, tracks, LENGTH).idf1
-
-
-def test_a_box_belongs_to_one_label_and_a_label_to_one_box() -> None:
-    truth = labels(3, ignored=(2,))
-    near = at(0, 4) + 5
-    boxes = np.array([at(0, 4), near, at(2, 4), at(9, 4)])
-    assert owners_of(np.full(4, 4), boxes, truth).tolist() == [0, NOBODY, IGNORED, NOBODY]
-    assert owners_of(np.full(4, 4), boxes[[1, 0, 2, 3]], truth).tolist() == [NOBODY, 0, IGNORED, NOBODY]
 
 
 def seen(skipped: dict[int, range]) -> list[Detections]:
