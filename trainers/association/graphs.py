@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +74,45 @@ class Origin:
 
 
 @dataclass(frozen=True)
+class Others:
+    """Detections of tracks of which labels do not say whether they are right: appearance is averaged over them, too.
+
+    Attributes:
+        frames: ``(M,)``.
+        boxes: ``(M, 4)`` where the image shows them, pixels.
+        tracks: ``(M,)`` track of each by default.
+        features: ``(M, D)`` as those of `Graph`; None where nothing described them.
+    """
+
+    frames: IntArray
+    boxes: FloatArray
+    tracks: IntArray
+    features: FloatArray | None = None
+
+    def select(self, which: BoolArray) -> Others:
+        """Some of them."""
+        features = None if self.features is None else self.features[which]
+        return Others(self.frames[which], self.boxes[which], self.tracks[which], features)
+
+    def and_more(self, more: Others) -> Others:
+        """These, and ``more``; an empty one says nothing of features."""
+        if not len(more.frames) or not len(self.frames):
+            return self if len(self.frames) else more
+        both = None
+        if self.features is not None and more.features is not None:
+            both = np.concatenate([self.features, more.features])
+        frames, boxes, tracks = (
+            np.concatenate([getattr(one, name) for one in (self, more)]) for name in ("frames", "boxes", "tracks")
+        )
+        return Others(frames, boxes, tracks, both)
+
+
+def no_others() -> Others:
+    """None of them."""
+    return Others(np.empty(0, dtype=np.int64), np.empty((0, 4)), np.empty(0, dtype=np.int64))
+
+
+@dataclass(frozen=True)
 class Graph:
     """A network at the tracker's costs, its features, and the labelled flow.
 
@@ -96,6 +135,7 @@ class Graph:
         origin: where the detections come from; None where not known.
         features: ``(N, D)`` what the detections look like, of unit length, NaN where not known; None where nothing
             described them.
+        others: detections that are in tracks and not in the network.
     """
 
     name: str
@@ -115,6 +155,7 @@ class Graph:
     images: tuple[Path, ...] = ()
     origin: Origin | None = None
     features: FloatArray | None = None
+    others: Others = field(default_factory=no_others)
 
     def __len__(self) -> int:
         return len(self.frames)

@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from tsuiseki.tracking.types import BoolArray, IntArray
-from tsuiseki.trainers.association.graphs import Graph
+from tsuiseki.trainers.association.graphs import Graph, Others
 
 # A tracklet is used whatever it costs.
 ALWAYS = 1000.0
@@ -54,7 +54,15 @@ def next_of_owner(frames: IntArray, owners: IntArray) -> IntArray:
 
 
 def taken_out(graph: Graph, which: BoolArray) -> Graph:
-    """The graph without some of its detections; the labelled flow is to be made anew."""
+    """The graph without some of its detections, of which those in tracks become its others; x* is to be made anew."""
+    tracked = which & (graph.tracks >= 0)
+    features = None if graph.features is None else graph.features[tracked]
+    more = Others(graph.frames[tracked], graph.boxes[tracked], graph.tracks[tracked], features)
+    return replace(without(graph, which), others=graph.others.and_more(more))
+
+
+def without(graph: Graph, which: BoolArray) -> Graph:
+    """The graph without some of its detections, as if they had never been; the labelled flow is to be made anew."""
     kept = ~which
     place = np.cumsum(kept) - 1
     links = kept[graph.tail] & kept[graph.head]
@@ -111,4 +119,5 @@ def window(graph: Graph, first: int, end: int) -> Graph:
     people = graph.people[(graph.people >= first) & (graph.people < end)]
     cut = replace(graph, costs=costs, fixed=fixed, people=people, name=f"{graph.name}, frames {first + 1}-{end}")
     always = bool(count) and bool((graph.costs[:count] <= -ALWAYS).all())
-    return labelled(taken_out(cut, ~inside), all_used=always)
+    others = graph.others.select((graph.others.frames >= first) & (graph.others.frames < end))
+    return labelled(replace(without(cut, ~inside), others=others), all_used=always)

@@ -30,7 +30,7 @@ from tsuiseki.tracking.trackers.people.flow_input import FlowInput
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
-from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, next_of_owner, short_runs, taken_out
+from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, next_of_owner, short_runs, taken_out, without
 
 # Scores nearer to 0 and 1 count as this; a video that trusts all scores alike still lets a little gradient through.
 CERTAIN, FLATTEST = 1e-6, 0.1
@@ -191,7 +191,7 @@ def _tracklet_graph(
         none,
     )
     # Nobody says what follows an ignored one.
-    return labelled(taken_out(graph, majority == IGNORED), all_used=True)
+    return labelled(without(graph, majority == IGNORED), all_used=True)
 
 
 def _owners_of_tracks(owners: IntArray, labels: IntArray, count: int) -> IntArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ from tsuiseki.models.association import AppearanceProjection, AssociationNetwork
 from tsuiseki.tracking.association.flow.cost_network import FeatureNames
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import AssociationData, TrainingWindow
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, LossName, Problem, cheapest
@@ -26,28 +25,14 @@ from tsuiseki.trainers.association.graphs import Graph, Graphs
 from tsuiseki.trainers.association.losses_beside import contrast_within, finite, link_cross_entropy
 from tsuiseki.trainers.association.solving import Solvers
 from tsuiseki.trainers.association.starting import detector_of, heads_only, network_of, projection_of, siamese_of
-from tsuiseki.trainers.association.window_appearance import averages_of, distances, repriced
-from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss, rescored, score_logits
+from tsuiseki.trainers.association.window_costs import CostMakers
+from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
 
 # Where a checkpoint says how many epochs, and how many steps at most, its training is to have; below 0 for no end.
 PLANNED, PLANNED_STEPS = "planned_epochs", "planned_steps"
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What the networks that learn with the costs say of a window.
-
-    Attributes:
-        features: ``(N, D)`` what its detections look like, of unit length, 0 where not known; None where nothing that
-            learns looks at them.
-        heads: raw heads of the detector on its images, ``(T, A, 2)`` and ``(T, A, 4)``; None where no detector learns.
-    """
-
-    features: Tensor | None = None
-    heads: tuple[Tensor, Tensor] | None = None
 
 
 class AssociationTraining(lightning.LightningModule):
@@ -178,62 +163,9 @@ class AssociationTraining(lightning.LightningModule):
         ):
             part.standardise(torch.as_tensor(np.concatenate(rows), dtype=torch.float32))
 
-    def seen(self, batch: TrainingWindow) -> Seen:
-        """What the networks that learn with the costs say of a window.
-
-        The normalisations of the Siamese network keep the statistics that they were trained with: a window of one
-        street is no fair sample of crops.
-
-        Raises:
-            RequestError: crops without a network or frames without a detector, or the other way round.
-        """
-        for network, given, what in (
-            (self.siamese, batch.crops, "--model.appearance FILE and --data.appearance ONNX"),
-            (self.detector, batch.frames, "--model.detector FILE, --data.detector ONNX and --data.heads true"),
-        ):
-            if (network is None) != (given is None):
-                raise RequestError(f"expected {what} together, got one of them alone")
-        features = heads = None
-        if self.siamese is not None and batch.crops is not None:
-            self.siamese.eval()
-            features = self.siamese(torch.as_tensor(batch.crops.images, device=self.device))
-        if self.network.projection is not None:
-            if features is None and batch.detections.features is not None:
-                features = self._tensor(np.nan_to_num(batch.detections.features))
-            features = None if features is None else self.network.projection(features)
-        if self.detector is not None and batch.frames is not None:
-            heads = self.trunk.heads(self.detector, batch.frames.batch.images)
-        return Seen(features, heads)
-
-    def costs(self, batch: TrainingWindow, seen: Seen | None = None) -> Tensor:
-        """``(3 N + P,)`` costs of the arcs of a window of detections: by default, and what the networks change.
-
-        Raises:
-            RunError: one is no number, as those of weights that ran away are; names the window.
-        """
-        graph, seen = batch.detections, seen or self.seen(batch)
-        count = len(graph)
-        base, rows, links = (self._tensor(part) for part in (graph.costs, graph.detections, graph.links))
-        if seen.features is not None:
-            averages = averages_of(graph) if batch.crops is None else batch.crops.averages
-            links, dearer = repriced(links, distances(seen.features, averages, graph), self.link_cost)
-            base = base + torch.cat([base.new_zeros(3 * count), dearer])
-        if seen.heads is not None and batch.frames is not None:
-            rows, dearer = rescored(rows, score_logits(seen.heads[0], batch.frames, graph), graph)
-            base = base + torch.cat([dearer, base.new_zeros(len(base) - count)])
-        changes = self.network.detections(rows).T.reshape(3 * count)
-        changes = torch.where(torch.as_tensor(graph.fixed, device=self.device), torch.zeros_like(changes), changes)
-        return finite(base + torch.cat([changes, self.network.links(links)[:, 0]]), graph.name, "cost")
-
-    def join_costs(self, graph: Graph) -> Tensor:
-        """``(3 N + P,)`` costs of the arcs between tracklets, of which only those of joins change.
-
-        Raises:
-            RunError: as `costs`.
-        """
-        joins = self.network.joins(self._tensor(graph.links))[:, 0]
-        costs = self._tensor(graph.costs) + torch.cat([joins.new_zeros(3 * len(graph)), joins])
-        return finite(costs, graph.name, "cost")
+    def makers(self) -> CostMakers:
+        """The networks that make the costs of a window."""
+        return CostMakers(self.network, self.siamese, self.detector, self.trunk, self.link_cost)
 
     def training_step(self, batch: TrainingWindow, batch_index: int) -> Tensor | None:
         """The loss of a window, and of the joins of its sequence; None for a window without detections.
@@ -251,27 +183,32 @@ class AssociationTraining(lightning.LightningModule):
 
     def losses(self, batch: TrainingWindow, loss: FlowLoss, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """The loss of the flow of a window with detections, a detection; and all others, by their weights."""
-        graph, tracklets, seen = batch.detections, batch.tracklets, self.seen(batch)
-        costs = self.costs(batch, seen)
+        graph, makers = batch.detections, self.makers()
+        seen = makers.seen(batch)
+        costs = makers.costs(batch, seen)
         objective = loss(costs.double(), graph.arcs(self.weights), rng, self.solvers.spread) / len(graph)
         others = objective.new_zeros(())
         if seen.features is not None and self.contrast:
-            others = others + self.contrast * contrast_within(seen.features, graph)
+            others = others + self.contrast * contrast_within(seen.features[: len(graph)], graph)
         if self.detector is not None and seen.heads is not None and batch.frames is not None and self.detection:
             others = others + self.detection * own_loss(self.detector, seen.heads, batch.frames)
         if self.pairwise:
             others = others + self.pairwise * link_cross_entropy(costs, graph)
-        if self.joins and len(tracklets.tail):
-            joined = loss(self.join_costs(tracklets).double(), tracklets.arcs(self.weights), rng, self.solvers.spread)
-            others = others + self.joins * joined / len(tracklets)
+        if self.joins and len(batch.tracklets.tail):
+            others = others + self.joins * self._join_loss(makers, batch.tracklets, loss, rng)
         return objective, others
+
+    def _join_loss(self, makers: CostMakers, graph: Graph, loss: FlowLoss, rng: np.random.Generator) -> Tensor:
+        """The loss of the flow over tracklets, a tracklet."""
+        costs = makers.join_costs(graph).double()
+        return loss(costs, graph.arcs(self.weights), rng, self.solvers.spread) / len(graph)
 
     def validation_step(self, batch: TrainingWindow, batch_index: int) -> None:
         """Count what the flow does right and wrong."""
         del batch_index
         graph = batch.detections
         with torch.no_grad():
-            costs = self.costs(batch).double().cpu().numpy()
+            costs = self.makers().costs(batch).double().cpu().numpy()
         self._counts.add(graph, cheapest(Problem(costs, graph.tail, graph.head)))
 
     def on_validation_epoch_end(self) -> None:
@@ -334,6 +271,3 @@ class AssociationTraining(lightning.LightningModule):
             return self.loss
         steps = max(int(self.trainer.estimated_stepping_batches), 1)
         return self.loss.annealed(min(self.global_step / steps, 1.0), self.epsilon_last)
-
-    def _tensor(self, values: FloatArray) -> Tensor:
-        return torch.as_tensor(values, dtype=torch.float32, device=self.device)

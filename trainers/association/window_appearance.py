@@ -31,11 +31,11 @@ COST, DISTANCE, KNOWN = (LINK_FEATURES.index(name) for name in ("cost", "appeara
 
 @dataclass(frozen=True)
 class Averages:
-    """Along which detections of a window features are averaged.
+    """Along which detections of a window features are averaged: its N, then its M others.
 
     Attributes:
-        past: ``(N, N)`` which detections are averaged before a link from each.
-        future: ``(N, N)`` likewise after a link to each.
+        past: ``(N, N + M)`` which detections are averaged before a link from each.
+        future: ``(N, N + M)`` likewise after a link to each.
     """
 
     past: FloatArray
@@ -47,7 +47,7 @@ class WindowCrops:
     """The crops of a window.
 
     Attributes:
-        images: ``(N, H, W, 3)`` uint8 RGB.
+        images: ``(N + M, H, W, 3)`` uint8 RGB, those of its others last.
         averages: along which of them features are averaged.
     """
 
@@ -56,18 +56,29 @@ class WindowCrops:
 
 
 def crops_of(graph: Graph, height: int, width: int) -> WindowCrops:
-    """The crops of a window's detections, stretched to ``height`` by ``width``."""
-    images = np.empty((len(graph), height, width, 3), dtype=np.uint8)
-    for frame in np.unique(graph.frames):
-        here = np.flatnonzero(graph.frames == frame)
-        images[here] = crop_boxes(read_image(graph.images[frame]), graph.boxes[here], height, width)
+    """The crops of a window's detections and others, stretched to ``height`` by ``width``."""
+    frames, boxes = np.append(graph.frames, graph.others.frames), np.concatenate([graph.boxes, graph.others.boxes])
+    images = np.empty((len(frames), height, width, 3), dtype=np.uint8)
+    for frame in np.unique(frames):
+        here = np.flatnonzero(frames == frame)
+        images[here] = crop_boxes(read_image(graph.images[frame]), boxes[here], height, width)
     return WindowCrops(images, averages_of(graph))
+
+
+def features_of(graph: Graph) -> FloatArray | None:
+    """``(N + M, D)`` features of a window's detections and others, 0 where not known; None if none were described."""
+    if graph.features is None:
+        return None
+    more = graph.others.features
+    rows = graph.features if more is None else np.concatenate([graph.features, more])
+    return np.nan_to_num(rows)
 
 
 def averages_of(graph: Graph) -> Averages:
     """Along which detections of a window the tracker averages features."""
-    past = averaged(graph.frames, graph.tracks, gaps(RoundSettings().averaged, graph.frame_rate))
-    return Averages(past, past.T.copy())
+    frames, tracks = np.append(graph.frames, graph.others.frames), np.append(graph.tracks, graph.others.tracks)
+    past = averaged(frames, tracks, gaps(RoundSettings().averaged, graph.frame_rate))
+    return Averages(past[: len(graph)], past.T[: len(graph)].copy())
 
 
 def averaged(frames: IntArray, tracks: IntArray, reach: int) -> FloatArray:
@@ -83,7 +94,7 @@ def distances(features: Tensor, averages: Averages, graph: Graph) -> Tensor:
     """``(P,)`` cosine distances of the averages at both ends of every link, NaN where one has none.
 
     Args:
-        features: ``(N, D)`` of unit length, 0 where not known.
+        features: ``(N + M, D)`` of unit length, 0 where not known.
         averages: of the window.
         graph: the window.
     """

@@ -18,7 +18,7 @@ from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections
 from tsuiseki.trainers.association.data import TrainingWindow
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, no_others
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AssociationTraining
@@ -57,15 +57,16 @@ def test_the_distances_at_first_are_those_of_the_tracker(graphs: list[Graphs]) -
     module.standardise(graphs)
     batch = whole(graphs[0])
     with torch.no_grad():
-        found = module.costs(batch).numpy()
-    assert np.ptp(batch.detections.links[:, DISTANCE]) > 0.1
-    # Along tracks the tracker also averages over detections of whom labels say nothing, which are in no window.
+        found = module.makers().costs(batch).numpy()
     graph = batch.detections
-    alone = (graph.tracks[graph.tail] < 0) & (graph.tracks[graph.head] < 0)
-    assert alone.sum() > 10
-    same = np.append(np.ones(3 * len(graph), dtype=bool), alone)
+    assert np.ptp(graph.links[:, DISTANCE]) > 0.1
     # float32, and 18 a unit of distance.
-    np.testing.assert_allclose(found[same], graph.costs[same], atol=1e-3)
+    np.testing.assert_allclose(found, graph.costs, atol=1e-3)
+    # Averages go over detections that are not in the network, too.
+    assert len(graph.others.frames) > 0
+    with torch.no_grad():
+        alone = module.makers().costs(replace(batch, detections=replace(graph, others=no_others()))).numpy()
+    assert np.abs(alone - graph.costs).max() > 0.1
 
 
 def test_detections_without_features_are_left_as_they_are(graphs: list[Graphs]) -> None:
@@ -75,7 +76,7 @@ def test_detections_without_features_are_left_as_they_are(graphs: list[Graphs]) 
     unknown.links[:, KNOWN] = 0
     module = AssociationTraining(projection=2)
     module.standardise(graphs)
-    costs = module.costs(TrainingWindow(unknown, graphs[0].tracklets))
+    costs = module.makers().costs(TrainingWindow(unknown, graphs[0].tracklets))
     np.testing.assert_allclose(costs.detach().numpy(), graph.costs, atol=1e-5)
     costs.sum().backward()
     assert module.network.projection is not None

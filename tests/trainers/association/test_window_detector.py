@@ -89,12 +89,12 @@ def test_the_scores_are_those_of_the_detections(batch: TrainingWindow, detector:
     """So training starts from the tracker's own costs, from a checkpoint as from the file."""
     module = AssociationTraining(detector=detector[which])
     with torch.no_grad():
-        heads = module.seen(batch).heads
+        heads = module.makers().seen(batch).heads
         assert heads is not None
         assert batch.frames is not None
         assert batch.detections.origin is not None
         found = score_logits(heads[0], batch.frames, batch.detections).numpy()
-        costs = module.costs(batch).numpy()
+        costs = module.makers().costs(batch).numpy()
     # The exported network computes in another order.
     np.testing.assert_allclose(found, batch.detections.origin.logits, atol=1e-3)
     np.testing.assert_allclose(costs, batch.detections.costs, atol=1e-2)
@@ -186,7 +186,7 @@ def test_the_own_loss_falls_on_its_own_steps(batch: TrainingWindow, detector: tu
     optimiser = torch.optim.Adam([p for p in module.detector.parameters() if p.requires_grad], lr=1e-2)
     losses = []
     for _ in range(8):
-        heads = module.seen(batch).heads
+        heads = module.makers().seen(batch).heads
         assert heads is not None
         loss = own_loss(module.detector, heads, batch.frames)
         optimiser.zero_grad()

@@ -9,6 +9,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.association.sequences import DATA_SETS, Clip, DataSet, find_clips
 from tsuiseki.trainers.experiments.association.tables import values_of
 from tsuiseki.trainers.experiments.end_to_end.choosing import hota
+from tsuiseki.trainers.experiments.end_to_end.detected import detected_tables
 from tsuiseki.trainers.experiments.end_to_end.given import (
     ALTERNATIVES,
     BOTH,
@@ -20,9 +21,9 @@ from tsuiseki.trainers.experiments.end_to_end.given import (
     given,
 )
 from tsuiseki.trainers.experiments.end_to_end.gradient import draw_gradient
-from tsuiseki.trainers.experiments.end_to_end.runs import lost_links
+from tsuiseki.trainers.experiments.end_to_end.limits import limits
 from tsuiseki.trainers.experiments.end_to_end.streets import STREETS, StreetCount, write_streets
-from tsuiseki.trainers.experiments.end_to_end.tables import gain_table, limit_table
+from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
 from tsuiseki.trainers.experiments.end_to_end.through_pictures import appearance_tables, heads_tables
 from tsuiseki.trainers.experiments.end_to_end.unseen import unseen_tables
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
@@ -30,7 +31,7 @@ from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
 # Sets that can teach each other.
 POOL = ("mot15", "mot17", "kitti-pedestrians")
 SETS = ("mot15", "mot17", "kitti-pedestrians", "kitti-cars", "streets")
-PARTS = ("given", "alternatives", "unseen", "appearance", "heads", "gradient")
+PARTS = ("given", "limits", "alternatives", "unseen", "detected", "appearance", "heads", "gradient")
 
 
 def reproduce(
@@ -50,11 +51,12 @@ def reproduce(
         data: folder that holds mot/mot17-val-half, mot/mot15, mot/kitti, mot/PETS09-S2L1-first; what is not there is
             passed over.
         sets: of mot15, mot17, kitti-pedestrians, kitti-cars, and streets, which are generated, separated by commas; for
-            the parts given and alternatives.
-        parts: given (all sets), alternatives (other ways to learn, on the first set, and those for few sequences on the
-            second), unseen (costs learnt on
-            generated streets, on real sequences), appearance (the Siamese network), heads (of the detector), gradient
-            (the picture), separated by commas.
+            the parts given, limits and alternatives.
+        parts: given (all sets), limits (what limits them: links that are not in the graph, what errors cost, what the
+            features tell), alternatives (other ways to learn, on the first set, and those for few sequences on the
+            second), unseen (costs learnt on generated streets, on real sequences), detected (likewise, after the
+            detector that ships), appearance (the Siamese network), heads (of the detector), gradient (the picture),
+            separated by commas.
         rows: of the part alternatives, separated by commas.
         processes: groups that are learnt at the same time; 0 takes all cores.
 
@@ -64,14 +66,19 @@ def reproduce(
     _check(data, sets, parts, rows)
     tables, values = list[Table](), dict[str, object]()
     streets = None
-    if "unseen" in parts or ({"given", "alternatives"} & set(parts) and "streets" in sets):
+    of_sets = {"given", "limits", "alternatives"} & set(parts)
+    if "unseen" in parts or (of_sets and "streets" in sets):
         streets = bench.store.made("streets", write_streets, StreetCount())
-    if {"given", "alternatives"} & set(parts):
+    if of_sets:
         there = _sets_of(data, streets, sets)
         if "given" in parts:
             found, numbers = _given(bench, there, processes)
             tables += found
             values |= numbers
+        if "limits" in parts:
+            for one, clips in there:
+                found, values[f"{one.key}, limits"] = limits(bench, one, clips)
+                tables += found
         if "alternatives" in parts:
             for number, (one, clips) in enumerate(there[:2]):
                 others = [] if number else _of_other_sets(data, one)
@@ -81,6 +88,9 @@ def reproduce(
                 tables.append(gain_table(f"{one.title}, alternatives", results, (DEFAULT, BOTH)))
     if "unseen" in parts and streets is not None:
         found, values["unseen"] = unseen_tables(bench, data, streets)
+        tables += found
+    if "detected" in parts:
+        found, values["detected"] = detected_tables(bench, data)
         tables += found
     if "appearance" in parts:
         found, values["appearance"] = appearance_tables(bench, data)
@@ -112,8 +122,6 @@ def _given(
         values[one.key] = {result.name: values_of(result) for result in results}
         better = max((r for r in results if r.name in (LOGISTIC, TREES)), key=lambda result: hota(list(result.sums)))
         tables.append(gain_table(one.title, results, (DEFAULT, better.name)))
-        limits = [bench.store.recall(lost_links, clip) for clip in clips]
-        tables.append(limit_table(one.title, [c.name for c in clips], limits))
     return tables, values
 
 
@@ -128,7 +136,7 @@ def _check(data: Path, sets: Sequence[str], parts: Sequence[str], rows: Sequence
         wrong = [one for one in asked if one not in known]
         if wrong or not asked:
             raise RequestError(f"{name}: expected some of {', '.join(known)}, got {', '.join(wrong) or 'none'}")
-    generated = set(parts) <= {"given", "alternatives", "gradient"} and set(sets) == {"streets"}
+    generated = set(parts) <= {"given", "limits", "alternatives", "gradient"} and set(sets) == {"streets"}
     if not (generated or set(parts) == {"gradient"} or (data / "mot").is_dir()):
         raise RequestError(f"data: expected mot/mot17-val-half or another of the data sets in {data}, found no mot/")
 

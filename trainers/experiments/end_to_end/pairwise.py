@@ -20,7 +20,7 @@ from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from threadpoolctl import threadpool_limits
 
 from tsuiseki.tracking.association.flow.cost_network import LARGEST
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import RandomWindows
 from tsuiseki.trainers.association.fitting import Fit
@@ -122,18 +122,20 @@ def fit_pairs(graphs: Sequence[Graphs], learner: Learner, seed: int = 0) -> Pair
         learner: ``logistic`` or ``trees``.
         seed: of samples, windows and trees.
     """
-    rng = np.random.default_rng(seed)
-    detections = np.concatenate([one.detections.detections for one in graphs])
-    right = np.concatenate([one.detections.owners >= 0 for one in graphs])
-    links = np.concatenate([one.detections.links for one in graphs])
-    taken = np.concatenate([one.detections.labelled[3 * len(one.detections) :] > 0 for one in graphs])
-    sample = np.sort(rng.permutation(len(links))[:MOST_LINKS])
-    # A sample of the links would miss right ones, of which there are few; all are taken, and the logit is corrected.
-    share = len(sample) / max(len(links), 1)
-    chosen = np.union1d(sample, np.flatnonzero(taken))
-    weight = np.where(taken[chosen], 1.0, 1 / share)
-    link = _learnt(learner, links[chosen], taken[chosen], weight, seed)
-    first = PairChanges(link, _learnt(learner, detections, right, np.ones(len(right)), seed))
+    every = [one.detections for one in graphs]
+    detections = detection_classifier(
+        np.concatenate([one.detections for one in every]),
+        np.concatenate([one.owners >= 0 for one in every]),
+        learner,
+        seed,
+    )
+    link = link_classifier(
+        np.concatenate([one.links for one in every]),
+        np.concatenate([one.labelled[3 * len(one) :] > 0 for one in every]),
+        learner,
+        seed,
+    )
+    first = PairChanges(link, detections)
     windows = RandomWindows(graphs, SECONDS, WINDOWS, lambda: (seed, 0))
     known = [
         _Known(graph, link.decision_function(graph.links), first.detection.decision_function(graph.detections))
@@ -141,6 +143,22 @@ def fit_pairs(graphs: Sequence[Graphs], learner: Learner, seed: int = 0) -> Pair
         if len(graph) and len(graph.tail)
     ]
     return replace(first, scalars=_tuned(known))
+
+
+def link_classifier(rows: FloatArray, right: BoolArray, learner: Learner, seed: int = 0) -> Classifier:
+    """Learnt from ``(P, F)`` features of links, of which ``(P,)`` are right: from all right ones and a sample."""
+    rng = np.random.default_rng(seed)
+    sample = np.sort(rng.permutation(len(rows))[:MOST_LINKS])
+    # A sample of the links would miss right ones, of which there are few; all are taken, and the logit is corrected.
+    share = len(sample) / max(len(rows), 1)
+    chosen = np.union1d(sample, np.flatnonzero(right))
+    weight = np.where(right[chosen], 1.0, 1 / share)
+    return _learnt(learner, rows[chosen], right[chosen], weight, seed)
+
+
+def detection_classifier(rows: FloatArray, right: BoolArray, learner: Learner, seed: int = 0) -> Classifier:
+    """Learnt from ``(N, G)`` features of detections, of which ``(N,)`` lie on somebody."""
+    return _learnt(learner, rows, right, np.ones(len(right)), seed)
 
 
 def _learnt(learner: Learner, rows: FloatArray, right: FloatArray, weight: FloatArray, seed: int) -> Classifier:

@@ -34,10 +34,10 @@ def appearance_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, 
     """The Siamese network that ships, trained on by its own loss, and through the flow."""
     sources = {
         "PETS 1–300 → 301–400": _pets(data),
-        "streets of look-alikes": _clips(bench, write_pictured, LOOK_ALIKES),
-        "streets of unlike clothing": _clips(bench, write_pictured, UNLIKE),
-        "drone, look-alikes": _clips(bench, write_drones, LOOK_ALIKES),
-        "drone, unlike clothing": _clips(bench, write_drones, UNLIKE),
+        "streets of look-alikes": pictured_clips(bench, write_pictured, LOOK_ALIKES),
+        "streets of unlike clothing": pictured_clips(bench, write_pictured, UNLIKE),
+        "drone, look-alikes": pictured_clips(bench, write_drones, LOOK_ALIKES),
+        "drone, unlike clothing": pictured_clips(bench, write_drones, UNLIKE),
     }
     tables, values, start = list[Table](), dict[str, Any](), shipped("appearance_people")
     for title, source in sources.items():
@@ -58,7 +58,7 @@ def heads_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, Any]]
     """The detector that ships, its heads trained on by its own loss, through the flow, and by both."""
     sources = {
         f"PETS {HEADS_FROM}–300 → 301–400": _pets(data, HEADS_FROM),
-        "streets": _clips(bench, write_pictured, UNLIKE),
+        "streets": pictured_clips(bench, write_pictured, UNLIKE),
     }
     tables, values, start = list[Table](), dict[str, Any](), shipped("detector_street")
     for title, source in sources.items():
@@ -95,7 +95,8 @@ def _pets(data: Path, first: int = 1) -> Data | None:
     return (Stretch(folder, first, 300),), tuple(Stretch(folder, a, a + 49) for a in (301, 351))
 
 
-def _clips(bench: Bench, write: Callable[[Path, StreetCount, float], None], look_alikes: float) -> Data:
+def pictured_clips(bench: Bench, write: Callable[[Path, StreetCount, float], None], look_alikes: float) -> Data:
+    """Generated clips with pictures: half of them to learn from, half to track."""
     home = bench.store.made("pictured", write, StreetCount(CLIPS, FRAMES, 500), look_alikes)
     clips = [Stretch(folder, 1, FRAMES) for folder in sorted(home.iterdir())]
     return tuple(clips[: CLIPS // 2]), tuple(clips[CLIPS // 2 :])

@@ -54,7 +54,7 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
     monkeypatch.setattr(given, "FIT_OF_POOL", Fit(steps=5))
     monkeypatch.setattr(given, "OTHERS", {"joins as they are": Fit(joins=0.0, steps=5)})
     monkeypatch.setattr(given, "FOR_FEW", {"mean of four fits": Fit(steps=5, broken=2, fits=2, detections=False)})
-    words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given,alternatives", "--sets", "mot15"]
+    words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given,limits,alternatives", "--sets", "mot15"]
     words += ["--cache", str(tmp_path / "cache"), "--processes", "1"]
     assert main([*words, "--out", str(tmp_path / "one")]) == 0
     found = json.loads((tmp_path / "one" / "results.json").read_text())
@@ -72,13 +72,14 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
     chosen = {given.SEARCHED, given.SHARED, given.SURE, given.POOLED}
     assert set(others) == {"default", "both losses", *given.OTHERS, *given.FOR_FEW, *chosen}
     assert others["both losses"] == values["both losses"]
+    assert set(found["mot15, limits"]) == {"links of the labels", "mended", "contested, told", "detections"}
     assert all(0 < row["hota"] <= 1 for row in (*values.values(), *others.values()))
     assert values["right links"]["idf1"] >= values["default"]["idf1"]
     entries = sorted(path.name for path in (tmp_path / "cache").rglob("*.json"))
     assert main([*words, "--out", str(tmp_path / "two")]) == 0
     assert sorted(path.name for path in (tmp_path / "cache").rglob("*.json")) == entries
     assert json.loads((tmp_path / "two" / "results.json").read_text()) == found
-    words[words.index("given,alternatives")] = "alternatives"
+    words[words.index("given,limits,alternatives")] = "alternatives"
     assert main([*words, "--rows", "direct search,mean of four fits", "--out", str(tmp_path / "some")]) == 0
     some = json.loads((tmp_path / "some" / "results.json").read_text())["mot15, alternatives"]
     assert some == {name: others[name] for name in ("default", "both losses", "mean of four fits", "direct search")}

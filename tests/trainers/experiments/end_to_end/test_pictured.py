@@ -7,16 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.trackers.drone import DRONE_FLOW
+from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.association.fitting import Fit
+from tsuiseki.trainers.association.videos import described
 from tsuiseki.trainers.experiments.association.sequences import find_clips, read_clip
-from tsuiseki.trainers.experiments.end_to_end import appearance, heads
+from tsuiseki.trainers.experiments.end_to_end import appearance, detected, heads
 from tsuiseki.trainers.experiments.end_to_end.pictured import (
     Stretch,
     gap_links,
     graphs_of_video,
     read_filmed,
     read_stretch,
+    sums_of,
     tracks_on,
 )
 from tsuiseki.trainers.experiments.end_to_end.streets import (
@@ -88,3 +93,20 @@ def test_the_heads_before_and_after(pictured: Path, monkeypatch: pytest.MonkeyPa
     assert before.shape == (84,)
     assert 0 < before[83] <= 1
     assert before[83] != after[83]
+
+
+@pytest.mark.slow
+def test_costs_after_a_detector(pictured: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The default's row is that of the tracker alone, and what was learnt changes costs by the shares taken."""
+    monkeypatch.setattr(detected, "FIT", Fit(steps=10, learning_rate=0.1))
+    every = Stretch(pictured, 1, FRAMES)
+    models = shipped("detector_street"), shipped("appearance_people"), shipped("affinity_people")
+    found = detected.detected_sums((every,), (every,), *models)
+    assert list(found) == [detected.DEFAULT, detected.PAIRS, *detected.SHARES]
+    look = Appearance(models[1], threads=1)
+    video = described(read_stretch(every, Detector(models[0], detected.THRESHOLD, threads=1)), look)
+    tracker = FlowTracker(frame_rate=video.frame_rate, size=video.size)
+    for one in video.detections:
+        tracker.update(one)
+    np.testing.assert_allclose(found[detected.DEFAULT][0], sums_of(video, tracker.tracks()))
+    assert all(np.isfinite(sums).all() and sums.shape == (83,) for (sums,) in found.values())

@@ -1,0 +1,94 @@
+"""Costs learnt on generated streets, after a detector and with appearance: where the costs that ship are the default.
+
+`tsuiseki track people` takes the costs of pairs that ship where the detector and the appearance network do, too. Here
+these find and describe people on generated streets, which teach, and on a real sequence that none of them has seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.association.flow.cost_network import CostChanges
+from tsuiseki.tracking.evaluation.multi import SequencePair
+from tsuiseki.tracking.evaluation.resampling import score_sums
+from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_network
+from tsuiseki.trainers.association.graphs import DetectedVideo
+from tsuiseki.trainers.association.videos import described
+from tsuiseki.trainers.experiments.association.runs import Result
+from tsuiseki.trainers.experiments.association.tables import values_of
+from tsuiseki.trainers.experiments.end_to_end.pictured import Stretch, graphs_of_video, read_stretch
+from tsuiseki.trainers.experiments.end_to_end.simple_changes import Shrunk
+from tsuiseki.trainers.experiments.end_to_end.streets import write_pictured
+from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
+from tsuiseki.trainers.experiments.end_to_end.through_pictures import LOOK_ALIKES, PETS, UNLIKE, pictured_clips
+from tsuiseki.trainers.experiments.experiment import Bench, Table
+
+FIT = Fit(steps=300)
+PAIRS, DEFAULT = "trees of pairs that ship", "default"
+# Shares of what is learnt of links and joins, and of detections.
+SHARES = {"both losses": (1.0, 0.5), "… links alone": (1.0, 0.0), "… half of all": (0.5, 0.5)}
+# What `tsuiseki track people` takes of a detector.
+THRESHOLD = 0.3
+STRETCHES = tuple((first, first + 99) for first in (1, 101, 201, 301))
+
+
+def detected_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, Any]]:
+    """The table of PETS, in four stretches; none where that is not there."""
+    folder = data / PETS
+    if not folder.is_dir():
+        return [], {}
+    halves = [pictured_clips(bench, write_pictured, share) for share in (LOOK_ALIKES, UNLIKE)]
+    train = tuple(clip for both in halves for half in both for clip in half)
+    tests = tuple(Stretch(folder, *stretch) for stretch in STRETCHES)
+    models = shipped("detector_street"), shipped("appearance_people"), shipped("affinity_people")
+    bench.watch.say("detected: PETS")
+    found = bench.store.recall(detected_sums, train, tests, *models)
+    rows = [Result(name, np.stack(sums), "generated streets") for name, sums in found.items()]
+    values = {row.name: values_of(row) for row in rows}
+    title = "PETS 1–400 by the detector and the appearance network that ship"
+    return [gain_table(title, rows, (PAIRS,))], {"PETS": values}
+
+
+def detected_sums(
+    train: tuple[Stretch, ...], tests: tuple[Stretch, ...], detector: Path, appearance: Path, pairs: Path
+) -> dict[str, list[FloatArray]]:
+    """For each row ``(83,)`` sums of each test, see `score_sums`.
+
+    Args:
+        train: what is learnt from.
+        tests: what is tracked.
+        detector: exported; its scores are those that ``pairs`` know.
+        appearance: exported.
+        pairs: exported costs of pairs.
+    """
+    find, look = Detector(detector, THRESHOLD, threads=1), Appearance(appearance, threads=1)
+    known = Affinity(pairs, 1)
+    videos = [described(read_stretch(one, find), look) for one in tests]
+    graphs = [graphs_of_video(described(read_stretch(one, find), look)) for one in train]
+    graphs = [one for one in graphs if len(one.detections) and len(one.detections.tail)]
+    learnt = NetworkChanges(fit_network(graphs, replace(FIT, trust=1.0)))
+    found = {DEFAULT: [_sums(video, None) for video in videos], PAIRS: [_sums(video, known) for video in videos]}
+    for name, share in SHARES.items():
+        found[name] = [_sums(video, Shrunk(learnt, *share)) for video in videos]
+    return found
+
+
+def _sums(video: DetectedVideo, costs: Affinity | CostChanges | None) -> FloatArray:
+    """As `tsuiseki track people` tracks with such costs."""
+    rate, size = video.frame_rate, video.size
+    if isinstance(costs, Affinity):
+        tracker = FlowTracker(None, costs, costs.observation, rate, size)
+    else:
+        tracker = FlowTracker(frame_rate=rate, size=size, changes=costs)
+    for found in video.detections:
+        tracker.update(found)
+    return score_sums(SequencePair(video.name, video.truth, tracker.tracks(), len(video.detections)))
