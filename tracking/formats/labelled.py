@@ -4,7 +4,7 @@
 |---|---|
 | ``gt.txt``, a sequence folder, a folder of sequences | MOTChallenge, with ``gt/actions.txt`` where there are actions |
 | the folder, or a label file in it | Okutama-Action |
-| the folder, or a label file in it | VisDrone-MOT |
+| the folder, or a label file in it | VisDrone-MOT, KITTI tracking |
 | the folder | Drone-Action |
 
 Which boxes count is said where each format is read.
@@ -36,6 +36,7 @@ from tsuiseki.tracking.formats.drone.okutama_folders import (
     read_okutama_video,
 )
 from tsuiseki.tracking.formats.drone.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
+from tsuiseki.tracking.formats.kitti import LABELS, KittiSequence, find_kitti, is_kitti, read_kitti
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import Sequence, find_sequences, list_images, read_sequence
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
@@ -115,6 +116,8 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
         return [_okutama(OkutamaVideo(path.stem, (), path))]
     if path.parent.name == "annotations" and is_visdrone(path.parent.parent):
         return [_visdrone(found) for found in find_visdrone(path.parent.parent) if found.labels.name == path.name]
+    if path.parent.name == LABELS:
+        return [_kitti(found) for found in find_kitti(path.parent.parent) if found.labels.name == path.name]
     return [_ground_truth(path)]
 
 
@@ -123,6 +126,8 @@ def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
         return [_okutama(video) for video in find_okutama(folder, multiple_actions)]
     if is_visdrone(folder):
         return [_visdrone(sequence) for sequence in find_visdrone(folder)]
+    if is_kitti(folder):
+        return [_kitti(sequence) for sequence in find_kitti(folder)]
     if is_drone_action(folder):
         return [_drone_action(clip) for clip in find_drone_action(folder)]
     return [_sequence(sequence) for sequence in find_sequences(folder)]
@@ -161,6 +166,11 @@ def _okutama(video: OkutamaVideo) -> LabelledVideo:
 def _visdrone(sequence: VisDroneSequence) -> LabelledVideo:
     length = len(sequence.images)
     return LabelledVideo(sequence.name, sequence.images, length, lambda: read_visdrone(sequence.labels, length))
+
+
+def _kitti(sequence: KittiSequence) -> LabelledVideo:
+    length = len(sequence.images) or None
+    return LabelledVideo(sequence.name, sequence.images, length, lambda: read_kitti(sequence.labels, length))
 
 
 def _drone_action(clip: DroneActionClip) -> LabelledVideo:

@@ -129,8 +129,8 @@ class AssociationData(lightning.LightningDataModule):
     """Windows of labelled sequences.
 
     Args:
-        train: sequences to learn from, or folders of them: MOTChallenge (generated clips and KITTI's text, too) or
-            Okutama-Action.
+        train: sequences to learn from, or folders of them: MOTChallenge (generated clips, too), KITTI tracking,
+            Okutama-Action, VisDrone-MOT or Drone-Action.
         validation: likewise, to choose the checkpoint by; by default the last part of every training sequence.
         held_back: that part, a share of the frames.
         frames: first and last frame to learn from, 1-based and both included.

@@ -12,8 +12,8 @@ def detection(
 
     Args:
         truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
-            folder of Okutama-Action or of VisDrone-MOT; the folder of Drone-Action; or rotated boxes: the JSON of
-            CEPDOF or MW-R, or a folder of HABBOF's text files.
+            folder of Okutama-Action, VisDrone-MOT or KITTI tracking; the folder of Drone-Action; or rotated boxes: the
+            JSON of CEPDOF or MW-R, or a folder of HABBOF's text files.
         results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
             NAME/detections.txt for each sequence NAME; for rotated boxes a JSON list of image_id, bbox (cx, cy, w, h,
             degrees clockwise) and score, which is scored by the overlap of the turned boxes.

@@ -10,8 +10,8 @@ def people(given: PlottedComparison, labels: Labels) -> None:
 
     Args:
         truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
-            folder of Okutama-Action or of VisDrone-MOT; the folder of Drone-Action; the JSON of CEPDOF, of whose
-            rotated boxes the upright ones about them are taken, images in the order of their names.
+            folder of Okutama-Action, VisDrone-MOT or KITTI tracking; the folder of Drone-Action; the JSON of CEPDOF, of
+            whose rotated boxes the upright ones about them are taken, images in the order of their names.
         results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
             (for a single sequence also tracks.txt); several are compared.
     """

@@ -1,0 +1,120 @@
+"""KITTI tracking: ``label_02/0000.txt`` and, where there are pictures, ``image_02/0000/000000.png …``.
+
+A row is ``frame track type truncated occluded alpha left top right bottom …`` with 0-based frames and 0-based pixels;
+what follows, places in space, is not read. Occlusion is 0 none, 1 part, 2 most, 3 not known.
+
+How it is evaluated here: pedestrians count. A result on somebody who sits (``Person``, ``Person_sitting``) or on a
+region ``DontCare`` is neither right nor wrong. A result on a cyclist or a vehicle is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.frame_range import LAST_FRAME
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.labels import GroundTruth
+
+LABELS, IMAGES = "label_02", "image_02"
+COUNTED = "Pedestrian"
+IGNORED = ("Person", "Person_sitting", "DontCare")
+# By occlusion.
+VISIBLE = np.array([1.0, 0.75, 0.25, 0.5])
+EXPECTED = "frame track type truncated occluded alpha left top right bottom"
+
+
+@dataclass(frozen=True)
+class KittiSequence:
+    """A drive: its name, its images by frame, none where there are labels alone, and its label file."""
+
+    name: str
+    images: tuple[Path, ...]
+    labels: Path
+
+
+def is_kitti(folder: Path) -> bool:
+    """Whether ``folder`` has the layout."""
+    return (folder / LABELS).is_dir()
+
+
+def find_kitti(folder: str | Path) -> list[KittiSequence]:
+    """The drives of ``folder`` by name.
+
+    Raises:
+        RequestError: there is no label file.
+    """
+    folder = Path(folder)
+    labels = sorted((folder / LABELS).glob("*.txt"))
+    if not labels:
+        raise RequestError(f"expected label files 0000.txt of KITTI tracking in {folder / LABELS}, found none")
+    found = []
+    for path in labels:
+        place = folder / IMAGES / path.stem
+        found.append(KittiSequence(path.stem, list_images(place) if place.is_dir() else (), path))
+    return found
+
+
+def read_kitti(path: str | Path, length: int | None = None) -> GroundTruth:
+    """The labels in the file at ``path``, ordered by frame.
+
+    Args:
+        path: of the text file.
+        length: frames of the drive, if known.
+
+    Raises:
+        RequestError: the file is missing, malformed, has no pedestrian, has one twice in a frame, or labels frames
+            beyond the drive.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RequestError(f"expected KITTI tracking labels at {path}, found no such file")
+    kinds, rows = list[str](), list[list[float]]()
+    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+        cells = line.split()
+        if not cells:
+            continue
+        try:
+            # Frame, track, occlusion, and the box.
+            row = [float(cells[k]) for k in (0, 1, 4, 6, 7, 8, 9)]
+        except (ValueError, IndexError):
+            raise _unusable(path, number, EXPECTED, line) from None
+        if not (0 <= row[0] < LAST_FRAME and row[0] == int(row[0])):
+            raise _unusable(path, number, f"a frame number from 0 to {LAST_FRAME - 1}", line)
+        if not (row[5] > row[3] and row[6] > row[4]):
+            raise _unusable(path, number, "right beyond left and bottom below top", line)
+        kinds.append(cells[2])
+        rows.append(row)
+    return _truth(path, kinds, np.array(rows).reshape(-1, 7), length)
+
+
+def _truth(path: Path, kinds: list[str], rows: FloatArray, length: int | None) -> GroundTruth:
+    counted, ignored = np.array([kind == COUNTED for kind in kinds]), np.isin(kinds, IGNORED)
+    if not counted.any():
+        raise RequestError(f"{path}: no usable box: expected pedestrians, of the type {COUNTED}")
+    frames = rows[:, 0].astype(np.int64)
+    if length is not None and frames.max() >= length:
+        raise RequestError(
+            f"{path}: labels reach frame {frames.max()}, but the drive has {length} images, counted from 0; are these "
+            "the labels of another drive?"
+        )
+    people, times = np.unique(rows[counted][:, :2], axis=0, return_counts=True)
+    if (times > 1).any():
+        frame, track = people[times > 1][0].astype(int)
+        raise RequestError(f"{path}: expected a pedestrian once a frame, got track {track} twice in frame {frame}")
+    return GroundTruth(
+        frames=frames,
+        ids=rows[:, 1].astype(np.int64),
+        boxes=rows[:, 3:7],
+        evaluated=counted,
+        ignored=ignored,
+        visibility=VISIBLE[np.clip(rows[:, 2], 0, 3).astype(np.int64)],
+    ).select(np.argsort(frames, kind="stable"))
+
+
+def _unusable(path: Path, number: int, expected: str, line: str) -> RequestError:
+    return RequestError(f"{path}:{number}: expected {expected}, got {line[:80]}")
