@@ -38,24 +38,26 @@ PAIRS, DEFAULT = "trees of pairs that ship", "default"
 SHARES = {"both losses": (1.0, 0.5), "… links alone": (1.0, 0.0), "… half of all": (0.5, 0.5)}
 # What `tsuiseki track people` takes of a detector.
 THRESHOLD = 0.3
+DETECTORS = ("detector_street", "detector_figures")
 STRETCHES = tuple((first, first + 99) for first in (1, 101, 201, 301))
 
 
 def detected_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, Any]]:
-    """The table of PETS, in four stretches; none where that is not there."""
+    """A table a detector that ships: PETS in four stretches; none where that is not there."""
     folder = data / PETS
     if not folder.is_dir():
         return [], {}
     halves = [pictured_clips(bench, write_pictured, share) for share in (LOOK_ALIKES, UNLIKE)]
     train = tuple(clip for both in halves for half in both for clip in half)
     tests = tuple(Stretch(folder, *stretch) for stretch in STRETCHES)
-    models = shipped("detector_street"), shipped("appearance_people"), shipped("affinity_people")
-    bench.watch.say("detected: PETS")
-    found = bench.store.recall(detected_sums, train, tests, *models)
-    rows = [Result(name, np.stack(sums), "generated streets") for name, sums in found.items()]
-    values = {row.name: values_of(row) for row in rows}
-    title = "PETS 1–400 by the detector and the appearance network that ship"
-    return [gain_table(title, rows, (PAIRS,))], {"PETS": values}
+    tables, values = list[Table](), dict[str, Any]()
+    for name in bench.watch.over(DETECTORS, "detected: PETS"):
+        models = shipped(name), shipped("appearance_people"), shipped("affinity_people")
+        found = bench.store.recall(detected_sums, train, tests, *models)
+        rows = [Result(row, np.stack(sums), "generated streets") for row, sums in found.items()]
+        values[name] = {row.name: values_of(row) for row in rows}
+        tables.append(gain_table(f"PETS 1–400 by {name}, with appearance", rows, (PAIRS,)))
+    return tables, values
 
 
 def detected_sums(
