@@ -203,7 +203,7 @@ def test_what_does_not_go_together_is_refused(
     with pytest.raises(RequestError, match=together):
         AssociationTraining().losses(batch, AssociationTraining().loss, np.random.default_rng(0))
     with pytest.raises(RequestError, match=together):
-        AssociationTraining(detector=detector[0]).seen(replace(batch, frames=None))
+        AssociationTraining(detector=detector[0]).makers().seen(replace(batch, frames=None))
     with pytest.raises(RequestError, match=r"expected --data\.detector ONNX with --data\.heads"):
         AssociationData([street], heads=True)
     with pytest.raises(RequestError, match="expected detections of --data"):
