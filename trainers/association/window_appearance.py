@@ -71,7 +71,7 @@ def features_of(graph: Graph) -> FloatArray | None:
         return None
     more = graph.others.features
     rows = graph.features if more is None else np.concatenate([graph.features, more])
-    return np.nan_to_num(rows)
+    return np.asarray(np.nan_to_num(rows))
 
 
 def averages_of(graph: Graph) -> Averages:

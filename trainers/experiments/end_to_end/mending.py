@@ -13,13 +13,14 @@ import numpy as np
 from tsuiseki.tracking.evaluation.resampling import score_sums
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.trainers.experiments.association.labelled import with_labels
+from tsuiseki.trainers.experiments.association.oracle import Repair
 from tsuiseki.trainers.experiments.association.runs import Result, repaired_sums, right_sums
 from tsuiseki.trainers.experiments.association.sequences import Clip, tracks_of
 from tsuiseki.trainers.experiments.end_to_end.runs import default_table
 from tsuiseki.trainers.experiments.experiment import Bench
 
 UNFILLED = "default, gaps not filled"
-MENDED = {"… its links mended": "links", "… its false boxes left out": "false boxes"}
+MENDED: dict[str, Repair] = {"… its links mended": "links", "… its false boxes left out": "false boxes"}
 RIGHT = "right links over all detections"
 
 

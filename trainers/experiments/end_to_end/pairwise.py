@@ -161,7 +161,7 @@ def detection_classifier(rows: FloatArray, right: BoolArray, learner: Learner, s
     return _learnt(learner, rows, right, np.ones(len(right)), seed)
 
 
-def _learnt(learner: Learner, rows: FloatArray, right: FloatArray, weight: FloatArray, seed: int) -> Classifier:
+def _learnt(learner: Learner, rows: FloatArray, right: BoolArray, weight: FloatArray, seed: int) -> Classifier:
     if learner == "trees":
         made = HistGradientBoostingClassifier(
             max_iter=80, max_leaf_nodes=12, min_samples_leaf=60, l2_regularization=5.0, random_state=seed
