@@ -40,7 +40,7 @@ from tsuiseki.tracking.trackers.drone import DroneSettings
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.tracking.weights import shipped
+from tsuiseki.tracking.weights import shipped, shipped_or_file
 from tsuiseki.trainers.affinity.affinity_samples import NOBODY, match_boxes
 
 
@@ -169,7 +169,7 @@ def fit_action_costs(
         out: YAML file to write.
         actions: exported action streams, separated by commas; by default the shipped ones.
         appearance: exported appearance network; by default the shipped one.
-        detector: exported detector; by default the shipped one.
+        detector: exported detector, or the name of a shipped one; by default drone.
         cache: folder that keeps what the networks say.
         overwrite: replace an existing file.
 
@@ -178,7 +178,8 @@ def fit_action_costs(
     """
     check_output_file(out, overwrite)
     streams = actions or [shipped(f"action_drone_{name}") for name in STREAMS]
-    appearance, detector = appearance or shipped("appearance_people"), detector or shipped("detector_drone")
+    appearance = appearance or shipped("appearance_people")
+    detector = shipped("detector_drone") if detector is None else shipped_or_file("detector", detector)
     camera = CameraMotionSettings()
     observers = Observers(Detector(detector), Appearance(appearance), ActionRecogniser(streams), camera)
     key = {str(n): file_digest(path) for n, path in enumerate([*streams, appearance, detector])} | {

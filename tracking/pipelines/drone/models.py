@@ -20,7 +20,7 @@ from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.people.given_tracks import as_detections, read_given_tracks
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.video import Source
-from tsuiseki.tracking.weights import shipped
+from tsuiseki.tracking.weights import shipped, shipped_or_file
 
 DroneMethod = Literal["flow", "flow-saf", "flow-maf"]
 
@@ -130,7 +130,7 @@ class DroneModels:
         given = None if tracks is None else read_given_tracks(tracks, source)
         detect = finding.detect(source, "detector_drone") if given is None else as_detections(given)[0]
         if not isinstance(detect, list):
-            paths["detector"] = shipped("detector_drone") if finding.detector is None else _file(finding.detector)
+            paths["detector"] = _detector_file(finding.detector)
         looked = shipped("appearance_people") if appearance is None else appearance
         used = given is None and not (isinstance(looked, str | Path) and str(looked) == NONE)
         paths["appearance"] = _file(looked) if used else None
@@ -159,6 +159,14 @@ def _streams(method: DroneMethod, actions: Sequence[Path] | None, *, needed: boo
 def _file(given: object) -> Path | None:
     """The file that is given, where it is one."""
     return Path(given) if isinstance(given, str | Path) else None
+
+
+def _detector_file(given: DetectorLike | None) -> Path | None:
+    """The file of the detector: the shipped one by default, or that of a shipped one's name; None of a function."""
+    if given is None:
+        return shipped("detector_drone")
+    file = _file(given)
+    return None if file is None else shipped_or_file("detector", file)
 
 
 def _streams_key(streams: Sequence[Path]) -> dict[str, str | None]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.action.action_table import action_values
 from tsuiseki.tracking.features.action_inputs import STREAMS
-from tsuiseki.tracking.weights import shipped
+from tsuiseki.tracking.weights import shipped, shipped_or_file
 from tsuiseki.trainers.experiments.drone.bridging_rows import bridging_rows
 from tsuiseki.trainers.experiments.drone.camera_errors import flight_errors
 from tsuiseki.trainers.experiments.drone.clips import (
@@ -90,7 +90,7 @@ def reproduce(
         full: 5 sets of 10 clips of 600 frames, whatever the three options above say.
         actions: exported action streams, separated by commas; by default the shipped ones.
         appearance: exported appearance network; by default the shipped one.
-        detector: exported detector; by default the shipped one.
+        detector: exported detector, or the name of a shipped one; by default drone.
         simulated_detections: draw faulty detections from the labels instead.
 
     Raises:
@@ -101,9 +101,13 @@ def reproduce(
     networks = Networks(
         tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS]),
         appearance or shipped("appearance_people"),
-        None if simulated_detections else detector or shipped("detector_drone"),
+        None if simulated_detections else _detector_file(detector),
     )
     return run_plan(bench, plan, networks)
+
+
+def _detector_file(given: Path | None) -> Path:
+    return shipped("detector_drone") if given is None else shipped_or_file("detector", given)
 
 
 def run_plan(bench: Bench, plan: Plan, networks: Networks) -> Outcome:

@@ -12,7 +12,9 @@ from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.pipelines.drone.models import DroneModels, Finding
 from tsuiseki.tracking.pipelines.drone.tracking import track_drone
+from tsuiseki.tracking.video import open_source
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +54,20 @@ def test_a_detector_and_an_appearance_are_functions(flight: Path) -> None:
         frames="1-8",
     )
     assert len(found) >= 2
+
+
+def test_a_bare_word_names_a_shipped_detector(flight: Path) -> None:
+    """The one of drones is the default, so that what is kept of one serves the other."""
+    source = open_source(flight)
+    named, default = (
+        DroneModels.choose(source, "flow", Finding(detector=given, threads=1), "none", bridging=None)
+        for given in ("drone", None)
+    )
+    assert named.key == default.key
+    other = DroneModels.choose(source, "flow", Finding(detector="street", threads=1), "none", bridging=None)
+    assert other.key["detector"] != default.key["detector"]
+    with pytest.raises(RequestError, match="one of the shipped .*drone, "):
+        DroneModels.choose(source, "flow", Finding(detector="drones", threads=1), "none", bridging=None)
 
 
 @pytest.mark.parametrize(
