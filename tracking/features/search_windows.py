@@ -5,6 +5,7 @@ A window is cut from the image at a fixed template size, its features are comput
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -40,17 +41,16 @@ def cut(image: ImageArray, centres: FloatArray, scales: FloatArray, width: int, 
     """
     # A window far outside the image shows only its border. The clip bounds the size of the margin.
     reach = np.asarray(scales)[:, None] * np.array([width, height]) / 2 + 1
-    centres = np.clip(centres, -reach, np.array([image.shape[1], image.shape[0]]) + reach)
-    halvings = max(0, int(np.floor(np.log2(np.max(scales)))) - 1)
+    centres = np.minimum(np.maximum(centres, -reach), np.array([image.shape[1], image.shape[0]]) + reach)
+    halvings = max(0, math.floor(math.log2(np.max(scales))) - 1)
     if halvings:
         image, origin = _halved(image, (centres - reach).min(axis=0), (centres + reach).max(axis=0), halvings)
         centres, scales = (centres - origin) / 2**halvings, scales / 2**halvings
-    return np.stack(
-        [
-            cut_one(image, centre, np.full(2, float(scale)), width, height)
-            for centre, scale in zip(centres, scales, strict=True)
-        ]
-    )
+    patches = [
+        cut_one(image, centre, np.full(2, float(scale)), width, height)
+        for centre, scale in zip(centres, scales, strict=True)
+    ]
+    return np.stack(patches) if len(patches) > 1 else patches[0][None]
 
 
 def cut_one(image: ImageArray, centre: FloatArray, scale: FloatArray, width: int, height: int) -> ImageArray:
@@ -85,8 +85,9 @@ def _halved(image: ImageArray, low: FloatArray, high: FloatArray, halvings: int)
 
 def _sample(image: ImageArray, centre: FloatArray, scale: FloatArray, width: int, height: int) -> ImageArray:
     """Bilinear values at a grid of points, ``scale`` ``(2,)`` image pixels apart."""
-    first = np.asarray(centre) - scale * (np.array([width, height]) - 1) / 2 - 0.5
-    matrix = np.array([[scale[0], 0, first[0]], [0, scale[1], first[1]]])
+    (x, y), (along, down) = centre.tolist(), scale.tolist()
+    left, top = x - along * (width - 1) / 2 - 0.5, y - down * (height - 1) / 2 - 0.5
+    matrix = np.array([[along, 0, left], [0, down, top]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(cv2.warpAffine(image, matrix, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE))
 

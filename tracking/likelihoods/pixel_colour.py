@@ -8,12 +8,14 @@ between the box and a frame around it tells the size.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.likelihoods.colour_model import ColourModel, histogram, quantised
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 Float32Array = NDArray[np.float32]
 
@@ -30,10 +32,8 @@ class PixelColour(ColourModel):
     def learn(cls, patch: ImageArray, width: float, height: float) -> PixelColour:
         """From a patch ``(H, W, 3)`` in the middle of which the target has ``width`` x ``height`` patch pixels."""
         colours = quantised(patch[::STEP, ::STEP])
-        rows, columns = (np.abs(np.arange(n) - (n - 1) / 2) * STEP for n in colours.shape)
-        inner = (rows[:, None] <= INNER * height / 2) & (columns[None] <= INNER * width / 2)
-        outer = (rows[:, None] > OUTER * height / 2) | (columns[None] > OUTER * width / 2)
-        return cls(histogram(colours[inner]), histogram(colours[outer]))
+        inner, outer = _inside_and_outside(colours.shape[0], colours.shape[1], width, height)
+        return cls(histogram(colours.take(inner)), histogram(colours.take(outer)))
 
     def probabilities(self, patch: ImageArray) -> Float32Array:
         """``(H / 2, W / 2)`` in [0, 1] for every second pixel of a patch ``(H, W, 3)``."""
@@ -57,12 +57,8 @@ def shift_response(
     """
     kernel = [max(round(INNER * side / STEP), 1) for side in (width, height)]
     means = cv2.blur(probabilities, (kernel[0], kernel[1]), borderType=cv2.BORDER_REPLICATE)
-    steps = [(np.fft.fftfreq(n) * n) * cell / STEP for n in shape]
-    places = [
-        np.clip(np.round((n - 1) / 2 + step).astype(int), 0, n - 1)
-        for n, step in zip(probabilities.shape, steps, strict=True)
-    ]
-    return np.asarray(means[places[0]][:, places[1]])
+    rows, columns = (_shifted(n, count, cell) for n, count in zip(means.shape, shape, strict=True))
+    return np.asarray(means[rows][:, columns])
 
 
 def size_contrast(probabilities: Float32Array, width: float, height: float, factors: FloatArray) -> FloatArray:
@@ -100,6 +96,22 @@ def coloured_area(probabilities: Float32Array, width: float, height: float) -> f
     top, left = max(rows // 2 - down, 0), max(columns // 2 - across, 0)
     part = probabilities[top : rows // 2 + down, left : columns // 2 + across]
     return float(np.maximum(part - 0.5, 0).sum())
+
+
+@lru_cache(maxsize=8)
+def _inside_and_outside(rows: int, columns: int, width: float, height: float) -> tuple[IntArray, IntArray]:
+    """Flat indices of looked-at pixels that surely are the target's, and of those that surely are not."""
+    down, across = (np.abs(np.arange(n) - (n - 1) / 2) * STEP for n in (rows, columns))
+    inner = (down[:, None] <= INNER * height / 2) & (across[None] <= INNER * width / 2)
+    outer = (down[:, None] > OUTER * height / 2) | (across[None] > OUTER * width / 2)
+    return np.flatnonzero(inner), np.flatnonzero(outer)
+
+
+@lru_cache(maxsize=16)
+def _shifted(length: int, count: int, cell: int) -> IntArray:
+    """``(count,)`` the looked-at pixels at the cyclic shifts by whole cells, along ``length`` of them."""
+    steps = (np.fft.fftfreq(count) * count) * cell / STEP
+    return np.asarray(np.clip(np.round((length - 1) / 2 + steps).astype(int), 0, length - 1))
 
 
 def _centred_sums(sums: FloatArray, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:

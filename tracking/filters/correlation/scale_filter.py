@@ -8,6 +8,7 @@ shifts in size, as numerator and denominator that are running means.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.fft
@@ -18,6 +19,22 @@ from tsuiseki.tracking.types import FloatArray
 Complex2D = NDArray[np.complex64]
 _REGULARISATION = 0.01
 _LABEL_WIDTH = 0.25  # of the wanted response, times the square root of the number of sizes
+
+
+@dataclass(frozen=True)
+class ScaleSample:
+    """Features of a target's box at S sizes; they are looked at twice, to find the size and to learn it.
+
+    Attributes:
+        rows: ``(S, D)`` of neighbouring sizes.
+    """
+
+    rows: FloatArray | NDArray[np.float32]
+
+    @cached_property
+    def spectrum(self) -> Complex2D:
+        """``(S // 2 + 1, D)`` of the tapered rows."""
+        return np.asarray(scipy.fft.rfft(self.rows * _taper(len(self.rows)), axis=0), dtype=np.complex64)
 
 
 @dataclass(frozen=True)
@@ -33,10 +50,10 @@ class ScaleFilter:
     denominator: NDArray[np.float32]
 
     @classmethod
-    def learn(cls, sample: FloatArray | NDArray[np.float32], offset: float = 0.0) -> ScaleFilter:
-        """From features ``(S, D)``, the right size ``offset`` rows after the middle one."""
-        spectrum = _spectrum(sample)
-        numerator = spectrum.conj() * _wanted(len(sample), offset)[:, None]
+    def learn(cls, sample: ScaleSample, offset: float = 0.0) -> ScaleFilter:
+        """From a sample, the right size ``offset`` rows after the middle one."""
+        spectrum = sample.spectrum
+        numerator = spectrum.conj() * _wanted(len(sample.rows), offset)[:, None]
         return cls(numerator, (spectrum.real**2 + spectrum.imag**2).sum(axis=1))
 
     def blend(self, new: ScaleFilter, rate: float) -> ScaleFilter:
@@ -47,11 +64,11 @@ class ScaleFilter:
             self.denominator + share * (new.denominator - self.denominator),
         )
 
-    def respond(self, sample: FloatArray | NDArray[np.float32]) -> FloatArray:
-        """``(S,)`` response to features ``(S, D)``, in the order of the sizes; eq. (6)."""
-        spectrum = (self.numerator * _spectrum(sample)).sum(axis=1)
+    def respond(self, sample: ScaleSample) -> FloatArray:
+        """``(S,)`` response to a sample, in the order of the sizes; eq. (6)."""
+        spectrum = (self.numerator * sample.spectrum).sum(axis=1)
         least = _REGULARISATION * self.numerator.shape[1]
-        return np.asarray(np.fft.fftshift(np.fft.irfft(spectrum / (self.denominator + least), n=len(sample))))
+        return np.asarray(np.fft.fftshift(np.fft.irfft(spectrum / (self.denominator + least), n=len(sample.rows))))
 
 
 def best_offset(response: FloatArray) -> float:
@@ -90,9 +107,9 @@ def far_area(ratio: float, step: float, least: int) -> float:
     return steps if abs(steps) >= least else 0.0
 
 
-def _spectrum(sample: FloatArray | NDArray[np.float32]) -> Complex2D:
-    taper = np.hanning(len(sample) + 2)[1:-1, None].astype(np.float32)
-    return np.asarray(scipy.fft.rfft(sample * taper, axis=0), dtype=np.complex64)
+@lru_cache(maxsize=8)
+def _taper(count: int) -> NDArray[np.float32]:
+    return np.hanning(count + 2)[1:-1, None].astype(np.float32)
 
 
 def _wanted(count: int, offset: float) -> Complex2D:

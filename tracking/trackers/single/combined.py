@@ -18,6 +18,7 @@ recovers by itself. So here
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from statistics import median
 
 import numpy as np
@@ -54,10 +55,12 @@ class Evidence:
         """Response and colour score of ``target`` over their medians; 1 until five frames are known."""
         if len(self.peaks) < 5:
             return 1.0, 1.0
-        return (
-            target.peak / max(median(self.peaks), 1e-6),
-            target.colour_score / max(median(self.colours), 1e-6),
-        )
+        peak, colour = self._usual
+        return target.peak / peak, target.colour_score / colour
+
+    @cached_property
+    def _usual(self) -> tuple[float, float]:
+        return max(median(self.peaks), 1e-6), max(median(self.colours), 1e-6)
 
 
 @dataclass(frozen=True)

@@ -173,7 +173,7 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     patch = model.patch(image, centre, 1.0)
     width, height = model.target / model.scale
     filters = learn(model.describe(patch), model.wanted, model.support, None, model.settings.learning)
-    sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0).rows) if model.settings.sizes > 1 else None
+    sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0)) if model.settings.sizes > 1 else None
     colour = PixelColour.learn(patch, float(width), float(height))
     factors = model.settings.size_step ** np.arange(-_WIDEST, _WIDEST + 1.0)
     probabilities = colour.probabilities(patch)
@@ -228,9 +228,7 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     reach = max(settings.size_reach, near)
     factors = settings.size_step ** (middle + np.arange(-reach, reach + 1.0)) / target.size * target.contrast_at
     contrast = size_contrast(probabilities, float(width), float(height), factors)
-    best = best_offset(
-        target.sizes.respond(seen.rows) + settings.size_colour * contrast[reach - near : reach + near + 1]
-    )
+    best = best_offset(target.sizes.respond(seen) + settings.size_colour * contrast[reach - near : reach + near + 1])
     clear = settings.size_reach > 0 and contrast[reach - near : reach + near + 1].max() >= settings.size_by_area
     if clear:
         area = coloured_area(probabilities, float(width), float(height))
@@ -268,7 +266,7 @@ def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: flo
     if sizes is not None:
         level = model.ladder.level(target.size)
         sample = model.ladder.sample(image, target.centre, round(level), target.seen)
-        new = ScaleFilter.learn(sample.rows, level - round(level))
+        new = ScaleFilter.learn(sample, level - round(level))
         insists = abs(target.insisted) >= settings.size_patience
         sizes = sizes.blend(new, (settings.size_relearning if insists else settings.size_rate) * rate)
     return replace(target, filters=filters, colour=colour, sizes=sizes, seen=None)

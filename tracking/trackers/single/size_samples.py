@@ -13,22 +13,20 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.hog import hog
 from tsuiseki.tracking.features.search_windows import cut_one
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleSample
 from tsuiseki.tracking.types import FloatArray, ImageArray
-
-Float32Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class SizeSample:
+class SizeSample(ScaleSample):
     """Gradients of boxes about one place of one frame.
 
     Attributes:
-        first: level of the first row.
         rows: ``(S, D)`` of neighbouring levels.
+        first: level of the first row.
     """
 
     first: int
-    rows: Float32Array
 
 
 @dataclass(frozen=True)
@@ -69,6 +67,6 @@ class SizeLadder:
         patches = [cut_one(image, centre, pixels * self.step**level, width, height) for level in levels]
         rows = hog(np.stack(patches), self.cell).reshape(len(patches), -1)
         if seen is None or not len(old):
-            return SizeSample(first, rows)
+            return SizeSample(rows, first)
         kept = seen.rows[old.start - seen.first : old.stop - seen.first]
-        return SizeSample(first, np.concatenate([kept, rows] if levels[0] > first else [rows, kept]))
+        return SizeSample(np.concatenate([kept, rows] if levels[0] > first else [rows, kept]), first)

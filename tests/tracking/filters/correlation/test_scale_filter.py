@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_area, far_peak
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, ScaleSample, best_offset, far_area, far_peak
 
 SIZES = 11
 
 
 def rows(offset):
-    """``(SIZES, D)`` smooth features of the logarithm of the size, seen at a target ``offset`` steps larger."""
+    """Smooth features of the logarithm of the size, seen at a target ``offset`` steps larger."""
     frequencies = np.linspace(0.05, 2.5, 40)
     steps = np.arange(SIZES) - SIZES // 2 - offset
-    return np.sin(np.outer(steps, frequencies) + np.arange(40))
+    return ScaleSample(np.sin(np.outer(steps, frequencies) + np.arange(40)))
 
 
 @pytest.mark.parametrize("offset", [-2, 0, 1, 3])
