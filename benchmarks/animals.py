@@ -4,6 +4,9 @@ In each film of 100 frames two animals of unlike sizes walk about for all of it,
 out. Printed are the frames by which an entry or an exit is reported late or early, counted from the moment when half of
 the animal is in the image, the errors of the place once it is wholly in, and exchanged identities.
 
+Then one of four animals is larger than the others, or a film begins in the middle of a contact: printed are the films
+with as many tracks as animals.
+
 Then two animals meet, of unlike or the same size: they cross, touch and part, or rest side by side for 40 frames and
 part (`benchmarks/animal_contacts.py`).
 """
@@ -23,6 +26,9 @@ from tsuiseki.tracking.pipelines.bodies.animals import track_animals
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 WIDTH, HEIGHT, FRAMES = 320, 240, 100
+LANE, USUAL, LARGE = 60.0, 34.0, (44.0, 50.0, 56.0)
+SIZES = {"unlike": (40.0, 30.0), "the same": (34.0, 34.0)}
+"""Lengths of two that meet, pixels."""
 NOISE, FOUND = 3.0, 12.0
 """Of the camera, grey levels; a track is on an animal within so many pixels."""
 
@@ -32,6 +38,7 @@ def main() -> None:
     films = int(sys.argv[1]) if len(sys.argv) > 1 else 10
     print(machine())
     entering_and_leaving(films)
+    beginnings(films)
     meetings(films)
 
 
@@ -40,7 +47,7 @@ def meetings(films: int) -> None:
     print("| two animals | sizes | both kept | exchanged | one lost | error of the place in contact, px: mean |")
     print("|---|---|---|---|---|---|")
     for kind in MEETINGS:
-        for looks, sizes in (("unlike", (40.0, 30.0)), ("the same", (34.0, 34.0))):
+        for looks, sizes in SIZES.items():
             contacts: list[Contact] = []
             for seed in range(films):
                 rng = np.random.default_rng((seed, 7))
@@ -49,6 +56,29 @@ def meetings(films: int) -> None:
             count = [sum(one.outcome == name for one in contacts) for name in ("kept", "exchanged", "lost")]
             away = np.concatenate([one.away for one in contacts])
             print(f"| {kind} | {looks} | {count[0]} | {count[1]} | {count[2]} | {away.mean():.1f} |", flush=True)
+
+
+def beginnings(films: int) -> None:
+    """Print whether a large animal is one from the first frame on, and two in contact are two."""
+    right: dict[str, list[bool]] = {}
+    for seed in range(films):
+        rng = np.random.default_rng((seed, 11))
+        for length in LARGE:
+            paths, sizes = walks(rng)
+            # Four that stay, in lanes of their own: the two of this film that do, and those of another.
+            paths = np.concatenate([paths[:, :2], walks(rng)[0][:, :2] + [0.0, 2 * LANE, 0.0]], axis=1)
+            sizes = np.array([length, USUAL, USUAL, USUAL])[:, None] * [1.0, 0.4]
+            name = f"one is {(length / USUAL) ** 2:.1f} times as large as the other three"
+            right.setdefault(name, []).append(len(followed(paths[:60], sizes, rng)) == 4)
+        for kind in MEETINGS:
+            for looks, lengths in SIZES.items():
+                paths, sizes = meeting(kind, lengths, FRAMES, rng)
+                name = f"begins in contact: {kind}, {looks}"
+                right.setdefault(name, []).append(len(followed(paths[FRAMES // 2 :], sizes, rng)) == 2)
+    print(f"| film | as many tracks as animals, of {films} |")
+    print("|---|---|")
+    for name, films_right in right.items():
+        print(f"| {name} | {sum(films_right)} |", flush=True)
 
 
 def followed(paths: FloatArray, sizes: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -115,7 +145,7 @@ def walks(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     paths = np.empty((FRAMES, 4, 3))
     for animal, (first, last) in enumerate(ends):
         paths[:, animal, 0] = first + (last - first) * time
-        lane, swing = 30.0 + 60.0 * animal, rng.uniform(0, 2 * np.pi)
+        lane, swing = LANE / 2 + LANE * animal, rng.uniform(0, 2 * np.pi)
         paths[:, animal, 1] = lane + 8.0 * np.sin(swing + 2 * np.pi * time)
     step = np.gradient(paths[..., :2], axis=0)
     paths[..., 2] = np.arctan2(step[..., 1], step[..., 0])

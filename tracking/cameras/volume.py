@@ -8,9 +8,10 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 SMALLEST_RADIUS = 2.5
+"""In pixels, of a ball that can be searched for."""
 # Of the image height.
 LARGEST_SHARE = 0.25
 FARTHEST = 15.0
@@ -37,11 +38,7 @@ def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 
     low[2], high[2] = 0.0, min(high[2], places[:, 2].max() + 3.0)
     axes = [np.linspace(a, b, 40) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    seen = np.zeros(len(grid), dtype=np.int64)
-    for camera in cameras:
-        depth = np.maximum(camera.to_camera(grid)[:, 2], 1e-9)
-        size = camera.focal.mean() * radius / depth
-        seen += in_sight(camera, grid) & (size >= SMALLEST_RADIUS) & (size <= camera.height * LARGEST_SHARE)
+    seen = _seen_well(cameras, radius, grid)
     good = grid[seen >= views]
     if len(good) == 0:
         raise RequestError(
@@ -50,3 +47,33 @@ def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 
         )
     step = np.array([axis[1] - axis[0] for axis in axes])
     return np.stack([np.maximum(good.min(axis=0) - step / 2, low), np.minimum(good.max(axis=0) + step / 2, high)])
+
+
+def check_volume(volume: FloatArray, cameras: Sequence[PinholeCamera], radius: float) -> None:
+    """Refuse a volume in which nowhere two cameras see the ball well.
+
+    Args:
+        volume: ``(2, 3)`` corners, metres.
+        cameras: that search it.
+        radius: of the ball, metres.
+
+    Raises:
+        RequestError: there is no such place in it.
+    """
+    axes = np.linspace(volume[0], volume[1], 20).T
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    if (_seen_well(cameras, radius, grid) < 2).all():
+        raise RequestError(
+            f"`volume`: expected places where two cameras see a ball of {radius:g} m with a radius of "
+            f"{SMALLEST_RADIUS:g} pixels to a quarter of the image height, got none; check it, or give `start`"
+        )
+
+
+def _seen_well(cameras: Sequence[PinholeCamera], radius: float, points: FloatArray) -> IntArray:
+    """``(N,)`` how many cameras see a ball well at each of the ``(N, 3)`` points."""
+    seen = np.zeros(len(points), dtype=np.int64)
+    for camera in cameras:
+        depth = np.maximum(camera.to_camera(points)[:, 2], 1e-9)
+        size = camera.focal.mean() * radius / depth
+        seen += in_sight(camera, points) & (size >= SMALLEST_RADIUS) & (size <= camera.height * LARGEST_SHARE)
+    return seen

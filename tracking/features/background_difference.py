@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.region_shape import Shape, usual_shape
 from tsuiseki.tracking.types import ImageArray
 
 Contrast = Literal["auto", "bright", "dark", "any"]
@@ -50,6 +51,7 @@ class Background:
         threshold: difference in grey levels from which a pixel belongs to an animal.
         core: difference from which it belongs to its core; legs and wings are fainter.
         area: usual pixels of the core of one animal; 0 where none was found.
+        shape: usual shape of such a core; None where none was found.
     """
 
     image: ImageArray
@@ -57,6 +59,7 @@ class Background:
     threshold: float
     core: float
     area: float
+    shape: Shape | None = None
 
     def difference(self, image: ImageArray) -> Grey:
         """``(H, W)`` how far an RGB image stands out, grey levels, smoothed over about a pixel.
@@ -115,7 +118,8 @@ def learn_background(
         least, peak = _noise_and_peak(images, back, surroundings, contrast)
         level = max(least, share * peak) if threshold is None else threshold
         core = max(level, CORE * peak)
-        area = usual_area([_difference(image, back, contrast) > core for image in images])
+        masks = [_difference(image, back, contrast) > core for image in images]
+        area = usual_area(masks)
         # One that moves a little shows only what it uncovers; painted over, it tells what the others look like.
         resting = _resting(back, surroundings, contrast, core, area)
         # Levels are of the background that is kept, also where the last round found somebody.
@@ -123,7 +127,8 @@ def learn_background(
             break
         grown = cv2.dilate(_filled_up(resting, _difference(back, surroundings, contrast) > level), np.ones((9, 9)))
         back = np.where(grown[..., None] > 0, surroundings, back)
-    return Background(np.ascontiguousarray(back), contrast, float(level), float(core), area)
+    shape = usual_shape(masks, area)
+    return Background(np.ascontiguousarray(back), contrast, float(level), float(core), area, shape)
 
 
 def usual_area(masks: Sequence[NDArray[np.bool_]]) -> float:

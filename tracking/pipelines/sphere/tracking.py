@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras
-from tsuiseki.tracking.cameras.volume import common_volume
+from tsuiseki.tracking.cameras.volume import check_volume, common_volume
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.latest_frames import LatestFrames
@@ -122,7 +122,9 @@ def sphere_run(
     pinholes = [p.camera for p in placed]
     box = common_volume(pinholes, radius) if volume is None else _box(volume)
     place = None if start is None else np.asarray(start, dtype=np.float64)
-    if place is not None:
+    if place is None:
+        check_volume(box, pinholes, radius)
+    else:
         if place.shape != (3,):
             raise RequestError(f"`start`: expected x, y, z in metres, got shape {place.shape}")
         check_start(place, placed)

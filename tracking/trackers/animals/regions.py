@@ -11,11 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.background_difference import Background
+from tsuiseki.tracking.features.region_shape import Shape, shape_of
 from tsuiseki.tracking.trackers.animals.pose import AnimalPose, Expected, pose_of
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-# A region of this many usual areas that nobody was expected in holds more than one animal.
+# A region of this many usual areas that nobody was expected in holds more than one animal, unless its shape is that of
+# one.
 SEVERAL = 1.6
+# Least fill, least and greatest aspect of such a shape, over the usual ones: two animals side by side fill an ellipse,
+# too, but a rounder one, and in line a longer one.
+FILLED, ASPECTS = 0.93, (0.75, 1.33)
 ROUNDS = 12
 FEWEST = 12
 # How far from a region an animal expected there may be, in its lengths.
@@ -47,12 +52,12 @@ def find_animals(
         own = [one for one, region in zip(expected, inside, strict=True) if region == n]
         contrast = np.asarray(difference[pixels[:, 1], pixels[:, 0]], dtype=np.float64)
         points = np.asarray(pixels + 0.5, dtype=np.float64)
-        if not own and cores[n] > SEVERAL * usual:
+        bright = contrast > background.core
+        if not own and cores[n] > SEVERAL * usual and not _like_one(points[bright], background.shape):
             own = _apart(points, round(cores[n] / usual))
         if len(own) < 2:
             found.append(pose_of(points, contrast))
             continue
-        bright = contrast > background.core
         parts = _told_apart(points, points[bright], own)
         for part, one in enumerate(own):
             if (parts == part).sum() >= FEWEST:
@@ -81,6 +86,14 @@ def _regions_of(where: dict[int, IntArray], labels: NDArray[np.int32], expected:
                 label = 0
         found.append(label)
     return found
+
+
+def _like_one(core: FloatArray, usual: Shape | None) -> bool:
+    """Whether a core ``(P, 2)`` has the shape of one animal, of whatever size."""
+    if usual is None:
+        return False
+    shape = shape_of(core)
+    return shape.fill >= FILLED * usual.fill and ASPECTS[0] <= shape.aspect / usual.aspect <= ASPECTS[1]
 
 
 def _apart(points: FloatArray, count: int) -> list[Expected]:

@@ -77,6 +77,8 @@ class Configuration:
         ball: radius of the film's ball, metres.
         exposure, defocus, readout: of the film, `CarriedBallSettings`.
         late: seconds by which camera 2 takes its frames later than camera 1.
+        clear: of the film, `CarriedBallSettings`.
+        searched: whether the ball is searched for in the first frame, where the start is told otherwise.
     """
 
     group: Group
@@ -96,6 +98,7 @@ class Configuration:
     readout: float = 0.0
     late: float = 0.0
     clear: float = 0.0
+    searched: bool = False
 
     @property
     def of_film(self) -> tuple[float, float, float, float, float, float]:
@@ -156,6 +159,7 @@ def small() -> list[Configuration]:
             ball("the same, `--faint false`", "sharp", motion=FLIGHT),
             ball("the same, `--faint false`, every view trusted", "sharp", motion=FLIGHT, notices=False),
             ball("the same, as printed", "printed", notices=False, stages=1),
+            ball("the same, `track sphere` without `--start`", motion=FLIGHT, searched=True),
         ]
     for blur in (2.0, 4.0):
         lens = partial(Configuration, "small", motion=FLIGHT, defocus=blur)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,9 +21,18 @@ from tsuiseki.datamodules.scenes.ball.carried import (
     make_scene,
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.particles.views import Covering
-from tsuiseki.tracking.trackers.sphere.sphere import SphereState, SphereTracker, TimedViews
+from tsuiseki.tracking.likelihoods.views import ContourLikelihood, ViewLikelihood, Views
+from tsuiseki.tracking.trackers.sphere.sphere import (
+    START_SPEED,
+    SphereState,
+    SphereTracker,
+    TimedViews,
+    with_velocities,
+)
+from tsuiseki.tracking.trackers.sphere.sphere_search import find_ball
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.experiment import Watch
 from tsuiseki.trainers.experiments.sphere.configurations import FIRST_COVERED, LIKELIHOODS, OURS, Configuration
@@ -79,6 +89,7 @@ class _Run:
         self.row, self.scene = row, scene
         self.tracker = SphereTracker(likelihood, row.motion, Covering() if row.notices else None, stages=row.stages)
         self.rng = np.random.default_rng((seed, 4))
+        self.search = partial(_search, likelihood, cameras, radius, row.particles, self.rng) if row.searched else None
         # The paper measures where the ball is at the start.
         self.state: SphereState = self.tracker.start_at(
             scene.truth[0], OURS.spread, row.particles, row.cameras, self.rng, float(scene.times[0])
@@ -90,6 +101,9 @@ class _Run:
         views = list(images[: self.row.cameras])
         if index in self.hidden and board is not None:
             views[0] = board
+        if index == 0 and self.search is not None:
+            found = with_velocities(self.search(views), START_SPEED, self.rng)
+            self.state = self.tracker.init(found, self.row.cameras, float(self.scene.times[0]))
         observation = TimedViews(float(self.scene.times[index]), views)
         self.state, info = self.tracker.step(self.state, observation, self.rng)
         self.points.append(info.position.point)
@@ -98,6 +112,19 @@ class _Run:
         points = np.array(self.points)
         away = np.sqrt(np.square(points - self.scene.truth).sum(axis=1))
         return FilmErrors(distance_scores(away), distance_scores(distance_to_path(points, self.scene.truth)), points)
+
+
+def _search(
+    likelihood: ViewLikelihood,
+    cameras: Sequence[PinholeCamera],
+    radius: float,
+    count: int,
+    rng: np.random.Generator,
+    views: Views,
+) -> FloatArray:
+    """``(count, 3)`` positions where `track sphere` without a start looks first."""
+    broad = likelihood.broad() if isinstance(likelihood, ContourLikelihood) else likelihood
+    return find_ball(likelihood, broad, cameras, radius, common_volume(cameras, radius), count, views, rng)
 
 
 def turned(camera: PinholeCamera, pixels: float, rng: np.random.Generator) -> PinholeCamera:

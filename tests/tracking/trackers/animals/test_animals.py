@@ -246,3 +246,16 @@ def test_wrong_settings_are_refused():
     background = learn_background([scene([])])
     with pytest.raises(RequestError, match="expected a frame of 240x160"):
         background.difference(np.zeros((10, 10, 3), np.uint8))
+
+
+def test_a_large_one_is_one_and_two_side_by_side_are_two() -> None:
+    frames = 30
+    way = np.linspace(0, 60, frames)
+    usual = [
+        np.stack([x + way, *np.array([[y, 0, 28, 11]] * frames).T], axis=1) for x in (40, 130) for y in (20, 45, 70)
+    ]
+    large = np.stack([40 + way, *np.array([[120, 0, 40, 16]] * frames).T], axis=1)
+    beside = [np.stack([130 + way, *np.array([[y, 0, 28, 11]] * frames).T], axis=1) for y in (100, 109)]
+    _, tracks = followed(np.stack([*usual, large, *beside], axis=1))
+    assert len(tracks) == 9
+    assert sorted(float(np.median(track.states[:, 3])) > 34 for track in tracks) == [False] * 8 + [True]
