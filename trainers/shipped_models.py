@@ -35,7 +35,10 @@ RENDERED_COMMANDS = (
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-2 "
     "--model.start {work}/rendered/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
     "--trainer.max_epochs 7 --model.learning_rate 0.0013 --data.seed 5",
-    "export detector --checkpoint {work}/rendered-2/checkpoints/last.ckpt --float16 "
+    "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-3 "
+    "--model.start {work}/rendered-2/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
+    "--trainer.max_epochs 14 --data.seed 9",
+    "export detector --checkpoint {work}/rendered-3/checkpoints/last.ckpt --float16 "
     "--calibrate {work}/rendered-sparse --out {models}/detector_figures.onnx --training-data 'rendered people'",
 )
 
@@ -71,7 +74,7 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
         "work": str(work),
         "models": str(folder),
         "assets": str(assets),
-        "pictures": _rendered(work / "rendered-pictures", assets, "varied", 1300, 21),
+        "pictures": _rendered(work / "rendered-pictures", assets, "varied", 1900, 21),
         "sparse": _rendered(work / "rendered-sparse", assets, "sparse", 80, 41),
     }
     quoted = {name: shlex.quote(place) for name, place in places.items()}
