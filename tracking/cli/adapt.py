@@ -61,7 +61,8 @@ def adapt(
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
             are better.
         frames: learn from this stretch of each only, counted from 1 with both ends, such as 1-300.
-        detector: exported detector to start from; by default the shipped one.
+        detector: exported detector to start from; by default the shipped one. A bare word, such as street, names a
+            shipped one.
         teacher: detector of any project that looks first, where the one to start from sees too little.
         appearance: exported appearance network to start from; by default the shipped one.
         view: tiles of a frame, as in track people.
@@ -152,11 +153,14 @@ def _detector(given: Path | None) -> Path:
     from tsuiseki.tracking.onnx import kind_of
     from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped, shipped_or_file
 
-    if given is not None and not kind_of(given):
+    if given is None:
+        return shipped(PEOPLE_DETECTOR)
+    start = shipped_or_file("detector", given)
+    if not kind_of(start):
         raise RequestError(
             f"{given}: expected a detector of this toolkit, which can learn, got another file; give it as `teacher`"
         )
-    return shipped(PEOPLE_DETECTOR) if given is None else shipped_or_file("detector", given)
+    return start
 
 
 def _run(run: Run, adaptation: Adaptation) -> None:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from tests.tracking.features.networks.test_foreign_appearance import mean_colour
 from tests.tracking.features.networks.tiny_onnx import save_constant
 from tests.trainers.adapt import street
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import Interrupted
+from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.adapt.rounds import Adaptation
 
 pytest.importorskip("torch")
 
@@ -92,7 +94,6 @@ def test_the_best_round_is_written(
     from tsuiseki.trainers.adapt.kept_tracks import write_everyone
     from tsuiseki.trainers.adapt.labels import Verdict
     from tsuiseki.trainers.adapt.linking import LinkScores
-    from tsuiseki.trainers.adapt.rounds import Adaptation
 
     def fake(adaptation: Adaptation) -> Iterator[Round]:
         for number, score in enumerate((0.7, 0.8, 0.75)):
@@ -157,7 +158,6 @@ def test_the_teacher_is_opened_once_and_what_was_given_is_kept_where_nothing_bet
     from tsuiseki.tracking.features.networks import exported
     from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
     from tsuiseki.trainers.adapt import rounds as module
-    from tsuiseki.trainers.adapt.rounds import Adaptation
 
     opened, given, look = [], [], module._look
     monkeypatch.setattr(exported, "ForeignDetector", lambda *a: opened.append(a) or ForeignDetector(*a))
@@ -198,3 +198,19 @@ def test_a_detector_of_another_project_can_teach_and_not_learn(
     other = save_constant(tmp_path / "other.onnx", {"output0": np.zeros((7, 126), np.float32)})
     line = refused(capsys, tmp_path / "o", str(video), "--detector", str(other))
     assert "expected a detector of this toolkit, which can learn, got another file; give it as --teacher" in line
+
+
+def test_a_bare_word_names_a_shipped_detector(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    starts = list[Path]()
+
+    def no_rounds(adaptation: Adaptation) -> NoReturn:
+        starts.append(adaptation.start)
+        raise RequestError("enough")
+
+    monkeypatch.setattr("tsuiseki.trainers.adapt.rounds.rounds", no_rounds)
+    assert refused(capsys, tmp_path / "o", str(video), "--detector", "street") == "tsuiseki: enough"
+    assert starts == [shipped("detector_street")]
+    line = refused(capsys, tmp_path / "p", str(video), "--detector", "streets")
+    assert "one of the shipped ceiling, drone, figures, street, got streets" in line
