@@ -1,4 +1,4 @@
-"""The commands that make the shipped models, as they stand in `docs/training.md` and `docs/detector.md`."""
+"""The commands that make the shipped models, as they stand in `docs/training.md` and `docs/rendered-people.md`."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def make_models(folder: Path, assets: Path | None = None) -> dict[str, Path]:
     from tsuiseki.tracking.cli import main
 
     if assets is not None and not assets.is_dir():
-        raise RequestError(f"`assets`: expected a folder of bodies and clothes (docs/detector.md), got {assets}")
+        raise RequestError(f"`assets`: expected a folder of bodies and clothes (docs/rendered-people.md), got {assets}")
     folder.mkdir(parents=True, exist_ok=True)
     for words in commands(folder, assets):
         print(f"$ tsuiseki {shlex.join(words)}", file=sys.stderr, flush=True)

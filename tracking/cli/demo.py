@@ -40,8 +40,8 @@ def demo(
     Args:
         scene: what is generated.
         train: first train the models anew on generated scenes and use those; takes hours, and the train extra.
-        assets: with --train, folder of the bodies and clothes that people are rendered of (docs/detector.md says how to
-            get them); without it the detector learns from drawn people alone.
+        assets: with --train, folder of the bodies and clothes that people are rendered of (docs/rendered-people.md says
+            how to get them); without it the detector learns from drawn people alone.
         frames: length of the clip.
         seed: of the clip.
         threads: CPU threads of the networks; 0 takes all.

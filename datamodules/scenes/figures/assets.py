@@ -1,7 +1,8 @@
 """Reads the free body model of MakeHuman and its clothes from a folder of unpacked packages.
 
-Nothing of it is part of this project: `docs/detector.md` says how to get the folder and under which terms. Read are the
-base mesh, shape targets, rig and skin weights as MPFB keeps them, and clothes, hair and skins as JSON with textures.
+Nothing of it is part of this project: `docs/rendered-people.md` says how to get the folder and under which terms. Read
+are the base mesh, shape targets, rig and skin weights as MPFB keeps them, and clothes, hair and skins as JSON with
+textures.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ class Assets:
         if base is None:
             raise RequestError(
                 f"expected the unpacked body packages under {self.folder} with a file 3dobjs/base.obj, got none; "
-                "docs/detector.md says how to get them"
+                "docs/rendered-people.md says how to get them"
             )
         self.model = base.parent.parent
         proxies = next(iter(sorted(self.folder.rglob("proxies/clothes"))), None)
@@ -111,7 +112,7 @@ class Assets:
         if proxies is None or not skins:
             raise RequestError(
                 f"expected folders proxies/clothes and skins with textures under {self.folder}, got "
-                f"{'no clothes' if proxies is None else 'no skins'}; docs/detector.md says how to get them"
+                f"{'no clothes' if proxies is None else 'no skins'}; docs/rendered-people.md says how to get them"
             )
         self.proxies = proxies.parent
         self.skins = skins
@@ -133,7 +134,9 @@ class Assets:
         """The clothes or the hair (``kind``) of this name."""
         path = self.proxies / kind / name / f"{name}.json"
         if not path.exists():
-            raise RequestError(f"expected {path}, got nothing there; docs/detector.md says which packages hold it")
+            raise RequestError(
+                f"expected {path}, got nothing there; docs/rendered-people.md says which packages hold it"
+            )
         return _read_garment(path)
 
     @lru_cache(maxsize=8)  # noqa: B019

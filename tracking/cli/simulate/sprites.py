@@ -20,7 +20,7 @@ def sprites(output: SeededOutput, assets: Path, people: int = 260, views: int = 
 
     Args:
         out: folder for the sprites.
-        assets: folder with the unpacked body packages; docs/detector.md says how to get them.
+        assets: folder with the unpacked body packages; docs/rendered-people.md says how to get them.
         people: how many.
         views: poses and sides of each.
         height: of a person, pixels.
