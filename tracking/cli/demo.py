@@ -56,6 +56,7 @@ def demo(
     if assets is not None and not train:
         raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
     from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+    from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.pipelines.people.demo import scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.report.demo import DemoResult
@@ -71,9 +72,10 @@ def demo(
                 run.work / scene, settings, output.seed, watch=lambda drawn: run.watched(drawn, "generating", frames)
             )
         source = open_source(clip)
-        found = street_inputs(source, models, threads).found(run.frames(source), run.times)
+        camera = StandingCamera()
+        found = street_inputs(source, models, threads, camera).found(run.frames(source), run.times)
         steps = run.steps(found, total=frames_expected(source))
-        tracks, log = run_trackers(steps, street_trackers(source, models, threads), run.times)
+        tracks, log = run_trackers(steps, street_trackers(source, models, threads, camera), run.times)
         truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
         scores = scored(scene, truth, tracks, run.count)
         demo = DemoResult(source, truth, tracks, scores, run.count)

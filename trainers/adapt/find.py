@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tsuiseki.tracking.association.costs import ScoreCost
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import open_appearance, open_detector
 from tsuiseki.tracking.features.view_choice import SizedDetect, ViewedDetector, knows_scores
 from tsuiseki.tracking.features.views import parse_view
@@ -46,6 +47,7 @@ class Found:
         columns: tiles across in which the detector looked at a frame.
         costs: of links, that the tracks were made with; None for hand-set ones.
         scores: what scores cost where ``costs`` does not say so; None lets the video tell.
+        camera: where it stood still, by the pictures; None where nobody looked.
     """
 
     detections: list[Detections]
@@ -54,6 +56,7 @@ class Found:
     columns: int
     costs: LearntCosts | None = None
     scores: ScoreCost | None = None
+    camera: StandingCamera | None = None
 
 
 def find(watched: Watched, models: Models, score_threshold: float, view: str, threads: int) -> Found:
@@ -76,10 +79,11 @@ def find(watched: Watched, models: Models, score_threshold: float, view: str, th
     looking = open_detector(given, LOWEST_SCORE, threads=1) if isinstance(given, Path) else given
     detector = ViewedDetector(looking, parse_view(view), frame_rate=watched.frame_rate)
     describe = open_appearance(models.appearance or shipped("appearance_people"), 1)
-    inputs = PeopleInputs(watched.open(), detector, describe, threads=threads)
+    camera = StandingCamera()
+    inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=threads)
     affinity = people_affinity("flow", models.affinity, 1, known_scores=knows_scores(detector))
     detections = [found for _, found in inputs.found()]
-    found = Found(detections, watched.stretch[0], [], columns_of(detector), affinity, cost_of_scores(detector))
+    found = Found(detections, watched.stretch[0], [], columns_of(detector), affinity, cost_of_scores(detector), camera)
     return replace(found, tracks=track(watched, found, score_threshold))
 
 
@@ -91,7 +95,7 @@ def track(watched: Watched, found: Found, score_threshold: float) -> list[Track]
         found: holds detections and costs.
         score_threshold: of the detections that are tracked.
     """
-    tracker = people_tracker("flow", None, found.costs, 0, watched.open(), scores=found.scores)
+    tracker = people_tracker("flow", None, found.costs, 0, watched.open(), found.camera, scores=found.scores)
     for here in found.detections:
         tracker.update(here.select(here.scores >= score_threshold))
     return [shifted(track, found.first) for track in tracker.tracks()]

@@ -9,6 +9,7 @@ from typing import Literal
 from tsuiseki.tracking import weights
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.pipelines.people.finding import PeopleInputs
 from tsuiseki.tracking.pipelines.people.methods import PeopleMethod, people_tracker
@@ -33,16 +34,23 @@ def shipped_street() -> dict[str, Path]:
     return {kind: weights.shipped(name) for kind, name in STREET_MODELS.items()}
 
 
-def street_inputs(source: Source, models: Mapping[str, Path], threads: int) -> PeopleInputs:
+def street_inputs(
+    source: Source, models: Mapping[str, Path], threads: int, camera: StandingCamera | None = None
+) -> PeopleInputs:
     """Where people on a street come from; ``models`` are files by the kinds of `STREET_MODELS`."""
     detector, appearance = Detector(models["detector"], threads=threads), Appearance(models["appearance"], threads)
-    return PeopleInputs(source, detector, appearance)
+    return PeopleInputs(source, detector, appearance, camera=camera)
 
 
-def street_trackers(source: Source, models: Mapping[str, Path], threads: int) -> dict[str, PeopleTracker]:
+def street_trackers(
+    source: Source, models: Mapping[str, Path], threads: int, camera: StandingCamera | None = None
+) -> dict[str, PeopleTracker]:
     """A tracker for each of `STREET_METHODS`, by its name, as `tsuiseki track people` would make it."""
     affinity = Affinity(models["affinity"], threads)
-    return {name: people_tracker(method, None, affinity, source=source) for method, name in STREET_METHODS.items()}
+    return {
+        name: people_tracker(method, None, affinity, source=source, camera=camera)
+        for method, name in STREET_METHODS.items()
+    }
 
 
 def scored(

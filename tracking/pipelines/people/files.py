@@ -10,6 +10,7 @@ from typing import Any
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import Describe, open_appearance
 from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
@@ -71,7 +72,8 @@ class Linking(MethodSettings):
             end, or with --delay a fixed time after each frame.
         affinity: exported link costs for flow; by default the shipped affinity_people.onnx after a detector, and
             hand-set costs after --detections, whose scores it does not know; none takes hand-set costs always.
-        moving_camera: estimate how the camera moves and link people as if it stood still.
+        moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
+            the flow sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
         delay: seconds after which --method flow decides on a frame for good, such as 1.0, with memory that does not
             grow but for the result; by default it decides at the end.
     """
@@ -99,7 +101,7 @@ def opened(
     else:
         detect, kinds = finding.classed(source, finding.classes)
     describe = finding.describer(source, linking.method, threads)
-    camera = CameraPath() if linking.moving_camera else None
+    camera = CameraPath() if linking.moving_camera else StandingCamera()
     inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads)
     learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=knows_scores(detect))
 

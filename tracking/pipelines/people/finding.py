@@ -14,6 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import Appearance, Describe, Detect, Detector
 from tsuiseki.tracking.features.networks.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
@@ -24,7 +25,7 @@ from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.types import Detections, Frame, IntArray
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray, IntArray
 from tsuiseki.tracking.video import Source
 from tsuiseki.tracking.weights import shipped
 
@@ -41,7 +42,8 @@ class PeopleInputs:
         detect: a detector, or the detections of each frame.
         describe: an appearance model, if the method compares appearance.
         batch_size: frames of one call of the detector.
-        camera: gets the frames, where the movement of the camera matters.
+        camera: gets the frames, where the movement of the camera matters; one that only tells where the camera stands
+            still gets those that are decoded anyway.
         threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
             sources are never read ahead.
     """
@@ -50,7 +52,7 @@ class PeopleInputs:
     detect: Detect | Sequence[Detections]
     describe: Describe | None = None
     batch_size: int = 4
-    camera: CameraPath | None = None
+    camera: CameraPath | StandingCamera | None = None
     threads: int = 1
 
     @property
@@ -63,7 +65,8 @@ class PeopleInputs:
     @property
     def needs_images(self) -> bool:
         """Whether the frames themselves must be decoded."""
-        looked_at = self.describe is not None or self.camera is not None or not isinstance(self.detect, Sequence)
+        moving = isinstance(self.camera, CameraPath)
+        looked_at = self.describe is not None or moving or not isinstance(self.detect, Sequence)
         return looked_at or (self.source.length is None and self.source.has_images)
 
     def found(
@@ -101,9 +104,15 @@ class PeopleInputs:
             last = frame.index
             if self.camera is not None:
                 with times.measure("camera"):
-                    self.camera.add(frame.image, found.boxes)
+                    self._show_camera(frame.image, found.boxes)
             yield frame, found
         self._check_all_used(last)
+
+    def _show_camera(self, image: ImageArray, boxes: FloatArray) -> None:
+        if isinstance(self.camera, CameraPath):
+            self.camera.add(image, boxes)
+        elif self.camera is not None:
+            self.camera.add(image)
 
     def _check_all_used(self, last: int) -> None:
         """Say that a video turned out to be shorter than its detections."""

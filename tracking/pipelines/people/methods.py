@@ -13,6 +13,7 @@ from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import scores_are_probabilities
 from tsuiseki.tracking.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.onnx import kind_of
@@ -63,7 +64,7 @@ def people_tracker(
     affinity: LearntCosts | None = None,
     seed: int = 0,
     source: Source | None = None,
-    camera: CameraPath | None = None,
+    camera: CameraPath | StandingCamera | None = None,
     delay: float | None = None,
     scores: ScoreCost | None = None,
 ) -> PeopleTracker:
@@ -75,7 +76,8 @@ def people_tracker(
         affinity: learnt costs of the flow.
         seed: of all chance.
         source: the video, for the flow's times and the border of its images.
-        camera: gets the frames before the tracker gets their detections, where the movement of the camera matters.
+        camera: gets the frames before the tracker gets their detections, where the movement of the camera matters; one
+            that only tells where it stands still is for the flow.
         delay: seconds after which the flow answers a frame; None answers at the end.
         scores: what scores cost the flow where no ``affinity`` says so; None lets the video tell.
 
@@ -103,7 +105,9 @@ def people_tracker(
     if method not in makers:
         raise RequestError(f"expected the method {', '.join(makers)} or a tracker, got {method!r}")
     tracker = makers[method]()
-    return tracker if camera is None or method == "flow" else MotionCompensated(tracker, camera)
+    if not isinstance(camera, CameraPath) or method == "flow":
+        return tracker
+    return MotionCompensated(tracker, camera)
 
 
 def _flow_settings(given: FlowSettings, observation: ScoreCost | None) -> FlowSettings:

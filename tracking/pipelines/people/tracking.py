@@ -15,6 +15,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import knows_scores
 from tsuiseki.tracking.frame_range import parse_frames
@@ -159,7 +160,7 @@ def _prepared(
     opened = open_source(str(source), parse_frames(frames))
     call = threads_of_a_call(opened, threads)
     detect = people_detect(opened, detections, detector, shipped(PEOPLE_DETECTOR), threads=call)
-    camera = CameraPath() if moving_camera else None
+    camera = CameraPath() if moving_camera else StandingCamera()
     tracker = _tracker(method, affinity, detect, threads, seed, opened, camera, delay)
     inputs = PeopleInputs(
         opened,
@@ -168,7 +169,7 @@ def _prepared(
         camera=camera,
         threads=threads,
     )
-    if camera is not None and not opened.has_images:
+    if moving_camera and not opened.has_images:
         raise RequestError(f"{opened.name} has no images to tell how the camera moves")
     return inputs, tracker
 
@@ -180,7 +181,7 @@ def _tracker(
     threads: int,
     seed: int,
     source: Source,
-    camera: CameraPath | None,
+    camera: CameraPath | StandingCamera,
     delay: float | None,
 ) -> PeopleTracker:
     if isinstance(method, str):
@@ -195,7 +196,7 @@ def _tracker(
         )
     if delay is not None:
         raise RequestError("expected `delay` with the method's name, got it beside a tracker; give it to the tracker")
-    return method if camera is None else MotionCompensated(method, camera)
+    return MotionCompensated(method, camera) if isinstance(camera, CameraPath) else method
 
 
 def _answers_while_it_runs(tracker: PeopleTracker) -> bool:

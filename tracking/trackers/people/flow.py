@@ -12,6 +12,7 @@ from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.trackers.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput
@@ -37,7 +38,8 @@ class FlowTracker:
         observation: learnt prices of scores, taken for their calibration; by default the video calibrates them.
         frame_rate: frames a second.
         size: width and height of the image, so that leaving it is told from being missed; None where not known.
-        camera: its motion from images, which gets each frame before its detections come here; None takes the boxes.
+        camera: its motion from images, or where it stands still by them, boxes telling the rest; it gets each frame
+            before its detections come here. None takes the boxes.
         seed: taken as by all trackers; nothing is drawn.
         changes: by how much costs learnt on whole tracks differ from the settings'; by default not at all.
         delay: seconds from a frame to its answer, 0 or more; None answers at the end.
@@ -62,7 +64,7 @@ class FlowTracker:
         observation: ScoreCost | None = None,
         frame_rate: float = 25.0,
         size: tuple[int, int] | None = None,
-        camera: CameraPath | None = None,
+        camera: CameraPath | StandingCamera | None = None,
         seed: int = 0,  # noqa: ARG002
         changes: CostChanges | None = None,
         delay: float | None = None,
@@ -76,7 +78,9 @@ class FlowTracker:
             settings = settings.alike()
         self.settings = settings
         self.delay = delay
-        given = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, camera, observation)
+        standing = camera if isinstance(camera, StandingCamera) else None
+        path = camera if isinstance(camera, CameraPath) else None
+        given = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, path, standing, observation)
         most_undecided = None if settings.most_undecided is None else round(settings.most_undecided * frame_rate)
         window = FlowWindow(settings.costs, frame_rate, size, most_undecided, transition, changes)
         self._changes = changes
@@ -127,6 +131,7 @@ class FlowTracker:
             "exact": self.exact,
             "entry_and_exit_by_place": self.settings.costs.places is not None,
             "camera_from": camera.source,
+            "camera_stood_still": self._looked_at.input.stood_still,
             "camera_unknown": camera.unknown.from_one(),
             "duplicates": self.duplicates,
             "detections": self._given,

@@ -22,6 +22,7 @@ from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, M
 from tsuiseki.tracking.association.video_evidence import VideoEvidence
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep, CameraTrajectory
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 
@@ -68,10 +69,12 @@ class FlowInput:
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
         path: the camera's motion from images, of which several may read; None takes the boxes.
+        standing: pictures that tell where the camera stands still, whatever the boxes say; several may read them.
         observation: learnt prices of scores, taken for their calibration; None lets the video calibrate them.
         camera: the trajectory so far.
         evidence: what the video says of its detections so far.
         duplicates: boxes left out so far.
+        stood_still: frames so far that the camera stood still before, by pictures.
     """
 
     settings: InputSettings
@@ -79,6 +82,7 @@ class FlowInput:
     frame_rate: float
     size: tuple[int, int] | None
     path: CameraPath | None = None
+    standing: StandingCamera | None = None
     observation: ScoreCost | None = None
     duplicates: int = 0
     _last: Detections = field(default_factory=Detections.empty)
@@ -91,16 +95,20 @@ class FlowInput:
         self._shifts: list[float] = []
         # Steps to frames whose detections have not come to `rows` yet.
         self._steps: list[CameraStep] = []
+        self._still: list[bool] = []
+        self.stood_still = 0
 
     def meet(self) -> None:
         """Ask the images how the camera came to the next frame; its detections may come to `rows` much later."""
         if self.path is not None:
             self._steps.append(self.path.step(len(self.camera) + len(self._steps)))
+        if self.standing is not None:
+            self._still.append(self.standing.stands_still(len(self.camera) + len(self._still)))
 
     def copy(self) -> FlowInput:
         """A copy that goes on by itself."""
         other = copy(self)
-        other._steps = [*self._steps]
+        other._steps, other._still = [*self._steps], [*self._still]
         other.camera, other.evidence = self.camera.copy(), self.evidence.copy()
         return other
 
@@ -198,8 +206,12 @@ class FlowInput:
         boxes = np.concatenate([self._last.boxes, rows.boxes])
         frames = np.append(np.zeros(len(self._last), np.int64), rows.frames - first + 1)
         steps = steps_from_boxes(frames, boxes, count + 1, self.frame_rate, self.settings.camera)
+        still, self._still = self._still[:count], self._still[count:]
         for index in range(1, count + 1):
-            self._append_step(steps, index, self.settings.camera)
+            if index <= len(still) and still[index - 1]:
+                self._stand_still()
+            else:
+                self._append_step(steps, index, self.settings.camera)
 
     def _follow_images(self, rows: DetectionRows, count: int) -> None:
         """The same by what the images said."""
@@ -211,6 +223,12 @@ class FlowInput:
             known = np.isfinite(step.deviation)
             deviation = step.deviation / height if known else self.settings.lost
             self.camera.append(step.similarity, deviation, known=known, moving=not known)
+
+    def _stand_still(self) -> None:
+        """Pictures show that the camera did not move into a frame."""
+        self.stood_still += 1
+        self._shifts = [*self._shifts, 0.0][-round(max(self.frame_rate, 2)) :]
+        self.camera.append(np.eye(3)[:2])
 
     def _append_step(self, steps: Steps, index: int, settings: CameraFromBoxes) -> None:
         shift, support = float(steps.shift[index]), float(steps.support[index])
