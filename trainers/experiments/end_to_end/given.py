@@ -40,6 +40,7 @@ OTHERS = {
     "400 windows": Fit(steps=400),
     "links along the tracks learnt": Fit(rounds=2),
     "two hidden layers of 12": Fit(hidden=12),
+    "cross-entropy of links beside": Fit(pairwise=1.0),
 }
 # What may help where few sequences teach.
 FOR_FEW = {
