@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import score_sums
@@ -34,8 +35,10 @@ from tsuiseki.trainers.experiments.experiment import Bench, Table
 
 FIT = Fit(steps=300)
 PAIRS, DEFAULT = "trees of pairs that ship", "default"
+SCORES, LINKS_AND_SCORES = "default, scores as the pairs' file", "… links alone, scores as the pairs' file"
 # Shares of what is learnt of links and joins, and of detections.
-SHARES = {"both losses": (1.0, 0.5), "… links alone": (1.0, 0.0), "… half of all": (0.5, 0.5)}
+LINKS = "… links alone"
+SHARES = {"both losses": (1.0, 0.5), LINKS: (1.0, 0.0), "… half of all": (0.5, 0.5)}
 # What `tsuiseki track people` takes of a detector.
 THRESHOLD = 0.3
 DETECTORS = ("detector_street", "detector_figures")
@@ -78,19 +81,25 @@ def detected_sums(
     graphs = [graphs_of_video(described(read_stretch(one, find), look)) for one in train]
     graphs = [one for one in graphs if len(one.detections) and len(one.detections.tail)]
     learnt = NetworkChanges(fit_network(graphs, replace(FIT, trust=1.0)))
-    found = {DEFAULT: [_sums(video, None) for video in videos], PAIRS: [_sums(video, known) for video in videos]}
+    found = {DEFAULT: [_sums(video) for video in videos]}
+    found[PAIRS] = [_sums(video, transition=known, observation=known.observation) for video in videos]
     for name, share in SHARES.items():
         found[name] = [_sums(video, Shrunk(learnt, *share)) for video in videos]
+    # What the pairs' file says of scores is taken as it is: only links, joins, starts and ends may differ.
+    found[SCORES] = [_sums(video, observation=known.observation) for video in videos]
+    links = Shrunk(learnt, *SHARES[LINKS])
+    found[LINKS_AND_SCORES] = [_sums(video, links, observation=known.observation) for video in videos]
     return found
 
 
-def _sums(video: DetectedVideo, costs: Affinity | CostChanges | None) -> FloatArray:
+def _sums(
+    video: DetectedVideo,
+    changes: CostChanges | None = None,
+    transition: TransitionCost | None = None,
+    observation: ScoreCost | None = None,
+) -> FloatArray:
     """As `tsuiseki track people` tracks with such costs."""
-    rate, size = video.frame_rate, video.size
-    if isinstance(costs, Affinity):
-        tracker = FlowTracker(None, costs, costs.observation, rate, size)
-    else:
-        tracker = FlowTracker(frame_rate=rate, size=size, changes=costs)
+    tracker = FlowTracker(None, transition, observation, video.frame_rate, video.size, changes=changes)
     for found in video.detections:
         tracker.update(found)
     return score_sums(SequencePair(video.name, video.truth, tracker.tracks(), len(video.detections)))

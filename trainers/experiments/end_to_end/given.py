@@ -21,12 +21,13 @@ from tsuiseki.trainers.experiments.end_to_end.choosing import (
     share_sums,
 )
 from tsuiseki.trainers.experiments.end_to_end.folds import OF_OTHERS, Learner, folds_of, groups_of, learnt_rows
-from tsuiseki.trainers.experiments.end_to_end.pairwise import pairwise_tables
+from tsuiseki.trainers.experiments.end_to_end.pairwise import mixed_tables, pairwise_tables
 from tsuiseki.trainers.experiments.end_to_end.runs import default_table, learnt_tables, shared_tables
 from tsuiseki.trainers.experiments.experiment import Bench
 
 GAP = 2.0
 DEFAULT, LOGISTIC, TREES, ORACLE = "default", "pairs, logistic", "pairs, boosted trees", "right links"
+MIXED = "detections by trees of pairs"
 SEARCHED, SHARED, SURE, POOLED = "direct search", "shares by HOTA", "shares that surely gain", "other sets too"
 BOTH = "both losses"
 LEARNT = {"Fenchel-Young": Fit(loss="fenchel_young"), "hinge": Fit(loss="hinge"), BOTH: Fit()}
@@ -50,7 +51,7 @@ FOR_FEW = {
     "another seed": Fit(seed=1),
 }
 # All rows of other ways; those of OTHERS are of the first set alone, as is POOLED.
-ALTERNATIVES = (*OTHERS, *FOR_FEW, POOLED, SHARED, SURE, SEARCHED)
+ALTERNATIVES = (*OTHERS, *FOR_FEW, MIXED, POOLED, SHARED, SURE, SEARCHED)
 
 
 def given(bench: Bench, one: DataSet, clips: list[Clip], processes: int = 0) -> list[Result]:
@@ -92,6 +93,8 @@ def alternatives(
     """
     fits = {name: fit for name, fit in {**OTHERS, **FOR_FEW}.items() if name in rows}
     learners = through_the_flow({BOTH: LEARNT[BOTH], **fits})
+    if MIXED in rows:
+        learners.append(Learner(MIXED, mixed_tables, LEARNT[BOTH]))
     if others and POOLED in rows:
         learners.append(Learner(POOLED, learnt_tables, FIT_OF_POOL, tuple(others)))
     learnt = learnt_rows(bench, one, clips, learners, processes)

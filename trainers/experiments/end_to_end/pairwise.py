@@ -27,7 +27,8 @@ from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
 from tsuiseki.trainers.association.graphs import Graph, Graphs
 from tsuiseki.trainers.experiments.association.sequences import Clip
-from tsuiseki.trainers.experiments.end_to_end.runs import learnable, tracked
+from tsuiseki.trainers.experiments.end_to_end.runs import learnable, learnt_changes, tracked
+from tsuiseki.trainers.experiments.end_to_end.simple_changes import Mixed
 
 Learner = Literal["logistic", "trees"]
 # Trust in links and in detections, worth of a detection of even chances, cost of ends beyond the default.
@@ -110,6 +111,12 @@ class _Known:
 def pairwise_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], learner: Learner) -> list[FloatArray]:
     """Tracks of ``tests`` by costs that were learnt on the pairs of ``train``."""
     changes = fit_pairs(learnable(train), learner)
+    return [tracked(clip, changes) for clip in tests]
+
+
+def mixed_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit) -> list[FloatArray]:
+    """As `pairwise_tables` of trees, with links and joins by what was learnt through the flow."""
+    changes = Mixed(learnt_changes(train, fit), fit_pairs(learnable(train), "trees"))
     return [tracked(clip, changes) for clip in tests]
 
 

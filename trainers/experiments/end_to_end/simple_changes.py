@@ -1,4 +1,4 @@
-"""Changes of the tracker's costs by a few numbers: of the costs themselves, or of how far learnt changes are taken."""
+"""Changes of the tracker's costs by a few numbers, shares of learnt ones, and learnt ones put together."""
 
 from __future__ import annotations
 
@@ -79,6 +79,31 @@ class Shrunk:
     def joins(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` changes of the costs of joins."""
         return self.links_share * self.learnt.joins(rows)
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """Changes of links and joins that one learnt, of detections that another did; a `CostChanges`.
+
+    Attributes:
+        of_links: gives those of links and joins.
+        of_detections: gives those of detections, starts and ends.
+    """
+
+    of_links: CostChanges
+    of_detections: CostChanges
+
+    def links(self, rows: FloatArray) -> FloatArray:
+        """``(P,)`` changes of the costs of links."""
+        return self.of_links.links(rows)
+
+    def detections(self, rows: FloatArray) -> FloatArray:
+        """``(N, 3)`` changes of the costs of detections, of a track's start and of its end there."""
+        return self.of_detections.detections(rows)
+
+    def joins(self, rows: FloatArray) -> FloatArray:
+        """``(P,)`` changes of the costs of joins."""
+        return self.of_links.joins(rows)
 
 
 def _within(change: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES, LINK
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.end_to_end.choosing import SHARES, STEPS, best_share, pattern_search
 from tsuiseki.trainers.experiments.end_to_end.given import others_of
-from tsuiseki.trainers.experiments.end_to_end.simple_changes import Scalars, Shrunk
+from tsuiseki.trainers.experiments.end_to_end.simple_changes import Mixed, Scalars, Shrunk
 
 
 def test_the_search_climbs_and_stops_at_its_looks() -> None:
@@ -65,6 +65,15 @@ def sums_at(hits: float) -> FloatArray:
     """Sums of a sequence on which so many of a hundred boxes are found, all with their right identity."""
     found = np.full(19, hits)
     return np.concatenate([found, 100 - found, 0 * found, found, [hits, 0, 100 - hits, 0], [hits, 0, 100 - hits]])
+
+
+def test_links_by_one_and_detections_by_another() -> None:
+    links, detections = np.ones((4, len(LINK_FEATURES))), np.ones((3, len(DETECTION_FEATURES)))
+    one, other = Scalars(link=0.5, worth=2.0, join=1.0), Scalars(link=0.1, worth=-3.0, join=7.0)
+    both = Mixed(one, other)
+    np.testing.assert_array_equal(both.links(links), one.links(links))
+    np.testing.assert_array_equal(both.joins(links), one.joins(links))
+    np.testing.assert_array_equal(both.detections(detections), other.detections(detections))
 
 
 @pytest.mark.parametrize("left", [0, 1, 2])

@@ -69,7 +69,7 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path, monkeypat
         "right links",
     }
     assert set(values) == rows
-    chosen = {given.SEARCHED, given.SHARED, given.SURE, given.POOLED}
+    chosen = {given.MIXED, given.SEARCHED, given.SHARED, given.SURE, given.POOLED}
     assert set(others) == {"default", "both losses", *given.OTHERS, *given.FOR_FEW, *chosen}
     assert others["both losses"] == values["both losses"]
     assert set(found["mot15, limits"]) == {"links of the labels", "mended", "contested, told", "detections"}

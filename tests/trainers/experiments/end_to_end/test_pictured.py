@@ -102,7 +102,13 @@ def test_costs_after_a_detector(pictured: Path, monkeypatch: pytest.MonkeyPatch)
     every = Stretch(pictured, 1, FRAMES)
     models = shipped("detector_street"), shipped("appearance_people"), shipped("affinity_people")
     found = detected.detected_sums((every,), (every,), *models)
-    assert list(found) == [detected.DEFAULT, detected.PAIRS, *detected.SHARES]
+    assert list(found) == [
+        detected.DEFAULT,
+        detected.PAIRS,
+        *detected.SHARES,
+        detected.SCORES,
+        detected.LINKS_AND_SCORES,
+    ]
     look = Appearance(models[1], threads=1)
     video = described(read_stretch(every, Detector(models[0], detected.THRESHOLD, threads=1)), look)
     tracker = FlowTracker(frame_rate=video.frame_rate, size=video.size)
