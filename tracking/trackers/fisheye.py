@@ -75,6 +75,8 @@ class FisheyeSettings:
         feature_gate: ε_feat, the largest cosine distance of a match by appearance, in [0, 2].
         reach: ε_pos right after a detection, metres, at least 0.
         speed: growth of ε_pos with the time since the last detection, m/s, at least 0.
+        place_feature_gate: the largest cosine distance of a match by place, in [0, 2]; 2 asks nothing, as the thesis,
+            and a track may go on with something that looks like nobody.
         memory: time constant with which a track's velocity decays, seconds, above 0.
         noise: time constant over which measured places are averaged, seconds, above 0.
         update: weight of the newest feature in a track's running mean, in (0, 1].
@@ -88,6 +90,7 @@ class FisheyeSettings:
     feature_gate: float = 0.5
     reach: float = 0.9
     speed: float = 1.4
+    place_feature_gate: float = 2.0
     memory: float = 1.0
     noise: float = 0.15
     update: float = 0.3
@@ -100,6 +103,8 @@ class FisheyeSettings:
             raise ValueError("expected matching by appearance or by place, got neither")
         if not (0 <= self.feature_gate <= 2 and self.reach >= 0 and self.speed >= 0 and 0 < self.update <= 1):
             raise ValueError("expected feature_gate in [0, 2], reach and speed from 0, and update in (0, 1]")
+        if not 0 <= self.place_feature_gate <= 2:
+            raise ValueError("expected place_feature_gate in [0, 2]")
         if not (self.memory > 0 and self.noise > 0 and self.confirm >= 0 and self.max_age >= 0):
             raise ValueError("expected memory and noise above 0, confirm and max_age from 0 seconds")
 
@@ -184,17 +189,19 @@ class FisheyeTracker:
         settings = self.settings
         away = np.linalg.norm(live.places[:, None] - found.places[None], axis=2)
         gate = settings.reach + settings.speed * live.unseen[:, None]
+        # Each distance as a share of its own gate, so that one limit serves all tracks.
+        shares = away / gate
         seen = detected = np.empty(0, dtype=np.int64)
         if settings.by_appearance and features.shape[1] and live.appearance.shape[1]:
             costs = 1 - live.appearance @ features.T
+            shares = np.where(costs > settings.place_feature_gate, np.inf, shares)
             if settings.by_place:
                 costs = np.where(away > gate, np.inf, costs)
             seen, detected = assign(costs, settings.feature_gate)
         if not settings.by_place:
             return seen, detected
         rest, free = np.setdiff1d(np.arange(len(away)), seen), np.setdiff1d(np.arange(len(found)), detected)
-        # Each distance as a share of its own gate, so that one limit serves all tracks.
-        rows, columns = assign((away / gate)[np.ix_(rest, free)], 1.0)
+        rows, columns = assign(shares[np.ix_(rest, free)], 1.0)
         return np.concatenate([seen, rest[rows]]), np.concatenate([detected, free[columns]])
 
     def _advanced(

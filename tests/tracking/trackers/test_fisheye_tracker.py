@@ -172,3 +172,18 @@ def test_two_on_one_spot_stay_two():
 def test_settings_that_match_by_nothing_are_refused():
     with pytest.raises(ValueError, match="by appearance or by place"):
         FisheyeSettings(by_appearance=False, by_place=False)
+
+
+@pytest.mark.parametrize(("gate", "taken"), [(2.0, True), (0.5, False)])
+def test_a_match_by_place_may_ask_for_looks_too(gate, taken):
+    person, thing = np.eye(4)[:1], np.eye(4)[1:2]
+    tracker = FisheyeTracker(1.0, FisheyeSettings(place_feature_gate=gate))
+    for t in range(3):
+        tracker.update(floor_detections([[0.5 * t, 0.0]], person))
+    # The person is missed, and something stands near that is too faint to start a track.
+    for _ in range(3):
+        tracker.update(floor_detections([[1.8, 0.3]], thing, scores=[0.4]))
+    [track] = tracker.tracks()
+    assert (len(track.track) > 3) == taken
+    with pytest.raises(ValueError, match="place_feature_gate"):
+        FisheyeSettings(place_feature_gate=3.0)
