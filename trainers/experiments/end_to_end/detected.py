@@ -71,7 +71,7 @@ def detected_sums(
     Args:
         train: what is learnt from.
         tests: what is tracked.
-        detector: exported; its scores are those that ``pairs`` know.
+        detector: exported.
         appearance: exported.
         pairs: exported costs of pairs.
     """
@@ -85,7 +85,7 @@ def detected_sums(
     found[PAIRS] = [_sums(video, transition=known, observation=known.observation) for video in videos]
     for name, share in SHARES.items():
         found[name] = [_sums(video, Shrunk(learnt, *share)) for video in videos]
-    # What the pairs' file says of scores is taken as it is: only links, joins, starts and ends may differ.
+    # Scores are worth what the pairs' file says: only links and joins may differ.
     found[SCORES] = [_sums(video, observation=known.observation) for video in videos]
     links = Shrunk(learnt, *SHARES[LINKS])
     found[LINKS_AND_SCORES] = [_sums(video, links, observation=known.observation) for video in videos]

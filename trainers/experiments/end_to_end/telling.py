@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from sklearn.metrics import roc_auc_score
@@ -92,7 +93,8 @@ def contests(graph: Graph, costs: FloatArray, known: BoolArray) -> FloatArray:
     gap = graph.frames[head[right]] - graph.frames[tail[right]]
     bins = np.where(gap == 1, 0, 1 + np.searchsorted(GAPS, gap / graph.frame_rate))
     is_told = costs[right] < rival
-    return np.stack([np.bincount(bins, minlength=3), np.bincount(bins, is_told, minlength=3)], axis=1)
+    count_in = partial(np.bincount, bins, minlength=len(BINS))
+    return np.stack([count_in(), count_in(weights=is_told)], axis=1)
 
 
 def area(right: BoolArray, costs: FloatArray) -> float:
