@@ -48,8 +48,8 @@ class RecognitionSettings:
     trusted: int = 3
     share: float = 0.6
     looks: int = 2
-    lost_share: float = 0.5
-    lost_looks: int = 3
+    lost_share: float = 0.4
+    lost_looks: int = 2
     candidates: int = 4
     better: float = 0.1
     alike: float = 0.85

@@ -6,9 +6,9 @@ given clips and on the first generated chases, which are therefore counted apart
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +21,13 @@ from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
-from tsuiseki.trainers.experiments.single.runs import Clip, Ours, generated_clips, seeds_of, start
+from tsuiseki.trainers.experiments.single.runs import Clip, Ours, generated_clip, seeds_of, start
 from tsuiseki.trainers.experiments.single.unseen import interval
 from tsuiseki.trainers.experiments.store import Store
 
 WITHIN = 10
 FOLLOWED = 0.5
-SEEN, CHASES = 24, 48
+SEEN, CHASES = 48, 96
 
 
 @dataclass(frozen=True)
@@ -102,36 +102,50 @@ def watch(clip: Clip, watched: Watched, seed: int) -> list[list[float]]:
     return [[float(o), float(s.status == "lost")] for o, s in zip(overlaps, states, strict=True)]
 
 
-@cache
-def _chases(count: int) -> list[Clip]:
-    """The generated clips, drawn once for the passes and the table."""
-    return generated_clips(count)
+def watch_chase(number: int, watched: Watched, seed: int) -> list[list[float]]:
+    """`watch` on a generated chase."""
+    return watch(_chase(number), watched, seed)
 
 
-def passes(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Iterator[partial[list[list[float]]]]:
-    """Every pass that `lost_status` asks for."""
-    everything = [*clips, *_chases(CHASES)]
-    for watched in TRACKERS.values():
-        for clip in everything:
+@lru_cache(maxsize=1)
+def _chase(number: int) -> Clip:
+    """Drawn once for all trackers, which follow it in turn: all chases together would fill the memory."""
+    return generated_clip(number)
+
+
+def _recalled(store: Store, clip: Clip | int, watched: Watched, seed: int) -> list[list[float]]:
+    """`watch` of a given clip, or of the chase of a number."""
+    if isinstance(clip, int):
+        return store.recall(watch_chase, clip, watched, seed)
+    return store.recall(watch, clip, watched, seed)
+
+
+def _groups(clips: Sequence[Clip]) -> dict[str, Sequence[Clip | int]]:
+    """The clips by kind; chases are numbers."""
+    return {
+        "given clips": clips,
+        f"generated chases 1 to {SEEN}": range(SEEN),
+        f"generated chases {SEEN + 1} to {CHASES}": range(SEEN, CHASES),
+    }
+
+
+def passes(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Iterator[Callable[[], object]]:
+    """Every pass that `lost_status` asks for, clip by clip."""
+    for clip in (one for group in _groups(clips).values() for one in group):
+        for watched in TRACKERS.values():
             for seed in seeds_of(watched.entrant, seeds):
-                yield partial(store.recall, watch, clip, watched, seed)
+                yield partial(_recalled, store, clip, watched, seed)
 
 
 def lost_status(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
     """A row a kind of clip and tracker: the given clips, and generated chases."""
     rows: list[tuple[str, ...]] = []
     values: dict[str, Any] = {}
-    chases = _chases(CHASES)
-    groups = {
-        "given clips": clips,
-        f"generated chases 1 to {SEEN}": chases[:SEEN],
-        f"generated chases {SEEN + 1} to {CHASES}": chases[SEEN:],
-    }
-    for kind, group in groups.items():
+    for kind, group in _groups(clips).items():
         base = None
         for name, watched in TRACKERS.items():
             passes = [
-                [np.array(store.recall(watch, clip, watched, seed)) for seed in seeds_of(watched.entrant, seeds)]
+                [np.array(_recalled(store, clip, watched, seed)) for seed in seeds_of(watched.entrant, seeds)]
                 for clip in group
             ]
             counts = sum((count_losses(one[:, 0], one[:, 1] > 0) for each in passes for one in each), LostCounts())

@@ -55,11 +55,13 @@ def load(sequences: Iterable[SingleSequence]) -> list[Clip]:
 
 def generated_clips(count: int) -> list[Clip]:
     """Generated chases, for a run without data."""
-    clips = []
-    for k in range(count):
-        made = render_chase(np.random.default_rng([17, k]))
-        clips.append(Clip(SingleSequence(f"chase-{k}", (), made.boxes), list(made.images)))
-    return clips
+    return [generated_clip(number) for number in range(count)]
+
+
+def generated_clip(number: int) -> Clip:
+    """One of them."""
+    made = render_chase(np.random.default_rng([17, number]))
+    return Clip(SingleSequence(f"chase-{number}", (), made.boxes), list(made.images))
 
 
 Ours: TypeAlias = CombinedSettings | KcfParticleSettings | RegularisedSettings | KcfSettings | SingleMethod

@@ -10,7 +10,7 @@ from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSe
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.single import lost_status
 from tsuiseki.trainers.experiments.single.lost_status import LostCounts, Watched, count_losses, watch
-from tsuiseki.trainers.experiments.single.runs import Clip, start
+from tsuiseki.trainers.experiments.single.runs import Clip, generated_clips, start
 from tsuiseki.trainers.experiments.store import Store
 
 
@@ -33,7 +33,7 @@ def test_the_table_has_given_clips_and_generated_ones(tmp_path, monkeypatch):
     monkeypatch.setattr(lost_status, "CHASES", 2)
     monkeypatch.setattr(lost_status, "SEEN", 1)
     monkeypatch.setattr(lost_status, "TRACKERS", {"kcf": lost_status.Watched(RegularisedSettings(sizes=1))})
-    clips = lost_status.generated_clips(1)
+    clips = generated_clips(1)
     outcome = lost_status.lost_status(Store(tmp_path), clips, [0])
     first, second, third = outcome.tables[0].rows
     assert first[2:] == second[2:]
