@@ -1,9 +1,14 @@
 """The crowd under a roof: what is labelled, hidden and detected, and that its table compares like with like."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS, WITH_OBJECTS
+from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.trainers.experiments.drone.crowd import CrowdScene, compare, draw_crowd, reproduce
 from tsuiseki.trainers.experiments.experiment import Bench, Watch
 from tsuiseki.trainers.experiments.store import Store
@@ -25,6 +30,21 @@ def test_nobody_is_seen_under_the_roof_and_everybody_acts():
     for detections in clip.seen:
         assert detections.actions is not None
         assert (detections.actions.sum(axis=1) >= 1).all()  # false boxes, too
+
+
+def test_everybody_keeps_one_thing_of_their_own():
+    clip, as_drawn = draw_crowd(replace(SCENE, own_actions=WITH_OBJECTS), 3), draw_crowd(SCENE, 3)
+    np.testing.assert_array_equal(clip.truth.boxes, as_drawn.truth.boxes)
+    columns = [OKUTAMA_ACTIONS.index(name) for name in WITH_OBJECTS]
+    kept = {}
+    for frame, detections in enumerate(clip.seen):
+        assert (detections.actions[:, columns].sum(axis=1) == 1).all()
+        there = np.flatnonzero((clip.truth.frames == frame) & clip.truth.evaluated)
+        found, labels = assign_overlaps(iou_matrix(detections.boxes, clip.truth.boxes[there]), 0.3)
+        for row, label in zip(found, clip.truth.ids[there[labels]], strict=True):
+            kept.setdefault(int(label), set()).add(int(detections.actions[row, columns].argmax()))
+    assert kept.keys() == {1, 2, 3, 4}
+    assert all(len(things) == 1 for things in kept.values())
 
 
 def test_the_same_seed_draws_the_same_clip():
