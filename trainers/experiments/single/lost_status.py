@@ -124,7 +124,7 @@ def _groups(clips: Sequence[Clip]) -> dict[str, Sequence[Clip | int]]:
     """The clips by kind; chases are numbers."""
     return {
         "given clips": clips,
-        f"generated chases 1 to {SEEN}": range(SEEN),
+        f"generated chases 1 to {SEEN}": range(min(SEEN, CHASES)),
         f"generated chases {SEEN + 1} to {CHASES}": range(SEEN, CHASES),
     }
 
