@@ -8,7 +8,9 @@ import sys
 from importlib import resources
 from pathlib import Path
 
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.datamodules.scenes.figures.assets import Assets
+from tsuiseki.datamodules.scenes.render.photographs import Photographs
+from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.pipelines.people.demo import STREET_MODELS
 
 SHIPPED = {kind: f"{name}.onnx" for kind, name in STREET_MODELS.items()}
@@ -56,8 +58,11 @@ def make_models(folder: Path, assets: Path | None = None) -> dict[str, Path]:
     """
     from tsuiseki.tracking.cli import main
 
-    if assets is not None and not assets.is_dir():
-        raise RequestError(f"`assets`: expected a folder of bodies and clothes (docs/rendered-people.md), got {assets}")
+    if assets is not None:
+        # What is missing is told before hours of training.
+        Assets(assets)
+        if _photographs(assets):
+            Photographs(assets / "photographs")
     folder.mkdir(parents=True, exist_ok=True)
     for words in commands(folder, assets):
         print(f"$ tsuiseki {shlex.join(words)}", file=sys.stderr, flush=True)
@@ -86,6 +91,10 @@ def _rendered(folder: Path, assets: Path | None, scene: str, count: int, seed: i
     """Footage of rendered people as `train detector` takes it, before photographs where there are some."""
     footage = {"folder": str(folder), "generate": count, "scene": scene, "seed": seed}
     footage["sprites"] = str(folder.parent / "sprites")
-    if assets is not None and (assets / "photographs").is_dir():
+    if assets is not None and _photographs(assets):
         footage["photographs"] = str(assets / "photographs")
     return json.dumps([footage])
+
+
+def _photographs(assets: Path) -> bool:
+    return (assets / "photographs").is_dir()

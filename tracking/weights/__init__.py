@@ -1,4 +1,4 @@
-"""The models that ship with the toolkit: small ONNX files and tables, learnt from generated pictures only."""
+"""The models that ship with the toolkit: small ONNX files and tables, learnt from generated people only."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def shipped_or_file(kind: str, given: str | Path) -> Path:
     ('detector_street.onnx', 'best.onnx')
     """
     path = Path(given)
-    if path.suffix or len(path.parts) != 1 or path.exists():
+    if path.suffix or len(path.parts) != 1 or path.is_file():
         return path
     names = [name.removeprefix(f"{kind}_") for name in shipped_names() if name.startswith(f"{kind}_")]
     if path.name not in names:

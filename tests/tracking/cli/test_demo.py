@@ -15,7 +15,7 @@ from tsuiseki.tracking.cli.parser import parse
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.video import open_source
-from tsuiseki.trainers.shipped_models import SHIPPED, commands
+from tsuiseki.trainers.shipped_models import DRAWN, SHIPPED, commands
 
 
 @pytest.fixture
@@ -53,10 +53,11 @@ def test_demo_with_the_shipped_models(tmp_path: Path) -> None:
     assert scores["precision"] > 0.7
 
 
-def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rendered", [False, True])
+def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path, rendered: bool) -> None:
     """Their configurations exist, their options are known, and every shipped file comes out."""
     made = set()
-    for kind, what, *words in commands(tmp_path, tmp_path):
+    for kind, what, *words in commands(tmp_path, tmp_path if rendered else None):
         group = COMMANDS[kind]
         assert isinstance(group, Group)
         command = group.commands[what]
@@ -65,7 +66,16 @@ def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path) -> 
             made |= {Path(value).name} if option == "--out" else set()
         if not command.forwarded:
             parse(f"tsuiseki {kind} {what}", command.load([kind, what]), words)
-    assert set(SHIPPED.values()) <= made
+    assert set((SHIPPED if rendered else DRAWN).values()) <= made
+
+
+def test_missing_assets_are_told_before_anything_is_trained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tsuiseki.trainers.shipped_models.commands", lambda *_: pytest.fail("a command was asked for"))
+    words = ["demo", "--train", "--assets", str(tmp_path), "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    assert "docs/rendered-people.md says how to get them" in capsys.readouterr().err
 
 
 def test_assets_are_for_training(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

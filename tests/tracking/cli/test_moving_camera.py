@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.drone.files import write_drone
+from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks, write_detections
 from tsuiseki.tracking.types import Detections
@@ -47,3 +50,16 @@ def test_text_alone_does_not_tell_how_the_camera_moves(clip, tmp_path, capsys):
     (bare / "det" / "det.txt").write_text((clip / "det" / "det.txt").read_text())
     assert track(bare, tmp_path / "b", "--moving-camera") == 2
     assert "has no images to tell how the camera moves; leave --moving-camera out" in capsys.readouterr().err
+
+
+def test_the_flow_sees_that_a_camera_stands_still_and_other_methods_do_not_look(tmp_path):
+    street = write_street(tmp_path / "street", StreetSettings(width=320, height=240, frames=14), seed=100)
+    told = {}
+    for method, more in (("flow", ["--appearance", "none"]), ("sort", [])):
+        out = tmp_path / method
+        words = ["track", "people", str(street), "--frames", "3-14", "--method", method, "--out", str(out)]
+        assert main([*words, "--view", "1", "--threads", "1", *more]) == 0
+        told[method] = json.loads((out / "run.json").read_text())
+    assert told["flow"]["facts"]["flow"]["camera_stood_still"] == 11
+    assert "camera" in told["flow"]["seconds"]
+    assert "camera" not in told["sort"]["seconds"]

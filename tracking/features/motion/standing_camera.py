@@ -1,14 +1,16 @@
 """Whether a camera stands still from frame to frame, by small grey copies of its pictures.
 
 Boxes alone cannot tell people who walk together from a camera that turns; a picture can, since most of what it shows
-stands still. A frame r is compared with one d a few frames later. Where a shift δ of less than a pixel and a change of
-light explain the difference,
+stands still. A frame r is compared with one d a few frames later. Where a change of light and a motion of less than a
+pixel explain the difference,
 
-    d(x) = g r(x) + o − ∇r(x)·δ,
+    d(x) = g r(x) + o − ∇r(x)·δ(x),   δ(x) = t + z x + w (−y, x),
 
-g, o and δ follow by least squares over the pixels with a gradient, those that something passes counting less and less
-(Cauchy weights, iterated). The camera stands still if δ is small and if most of these pixels hardly differ once the
-light is taken out: by then a larger shift, for which the equation does not hold, is out of the question.
+with x from the middle, g, o, the shift t, the zoom z and the roll w follow by least squares over the pixels with a
+gradient, those that something passes counting less and less (Cauchy weights, iterated). The camera stands still if δ is
+small at all corners and if in most parts of the picture most of these pixels hardly differ once the light is taken out:
+by then a larger motion, for which the equation does not hold, is out of the question. What moves by less than `_STILL`
+of a copy's pixels in `patience` frames is taken to stand still.
 """
 
 from __future__ import annotations
@@ -23,12 +25,14 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Pixels across of the copies.
 _WIDTH = 160
-# Pixels of a copy by which a camera that stands still seems to move at most.
-_STILL = 0.1
+# Pixels of a copy by which a corner of a camera that stands still seems to move at most.
+_STILL = 0.15
 # Grey levels a pixel from which a place is compared, how many such places are enough, and how many are looked at.
 _GRADIENT, _PLACES, _MOST_PLACES = 4.0, 100, 4000
 # Half of the places differ by less than this part of their gradient, which a shift of as many pixels would bring.
 _DIFFERENCE = 0.35
+# Parts of the picture, down and across, so many of which have such places, so many each: a caption has some alone.
+_PARTS, _PARTS_SEEN, _PLACES_OF_PART = (3, 4), 4, 10
 # Grey levels: noise of a copy below which no difference counts.
 _NOISE = 1.5
 _ROUNDS = 4
@@ -84,10 +88,13 @@ def stands_still(first: FloatArray, second: FloatArray) -> bool:
     places = length > _GRADIENT
     if places.sum() < _PLACES:
         return False
-    places = np.flatnonzero(places)
-    places = places[:: -(-len(places) // _MOST_PLACES)]
-    length, reference, wanted = (values.ravel()[places] for values in (length, first, second))
-    design = np.stack([reference, np.ones(len(places)), -across.ravel()[places], -down.ravel()[places]])
+    y, x = np.nonzero(places)
+    every = -(-len(y) // _MOST_PLACES)
+    y, x = y[::every], x[::every]
+    length, reference, wanted, g_x, g_y = np.stack([length, first, second, across, down])[:, y, x]
+    high, wide = first.shape
+    v, u = y - (high - 1) / 2, x - (wide - 1) / 2
+    design = np.stack([reference, np.ones(len(y)), -g_x, -g_y, -(g_x * u + g_y * v), g_x * v - g_y * u])
     weight = np.ones(len(wanted))
     for _ in range(_ROUNDS):
         weighted = design * weight
@@ -97,12 +104,22 @@ def stands_still(first: FloatArray, second: FloatArray) -> bool:
         weight = 1 / (1 + np.square(off / scale))
     differs = np.abs(wanted - found[:2] @ design[:2])
     alike = differs < np.maximum(_DIFFERENCE * length, 2 * _NOISE)
-    return bool(np.hypot(found[2], found[3]) < _STILL and 2 * np.count_nonzero(alike) > len(alike))
+    part = y * _PARTS[0] // high * _PARTS[1] + x * _PARTS[1] // wide
+    seen, agreeing = (np.bincount(part, values, _PARTS[0] * _PARTS[1]) for values in (np.ones(len(y)), alike))
+    enough = seen >= _PLACES_OF_PART
+    most = 2 * np.count_nonzero(2 * agreeing[enough] > seen[enough]) > np.count_nonzero(enough) >= _PARTS_SEEN
+    return bool(most and _at_corners(found[2:], high, wide) < _STILL)
+
+
+def _at_corners(motion: FloatArray, high: int, wide: int) -> float:
+    """How far the corner that moves most does, pixels; ``motion`` is t, z and w."""
+    v, u = np.array([-0.5, -0.5, 0.5, 0.5]) * high, np.array([-0.5, 0.5, -0.5, 0.5]) * wide
+    t_x, t_y, zoom, roll = motion.tolist()
+    return float(np.hypot(t_x + zoom * u - roll * v, t_y + zoom * v + roll * u).max())
 
 
 def _small(image: ImageArray) -> FloatArray:
     """A grey copy, `_WIDTH` pixels across."""
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    scale = _WIDTH / grey.shape[1]
-    height = max(round(grey.shape[0] * scale), 2)
-    return cv2.resize(grey, (_WIDTH, height), interpolation=cv2.INTER_AREA).astype(np.float64)
+    height = max(round(image.shape[0] * _WIDTH / image.shape[1]), 2)
+    small = cv2.resize(image, (_WIDTH, height), interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float64)

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import Describe, open_appearance
 from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
@@ -19,6 +17,7 @@ from tsuiseki.tracking.pipelines.people.finding_options import FindingOptions
 from tsuiseki.tracking.pipelines.people.methods import (
     MethodSettings,
     PeopleMethod,
+    camera_for,
     compares_appearance,
     cost_of_scores,
     people_affinity,
@@ -101,7 +100,7 @@ def opened(
     else:
         detect, kinds = finding.classed(source, finding.classes)
     describe = finding.describer(source, linking.method, threads)
-    camera = CameraPath() if linking.moving_camera else StandingCamera()
+    camera = camera_for(linking.method, moving=linking.moving_camera)
     inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads)
     learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=knows_scores(detect))
 

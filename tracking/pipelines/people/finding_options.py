@@ -26,7 +26,7 @@ class Detecting(Shared):
     """The networks that find and describe people.
 
     Attributes:
-        detector: exported detector; by default the shipped one. A bare word names a shipped one, such as figures.
+        detector: exported detector; by default the shipped one. A bare word, such as street, names another shipped one.
         score_threshold: the detector keeps what scores at least this, from 0 to 1.
         score_range: smallest and largest score that the rows of --detections may have; by default any.
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.

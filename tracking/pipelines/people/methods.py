@@ -110,6 +110,13 @@ def people_tracker(
     return MotionCompensated(tracker, camera)
 
 
+def camera_for(method: PeopleMethod | PeopleTracker, *, moving: bool) -> CameraPath | StandingCamera | None:
+    """What looks at the pictures for a method: how the camera moves, for the flow where it stands still, or nothing."""
+    if moving:
+        return CameraPath()
+    return StandingCamera() if method == "flow" else None
+
+
 def _flow_settings(given: FlowSettings, observation: ScoreCost | None) -> FlowSettings:
     """The settings, and what they leave at its default where scores are probabilities."""
     if isinstance(observation, ProbabilityCost) and given.least == FlowSettings().least:

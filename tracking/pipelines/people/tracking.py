@@ -30,6 +30,7 @@ from tsuiseki.tracking.pipelines.people.methods import (
     METHODS,
     LearntCosts,
     PeopleMethod,
+    camera_for,
     compares_appearance,
     cost_of_scores,
     people_affinity,
@@ -74,7 +75,8 @@ def track_people(
         affinity: exported link costs for ``flow``; by default the shipped ones after an exported detector, hand-set
             costs otherwise; ``"none"`` takes hand-set costs always.
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
-        moving_camera: estimate how the camera moves and link people as if it stood still.
+        moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
+            ``flow`` sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
         threads: CPU threads of the networks; 0 takes all.
         seed: of the tracker's random numbers.
         delay: seconds after which ``flow`` decides on a frame for good, as in `follow_people`; by default it decides at
@@ -160,7 +162,7 @@ def _prepared(
     opened = open_source(str(source), parse_frames(frames))
     call = threads_of_a_call(opened, threads)
     detect = people_detect(opened, detections, detector, shipped(PEOPLE_DETECTOR), threads=call)
-    camera = CameraPath() if moving_camera else StandingCamera()
+    camera = camera_for(method, moving=moving_camera)
     tracker = _tracker(method, affinity, detect, threads, seed, opened, camera, delay)
     inputs = PeopleInputs(
         opened,
@@ -181,7 +183,7 @@ def _tracker(
     threads: int,
     seed: int,
     source: Source,
-    camera: CameraPath | StandingCamera,
+    camera: CameraPath | StandingCamera | None,
     delay: float | None,
 ) -> PeopleTracker:
     if isinstance(method, str):

@@ -90,6 +90,8 @@ class FlowInput:
     _scored: bool = False
 
     def __post_init__(self) -> None:
+        if self.settings.camera is None:
+            self.standing = None
         self.camera = CameraTrajectory("boxes" if self.path is None else "images")
         self.evidence = VideoEvidence(self.settings.detection, self.frame_rate)
         self._shifts: list[float] = []

@@ -21,10 +21,20 @@ def place(seed: int = 0) -> FloatArray:
     return np.asarray(128 + 50 * total / total.std())
 
 
-def picture(of: FloatArray, right: float, noise: int = 0, gain: float = 1.0, people: int = 0) -> ImageArray:
-    """What a camera turned ``right`` pixels shows; ``people`` says where those who walk past are."""
+def picture(
+    of: FloatArray,
+    right: float,
+    noise: int = 0,
+    gain: float = 1.0,
+    people: int = 0,
+    zoom: float = 1.0,
+    roll: float = 0.0,
+) -> ImageArray:
+    """What a camera turned ``right`` pixels shows, with people ``people`` pixels further right; roll in radians."""
     rng = np.random.default_rng(1000 + noise)
-    shift = np.array([[1.0, 0, right + 100], [0, 1, 100]])
+    middle = np.array([SIZE[1], SIZE[0]]) / 2
+    turned = zoom * np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
+    shift = np.column_stack([turned, middle + np.array([right + 100, 100]) - turned @ middle])
     seen = cv2.warpAffine(of, shift, (SIZE[1], SIZE[0]), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
     for n in range(3 if people else 0):
         seen[100:340, 80 + 180 * n + people : 150 + 180 * n + people] = 30 + 80 * n
@@ -50,6 +60,26 @@ def test_a_camera_that_stands_still_while_people_walk_together_and_the_light_cha
 def test_a_camera_that_turns(speed: float) -> None:
     world = place(1)
     assert not any(told([picture(world, speed * n, n) for n in range(30)]))
+
+
+@pytest.mark.parametrize("change", [{"zoom": 1.001}, {"zoom": 0.998}, {"roll": 0.001}], ids=str)
+def test_a_camera_that_zooms_or_rolls(change: dict[str, float]) -> None:
+    """A tenth of a percent, or a twentieth of a degree, a frame."""
+    world = place(4)
+    pictures = []
+    for n in range(40):
+        zoom, roll = change.get("zoom", 1.0) ** n, change.get("roll", 0.0) * n
+        pictures.append(picture(world, 0, n, zoom=zoom, roll=roll))
+    assert sum(told(pictures)) <= 8
+
+
+def test_a_caption_over_a_dim_place_that_moves_tells_nothing() -> None:
+    world = 60 + 0.04 * (place(5) - 128)
+    pictures = [picture(world, 4.0 * n, n) for n in range(15)]
+    for each in pictures:
+        for row in range(4):
+            cv2.putText(each, "CAM 4 2026", (10, 30 + 25 * row), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 2)
+    assert not any(told(pictures))
 
 
 def test_after_a_turn_it_stands_still_once_some_frames_say_so() -> None:
