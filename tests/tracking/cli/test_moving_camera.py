@@ -53,7 +53,7 @@ def test_text_alone_does_not_tell_how_the_camera_moves(clip, tmp_path, capsys):
 
 
 def test_the_flow_sees_that_a_camera_stands_still_and_other_methods_do_not_look(tmp_path):
-    street = write_street(tmp_path / "street", StreetSettings(width=320, height=240, frames=14), seed=100)
+    street = write_street(tmp_path / "street", StreetSettings(frames=14), seed=100)
     told = {}
     for method, more in (("flow", ["--appearance", "none"]), ("sort", [])):
         out = tmp_path / method

@@ -26,7 +26,7 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 # Pixels across of the copies.
 _WIDTH = 160
 # Pixels of a copy by which a corner of a camera that stands still seems to move at most.
-_STILL = 0.15
+_STILL = 0.25
 # Grey levels a pixel from which a place is compared, how many such places are enough, and how many are looked at.
 _GRADIENT, _PLACES, _MOST_PLACES = 4.0, 100, 4000
 # Half of the places differ by less than this part of their gradient, which a shift of as many pixels would bring.
