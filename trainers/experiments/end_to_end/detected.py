@@ -6,7 +6,7 @@ these find and describe people on generated streets, which teach, and on a real 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,12 @@ from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import score_sums
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.trackers.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.video import open_source
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_network
 from tsuiseki.trainers.association.graphs import DetectedVideo
@@ -77,7 +80,7 @@ def detected_sums(
     """
     find, look = Detector(detector, THRESHOLD, threads=1), Appearance(appearance, threads=1)
     known = Affinity(pairs, 1)
-    videos = [described(read_stretch(one, find), look) for one in tests]
+    videos = [_Watched(described(read_stretch(one, find), look), standing_in(one)) for one in tests]
     graphs = [graphs_of_video(described(read_stretch(one, find), look)) for one in train]
     graphs = [one for one in graphs if len(one.detections) and len(one.detections.tail)]
     learnt = NetworkChanges(fit_network(graphs, replace(FIT, trust=1.0)))
@@ -92,14 +95,31 @@ def detected_sums(
     return found
 
 
+@dataclass(frozen=True)
+class _Watched:
+    """A video, and where its camera stands still."""
+
+    video: DetectedVideo
+    camera: StandingCamera
+
+
+def standing_in(stretch: Stretch) -> StandingCamera:
+    """Where the camera stands still, by the pictures of a stretch."""
+    camera = StandingCamera()
+    for frame in open_source(str(stretch.folder), parse_frames(f"{stretch.first}-{stretch.last}")).frames():
+        camera.add(frame.image)
+    return camera
+
+
 def _sums(
-    video: DetectedVideo,
+    watched: _Watched,
     changes: CostChanges | None = None,
     transition: TransitionCost | None = None,
     observation: ScoreCost | None = None,
 ) -> FloatArray:
     """As `tsuiseki track people` tracks with such costs."""
-    tracker = FlowTracker(None, transition, observation, video.frame_rate, video.size, changes=changes)
+    video = watched.video
+    tracker = FlowTracker(None, transition, observation, video.frame_rate, video.size, watched.camera, changes=changes)
     for found in video.detections:
         tracker.update(found)
     return score_sums(SequencePair(video.name, video.truth, tracker.tracks(), len(video.detections)))

@@ -111,7 +111,7 @@ def test_costs_after_a_detector(pictured: Path, monkeypatch: pytest.MonkeyPatch)
     ]
     look = Appearance(models[1], threads=1)
     video = described(read_stretch(every, Detector(models[0], detected.THRESHOLD, threads=1)), look)
-    tracker = FlowTracker(frame_rate=video.frame_rate, size=video.size)
+    tracker = FlowTracker(frame_rate=video.frame_rate, size=video.size, camera=detected.standing_in(every))
     for one in video.detections:
         tracker.update(one)
     np.testing.assert_allclose(found[detected.DEFAULT][0], sums_of(video, tracker.tracks()))
