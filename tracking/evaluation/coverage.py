@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
+from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
 from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
-
-MATCH_OVERLAP = 0.5
 
 
 @dataclass(frozen=True)
@@ -44,15 +42,11 @@ def coverage(truth: GroundTruth, tracks: Iterable[Track], overlap: float = MATCH
     rows = truth.select(truth.evaluated)
     tracks = list(tracks)
     frames = np.concatenate([t.frames for t in tracks]) if tracks else np.empty(0, np.int64)
-    order = np.argsort(frames, kind="stable")
-    frames = frames[order]
-    ids = np.concatenate([np.full(len(t), t.id) for t in tracks])[order] if tracks else frames
-    boxes = np.concatenate([t.boxes for t in tracks])[order] if tracks else np.empty((0, 4))
+    ids = np.concatenate([np.full(len(t), t.id) for t in tracks]) if tracks else frames
+    boxes = np.concatenate([t.boxes for t in tracks]) if tracks else np.empty((0, 4))
+    label = matched_labels(frames, boxes, rows, overlap)
     found = np.zeros(len(rows), dtype=np.int64)
-    for frame in np.unique(rows.frames):
-        a, b = (slice(*np.searchsorted(numbers, [frame, frame + 1])) for numbers in (rows.frames, frames))
-        i, j = assign_overlaps(iou_matrix(rows.boxes[a], boxes[b]), overlap)
-        found[a][i] = ids[b][j]
+    found[label[label != NOBODY]] = ids[label != NOBODY]
     people, first = np.unique(rows.ids, return_index=True)
     return [
         Coverage(int(person), rows.frames[rows.ids == person], found[rows.ids == person])

@@ -14,20 +14,25 @@ from tsuiseki.tracking.types.labels import GroundTruth
 NOBODY, IGNORED = -1, -2
 
 
-def matched_labels(frames: IntArray, boxes: FloatArray, truth: GroundTruth) -> IntArray:
+def matched_labels(frames: IntArray, boxes: FloatArray, truth: GroundTruth, least: float = MATCH_OVERLAP) -> IntArray:
     """``(N,)`` row of the label that each box is matched to for the largest sum of overlaps, or `NOBODY`.
 
     Args:
         frames: ``(N,)``.
         boxes: ``(N, 4)`` pixels.
-        truth: the labels; a match overlaps by 0.5 or more (intersection over union).
+        truth: the labels.
+        least: intersection over union from which a box and a label match.
     """
     label = np.full(len(frames), NOBODY, dtype=np.int64)
-    for frame in np.unique(frames):
-        here, there = np.flatnonzero(frames == frame), np.flatnonzero(truth.frames == frame)
-        if len(there):
-            rows, columns = assign_overlaps(iou_matrix(truth.boxes[there], boxes[here]), MATCH_OVERLAP)
-            label[here[columns]] = there[rows]
+    orders = [np.argsort(numbers, kind="stable") for numbers in (frames, truth.frames)]
+    sorted_frames = [numbers[order] for numbers, order in zip((frames, truth.frames), orders, strict=True)]
+    for frame in np.intersect1d(frames, truth.frames).tolist():
+        here, there = (
+            order[slice(*np.searchsorted(numbers, [frame, frame + 1]))]
+            for numbers, order in zip(sorted_frames, orders, strict=True)
+        )
+        rows, columns = assign_overlaps(iou_matrix(truth.boxes[there], boxes[here]), least)
+        label[here[columns]] = there[rows]
     return label
 
 

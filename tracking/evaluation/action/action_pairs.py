@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
+from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
 from tsuiseki.tracking.evaluation.pairs import result_file
 from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
 from tsuiseki.tracking.formats.drone.acting_tracks import read_acting_tracks
@@ -18,7 +17,6 @@ from tsuiseki.tracking.formats.drone.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.drone.okutama import Protocol, counted_from, okutama_truth
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
-from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
@@ -156,9 +154,7 @@ def action_rows(labels: LabelledActions, people: Sequence[ActingTrack]) -> Actio
 def _matched(truth: GroundTruth, frames: IntArray, boxes: FloatArray) -> IntArray:
     """``(N,)`` row of the box that each label is matched to, -1 for none."""
     match = np.full(len(truth), -1, dtype=np.int64)
-    for frame in np.unique(truth.frames).tolist():
-        here = np.flatnonzero(truth.frames == frame)
-        first, last = np.searchsorted(frames, [frame, frame + 1])
-        rows, columns = assign_overlaps(iou_matrix(truth.boxes[here], boxes[first:last]), MATCH_OVERLAP)
-        match[here[rows]] = first + columns
+    label = matched_labels(frames, boxes, truth)
+    matched = np.flatnonzero(label != NOBODY)
+    match[label[matched]] = matched
     return match
