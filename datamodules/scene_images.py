@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import cv2
 import numpy as np
@@ -18,6 +18,7 @@ from tsuiseki.datamodules.scenes.rooms.panoramas import PanoramaPictures, panora
 from tsuiseki.datamodules.scenes.street.training import (
     Stock,
     TrainingSettings,
+    aerial_settings,
     random_training_scene,
     sparse_settings,
     varied_settings,
@@ -34,6 +35,7 @@ _QUALITY = 92
 _SEQUENCE = "random-scenes"
 # Pictures of one flight of a drone, and frames between two of them: long enough for other poses and views.
 _PER_FLIGHT, _APART = 6, 45
+_OF_SCENE = {"sparse": sparse_settings, "aerial": aerial_settings}
 
 Labels: TypeAlias = tuple[FloatArray, FloatArray]
 
@@ -56,9 +58,9 @@ def write_varied_images(
     seed: int,
     sprites: str = "",
     photographs: str = "",
-    sparse: bool = False,
+    scene: Literal["varied", "sparse", "aerial"] = "varied",
 ) -> None:
-    """Render ``count`` pictures of `varied_settings` or `sparse_settings`; else as `write_scene_images`.
+    """Render ``count`` pictures of `varied_settings`, sparse or aerial ones; else as `write_scene_images`.
 
     Args:
         folder: gets the sequence.
@@ -67,13 +69,13 @@ def write_varied_images(
         seed: of all chance.
         sprites: folder of rendered people (`scenes.figures.library`); without one people are drawn.
         photographs: folder of photographs (`scenes.render.photographs`); without one grounds are drawn.
-        sparse: few people among many things.
+        scene: which of the three.
 
     Raises:
         RequestError: fewer than one picture, the folder holds files, or there is nothing in the other folders.
     """
     _stock(sprites, photographs)
-    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, sparse))
+    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, scene))
 
 
 def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, seed: int) -> None:
@@ -128,13 +130,13 @@ def _stock(sprites: str, photographs: str) -> Stock:
 
 
 def _varied_picture(
-    size: tuple[int, int], seed: int, sprites: str, photographs: str, sparse: bool, folder: Path, numbers: range
+    size: tuple[int, int], seed: int, sprites: str, photographs: str, scene: str, folder: Path, numbers: range
 ) -> list[Labels]:
     labels = []
     stock = _stock(sprites, photographs)
     for number in numbers:
         rng = np.random.default_rng([seed, number])
-        settings = sparse_settings(*size) if sparse else varied_settings(rng, *size)
+        settings = varied_settings(rng, *size) if scene == "varied" else _OF_SCENE[scene](*size)
         labels.append(_saved(folder, number, *random_training_scene(rng, settings, stock)))
     return labels
 

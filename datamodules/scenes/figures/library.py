@@ -31,18 +31,26 @@ class SpriteSettings:
         views: poses and sides of each.
         height: of a person, pixels.
         processes: how many render at a time; 0 takes all cores.
+        tilts: (least, greatest) angle that the cameras look down, radians. Straight down a person has no upright axis
+            to be placed by, so 1.4 at most.
     """
 
     people: int = 240
     views: int = 5
     height: int = 256
     processes: int = 0
+    tilts: tuple[float, float] = (-0.08, 0.95)
 
     def __post_init__(self) -> None:
         if self.people < 1 or self.views < 1 or not 32 <= self.height <= 1024 or self.processes < 0:
             raise RequestError(
                 "sprites: expected at least one person and one view, a height of 32 to 1024 pixels and processes >= 0, "
                 f"got {self.people}, {self.views}, {self.height} and {self.processes}"
+            )
+        if not -0.5 <= self.tilts[0] <= self.tilts[1] <= 1.4:
+            raise RequestError(
+                f"sprites: expected tilts as (least, greatest) within -0.5 to 1.4 radians, got {self.tilts}; "
+                "a person seen from straight above cannot be placed by feet and head"
             )
 
 
@@ -144,7 +152,9 @@ def _opened(folder: Path) -> Assets:
 def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, person: int) -> list[FloatArray]:
     rng = np.random.default_rng([seed, person])
     rows = []
-    for view, sprite in enumerate(random_sprites(rng, _opened(assets), settings.views, settings.height)):
+    for view, sprite in enumerate(
+        random_sprites(rng, _opened(assets), settings.views, settings.height, settings.tilts)
+    ):
         name = str(work / _name(person, view))
         # The label lies where a picture viewer expects opacity, so that the files can be looked at.
         opacity = np.where(sprite.label > 0, sprite.label * np.uint8(32) + np.uint8(31), 0).astype(np.uint8)

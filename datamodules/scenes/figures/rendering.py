@@ -19,8 +19,6 @@ from tsuiseki.datamodules.scenes.people.sprites import view_from
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
-HIGHEST, LOWEST = 0.95, -0.08
-
 
 @dataclass(frozen=True)
 class Sprite:
@@ -45,8 +43,13 @@ class Sprite:
     tilt: float
 
 
-def random_sprites(rng: np.random.Generator, assets: Assets, views: int, height_px: float) -> list[Sprite]:
-    """One person in ``views`` poses from as many sides, ``height_px`` pixels tall."""
+def random_sprites(
+    rng: np.random.Generator, assets: Assets, views: int, height_px: float, tilts: tuple[float, float]
+) -> list[Sprite]:
+    """One person in ``views`` poses from as many sides, ``height_px`` pixels tall.
+
+    ``tilts`` bound how far down the cameras look, radians; flatter ones are somewhat more common.
+    """
     figure = random_figure(rng, assets)
     manner = random_manner(rng)
     sprites = []
@@ -59,8 +62,7 @@ def random_sprites(rng: np.random.Generator, assets: Assets, views: int, height_
             else standing(rng, manner)
         )
         skeleton = place(build, pose, np.zeros(2), float(rng.uniform(0, 2 * np.pi)))
-        # Cameras that look down a little are the most common.
-        tilt = float(LOWEST + (HIGHEST - LOWEST) * rng.beta(1.3, 1.9))
+        tilt = float(tilts[0] + (tilts[1] - tilts[0]) * rng.beta(1.3, 1.9))
         sprites.append(render_figure(figure, skeleton, tilt, height_px, float(rng.uniform(6, 35))))
     return sprites
 

@@ -128,6 +128,21 @@ def sparse_settings(width: int, height: int) -> TrainingSettings:
     )
 
 
+def aerial_settings(width: int, height: int) -> TrainingSettings:
+    """A few people among many things from 4 to 14 m above, up to nearly straight below."""
+    return TrainingSettings(
+        width,
+        height,
+        people=(0, 14),
+        person_height=(13.0, 120.0),
+        clutter=(6, 30),
+        camera_height=(4.0, 14.0),
+        night=0.05,
+        photographs=0.75,
+        facades=0.2,
+    )
+
+
 def random_training_scene(
     rng: np.random.Generator, settings: TrainingSettings | None = None, stock: Stock = NOTHING
 ) -> tuple[ImageArray, FloatArray, FloatArray]:

@@ -19,6 +19,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 
+TILTS = SpriteSettings().tilts
 CAMERA = PinholeCamera.look_at(np.array([0, 0, 3.0]), np.array([0, 12.0, 0.5]), 500, 320, 240)
 
 
@@ -46,7 +47,7 @@ def library(tmp_path_factory: pytest.TempPathFactory, assets_folder: Path) -> Pa
 
 
 def test_a_rendered_person_is_as_tall_as_asked_and_faces_the_camera(assets: Assets) -> None:
-    for sprite in random_sprites(np.random.default_rng(3), assets, 4, 120):
+    for sprite in random_sprites(np.random.default_rng(3), assets, 4, 120, TILTS):
         height, width = sprite.label.shape
         assert 0.6 * 120 < height < 1.25 * 120
         assert width < height
@@ -96,7 +97,7 @@ def test_light_falls_on_the_side_it_comes_from() -> None:
 
 
 def test_clothes_change_and_shapes_do_not(assets: Assets) -> None:
-    people = (random_sprites(np.random.default_rng(n), assets, 1, 80)[0] for n in range(5, 30))
+    people = (random_sprites(np.random.default_rng(n), assets, 1, 80, TILTS)[0] for n in range(5, 30))
     sprite = next(sprite for sprite in people if (sprite.label == UPPER).any())
     looks = [dressed(np.random.default_rng(n), sprite) for n in range(12)]
     for other in looks:
@@ -113,7 +114,7 @@ def test_a_library_comes_back_as_it_was_rendered(assets_folder: Path, library: P
     again = write_sprites(tmp_path / "again", assets_folder, SpriteSettings(3, 2, 64, 1), 4)
     first, second = SpriteLibrary(library), SpriteLibrary(again)
     assert len(first) == 6
-    sprites = random_sprites(np.random.default_rng([4, 1]), Assets(assets_folder), 2, 64)
+    sprites = random_sprites(np.random.default_rng([4, 1]), Assets(assets_folder), 2, 64, TILTS)
     for n in range(6):
         a, b = first.sprite(n), second.sprite(n)
         np.testing.assert_array_equal(a.albedo, b.albedo)
@@ -153,6 +154,34 @@ def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: p
     assert len(read_ground_truth(folder / "gt" / "gt.txt").boxes) > 0
 
 
+def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_images, "on_all_cores", lambda work, items, _: map(work, items))
+    near, asked = SpriteLibrary.near, []
+
+    def noted(self: SpriteLibrary, rng: np.random.Generator, tilt: float) -> Sprite:
+        asked.append(tilt)
+        return near(self, rng, tilt)
+
+    monkeypatch.setattr(SpriteLibrary, "near", noted)
+    tilts = {}
+    for scene in ("varied", "aerial"):
+        asked.clear()
+        scene_images.write_varied_images(tmp_path / scene, 12, (96, 72), 3, str(library), scene=scene)
+        assert len(read_ground_truth(tmp_path / scene / "gt" / "gt.txt").boxes) > 5
+        tilts[scene] = np.degrees(asked)
+    assert np.median(tilts["aerial"]) > np.median(tilts["varied"]) + 10
+    assert tilts["aerial"].max() > 45
+
+
+def test_sprites_are_seen_from_as_high_as_asked(assets: Assets) -> None:
+    tilts = [s.tilt for n in range(3) for s in random_sprites(np.random.default_rng(n), assets, 3, 48, (1.1, 1.3))]
+    assert 1.1 <= min(tilts) < max(tilts) <= 1.3
+    above = random_sprites(np.random.default_rng(0), assets, 3, 96, (1.3, 1.3))
+    # Feet and head come together: at 75 degrees a person's axis is a quarter of what it is from the side.
+    for sprite in above:
+        assert np.linalg.norm(sprite.feet - sprite.head) < 0.6 * 96
+
+
 def test_folders_without_what_is_needed_are_refused(
     tmp_path: Path, assets_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -160,6 +189,9 @@ def test_folders_without_what_is_needed_are_refused(
         SpriteLibrary(tmp_path)
     with pytest.raises(RequestError, match="at least one person"):
         SpriteSettings(people=0)
+    for tilts in ((0.2, 1.5), (1.0, 0.5), (float("nan"), 1.0)):
+        with pytest.raises(RequestError, match="expected tilts as"):
+            SpriteSettings(tilts=tilts)
     assert main(["simulate", "sprites", "--assets", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "3dobjs/base.obj" in line
