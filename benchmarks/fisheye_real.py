@@ -44,7 +44,8 @@ from tsuiseki.tracking.formats.space.rotated import (
 )
 from tsuiseki.tracking.geometry import rotated_iou
 from tsuiseki.tracking.image_folder import read_image
-from tsuiseki.tracking.pipelines.fisheye.tracking import DETECTORS, FloorMethod, link_on_floor, looking
+from tsuiseki.tracking.pipelines.fisheye.looking import DETECTORS, looking
+from tsuiseki.tracking.pipelines.fisheye.tracking import FloorMethod, link_on_floor
 from tsuiseki.tracking.pipelines.fisheye.view import CeilingView
 from tsuiseki.tracking.report.floor import corners
 from tsuiseki.tracking.timing import StageTimes

@@ -32,37 +32,13 @@ from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.trackers.people.flow_output import long_tracks
 from tsuiseki.tracking.trackers.people.record import Record
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.types.tracks import FloorTrack
 
 # Side of the square that stands for a person on the floor's plan, metres: distances in heights are then in metres.
 SQUARE = 1.0
 # Frames after which what came of no track is dropped.
 PRUNED = 200
-
-
-@dataclass(frozen=True)
-class FloorDetections:
-    """People found in one frame, and where they stand.
-
-    Attributes:
-        detections: boxes in the image, with features where something described them.
-        rotated: ``(N, 5)`` rotated boxes, see `person_model`.
-        places: ``(N, 2)`` metres.
-    """
-
-    detections: Detections
-    rotated: FloatArray
-    places: FloatArray
-
-    def __post_init__(self) -> None:
-        if self.rotated.shape != (len(self.detections), 5) or self.places.shape != (len(self.detections), 2):
-            raise ValueError(
-                f"expected {len(self.detections)} rotated boxes and places, got shapes {self.rotated.shape} and "
-                f"{self.places.shape}"
-            )
-
-    def __len__(self) -> int:
-        return len(self.detections)
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from tsuiseki.tracking.trackers.fisheye import (
     PRUNED,
     FisheyeSettings,
     FisheyeTracker,
-    FloorDetections,
     FloorFlowSettings,
     flow_on_floor,
 )
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.floor import FloorDetections
 
 
 def floor_detections(places, features=None, scores=None):

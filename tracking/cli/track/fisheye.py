@@ -87,11 +87,10 @@ def fisheye(
     from tsuiseki.tracking.formats.space.rotated import write_rotated_detections
     from tsuiseki.tracking.pipelines.fisheye.floor_gate import FloorGate
     from tsuiseki.tracking.pipelines.fisheye.found_boxes import FoundBoxes
+    from tsuiseki.tracking.pipelines.fisheye.looking import DETECTORS, looking
     from tsuiseki.tracking.pipelines.fisheye.tracking import (
-        DETECTORS,
         given_detections,
         link_on_floor,
-        looking,
         open_ceiling,
         people_on_floor,
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, half_turned
 from tsuiseki.tracking.image_folder import ImageFolder
-from tsuiseki.tracking.trackers.fisheye import FloorDetections
+from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.video import Source
 
 

@@ -10,11 +10,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, read_floor_cameras
-from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, cached_table
+from tsuiseki.tracking.cameras.person_model import PersonModel, cached_table
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detect
-from tsuiseki.tracking.features.unrolled import UnrolledDetector, UnrollingSettings
-from tsuiseki.tracking.features.view_choice import SizedDetect
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.space.rotated import (
     as_detections,
@@ -29,22 +27,17 @@ from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.trackers.fisheye import (
     FisheyeSettings,
     FisheyeTracker,
-    FloorDetections,
     FloorFlowSettings,
     flow_on_floor,
 )
 from tsuiseki.tracking.types import Detections, FloatArray, Frame
+from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.tracking.video import Source, open_source
 
 Scaling: TypeAlias = Literal["no", "cut", "widen"]
 FloorMethod: TypeAlias = Literal["hungarian", "flow"]
-CeilingLook: TypeAlias = Literal["unrolled", "image"]
 REACH = 10.0
-# The shipped detector for each way of looking.
-DETECTORS: dict[CeilingLook, str] = {"unrolled": "detector_ceiling", "image": "detector_drone"}
-# Height and width of a tile for a network that takes any size, pixels.
-TILE = (480, 640)
 
 
 @dataclass(frozen=True)
@@ -186,15 +179,6 @@ def _given_rotated(path: Path, source: Source, score_range: tuple[float, float] 
             raise RequestError(f"{path}: {name}: expected scores from {low:g} to {high:g}, got {outside[0]:g}")
         result[frames[name]] = as_detections(each)
     return result
-
-
-def looking(
-    detector: SizedDetect, camera: FloorCamera, look: CeilingLook, unrolling: UnrollingSettings | None = None
-) -> Detect:
-    """``detector`` as it looks at a ceiling camera's images: at them as they are, or at the views they unroll into."""
-    if look == "image":
-        return detector
-    return UnrolledDetector(detector, camera, detector.input_size or TILE, unrolling)
 
 
 def people_on_floor(

@@ -12,8 +12,8 @@ from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crop
 from tsuiseki.tracking.features.networks.exported import Describe
 from tsuiseki.tracking.formats.space.rotated import about_bodies
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.trackers.fisheye import FloorDetections
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.types.floor import FloorDetections
 
 Crops = Literal["image", "upright", "standing"]
 # Height and width of a crop, pixels: what the shipped appearance network takes.

@@ -19,7 +19,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.rooms.ceiling import CAMERAS, Room
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores
-from tsuiseki.tracking.pipelines.fisheye.tracking import DETECTORS, CeilingLook
+from tsuiseki.tracking.pipelines.fisheye.looking import DETECTORS, CeilingLook
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.tracking.weights import shipped

@@ -20,7 +20,6 @@ from tsuiseki.tracking.trackers.fisheye import (
     DEFAULT_FLOW,
     FisheyeSettings,
     FisheyeTracker,
-    FloorDetections,
     FloorFlowSettings,
     flow_on_floor,
 )
@@ -30,6 +29,7 @@ from tsuiseki.tracking.trackers.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.trackers.people.record import run_tracker
 from tsuiseki.tracking.trackers.people.sort import Sort, SortSettings
 from tsuiseki.tracking.types import FloatArray, Track
+from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.trainers.experiments.fisheye.observations import Observed, restricted
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.trackers.fisheye import FloorDetections
 from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.trainers.experiments.experiment import Bench
