@@ -12,6 +12,7 @@ The thesis leaves these points open; here:
 * The gate ε_pos is ``reach`` metres, and ``speed`` metres more for each second since the track's last detection. So
   one setting serves 1 frame a second and 15.
 * The first stage has the same gate. Two people in similar clothes are told apart by their places.
+* The second stage leaves out pairs whose features differ by more than ``place_feature_gate``.
 * The prediction is that of an alpha-beta filter. Its velocity decays with the time constant ``memory``.
 
 `flow_on_floor` links the same detections by the minimum-cost flow, with distances on the floor.
@@ -52,7 +53,7 @@ class FisheyeSettings:
         reach: ε_pos right after a detection, metres, at least 0.
         speed: growth of ε_pos with the time since the last detection, m/s, at least 0.
         place_feature_gate: the largest cosine distance of a match by place, in [0, 2]; 2 asks nothing, as the thesis,
-            and a track may go on with something that looks like nobody.
+            and the track of a person who is missed may go on with furniture.
         memory: time constant with which a track's velocity decays, seconds, above 0.
         noise: time constant over which measured places are averaged, seconds, above 0.
         update: weight of the newest feature in a track's running mean, in (0, 1].
@@ -66,7 +67,7 @@ class FisheyeSettings:
     feature_gate: float = 0.5
     reach: float = 0.9
     speed: float = 1.4
-    place_feature_gate: float = 2.0
+    place_feature_gate: float = 0.5
     memory: float = 1.0
     noise: float = 0.15
     update: float = 0.3

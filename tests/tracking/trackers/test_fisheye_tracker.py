@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import tracemalloc
 
 import numpy as np
@@ -115,6 +116,7 @@ def held_after(frames, people, every=None):
         tracker.update(floor_detections([*places, [50.0, 4.0 * (frame % 7)]], features[[*range(here), 63]]))
         if every is not None and frame % every == 0:
             tracker.forget()
+    gc.collect()
     held = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     return held

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -95,7 +95,7 @@ class Observed:
 
 
 def observe(folder: Path, sequence: Sequence, rendered: Path, networks: Networks) -> None:
-    """Run the networks over the pictures of a sequence, and write what they said to ``folder``."""
+    """Run the networks over the pictures of a part of a sequence, and write what they said to ``folder``."""
     clip = plan(sequence)
     camera = clip.cameras[sequence.camera]
     table = build_table(camera, clip.floor)
@@ -142,10 +142,13 @@ def _drawn_from(truth: RoomTruth, sequence: Sequence, frame: int) -> Detections:
     return simulate_detections(rng, ground_truth([truth]), 1, 1280, 960, FAULTS)[0]
 
 
-def read_observed(folder: Path) -> Observed:
-    """What `observe` wrote."""
-    with np.load(folder / "observed.npz", allow_pickle=False) as stored:
-        arrays: dict[str, Any] = dict(stored.items())
+def read_observed(folders: Iterable[Path]) -> Observed:
+    """What `observe` wrote of the parts of a sequence, in their order."""
+    parts: list[dict[str, Any]] = []
+    for folder in folders:
+        with np.load(folder / "observed.npz", allow_pickle=False) as stored:
+            parts.append(dict(stored.items()))
+    arrays = {name: np.concatenate([np.atleast_1d(part[name]) for part in parts]) for name in parts[0]}
     ends = np.cumsum(arrays["count"])[:-1]
     split = {name: np.split(arrays[name], ends) for name in ("boxes", "scores", "rotated", "places")}
     found = [
@@ -161,9 +164,9 @@ def read_observed(folder: Path) -> Observed:
         arrays["truth_frames"].astype(np.int64), ids, arrays["truth_boxes"], everyone, ~everyone,
         arrays["truth_visibility"],
     )  # fmt: skip
-    seconds = {stage: float(arrays[f"seconds_{stage}"]) for stage in STAGES}
+    seconds = {stage: float(arrays[f"seconds_{stage}"].sum()) for stage in STAGES}
     return Observed(
-        int(arrays["rate"]), found, features, truth, arrays["truth_places"], seconds, int(arrays["count"].sum())
+        int(arrays["rate"][0]), found, features, truth, arrays["truth_places"], seconds, int(arrays["count"].sum())
     )
 
 
