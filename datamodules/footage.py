@@ -36,6 +36,7 @@ class Source:
         sprites: folder of rendered people (`tsuiseki simulate sprites`), shown in varied, sparse and aerial
             pictures.
         photographs: folder of photographs without people, ``surfaces/`` and ``views/``, for the grounds of these.
+        town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
         seed: of those.
         size: their width and height, pixels; by default those of the input.
     """
@@ -49,6 +50,7 @@ class Source:
     scene: Literal["street", "varied", "sparse", "aerial", "drone", "ceiling"] = "street"
     sprites: str = ""
     photographs: str = ""
+    town: bool = False
     seed: int = 0
     size: tuple[int, int] | None = None
 

@@ -16,6 +16,7 @@ from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.rooms.panoramas import PanoramaPictures, panorama_picture
 from tsuiseki.datamodules.scenes.street.training import (
+    TOWN,
     Stock,
     TrainingSettings,
     aerial_settings,
@@ -59,6 +60,7 @@ def write_varied_images(
     sprites: str = "",
     photographs: str = "",
     scene: Literal["varied", "sparse", "aerial"] = "varied",
+    town: bool = False,
 ) -> None:
     """Render ``count`` pictures of `varied_settings`, sparse or aerial ones; else as `write_scene_images`.
 
@@ -70,12 +72,13 @@ def write_varied_images(
         sprites: folder of rendered people (`scenes.figures.library`); without one people are drawn.
         photographs: folder of photographs (`scenes.render.photographs`); without one grounds are drawn.
         scene: which of the three.
+        town: among things of a town, too.
 
     Raises:
         RequestError: fewer than one picture, the folder holds files, or there is nothing in the other folders.
     """
     _stock(sprites, photographs)
-    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, scene))
+    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, scene, town))
 
 
 def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, seed: int) -> None:
@@ -130,13 +133,21 @@ def _stock(sprites: str, photographs: str) -> Stock:
 
 
 def _varied_picture(
-    size: tuple[int, int], seed: int, sprites: str, photographs: str, scene: str, folder: Path, numbers: range
+    size: tuple[int, int],
+    seed: int,
+    sprites: str,
+    photographs: str,
+    scene: str,
+    town: bool,
+    folder: Path,
+    numbers: range,
 ) -> list[Labels]:
     labels = []
     stock = _stock(sprites, photographs)
     for number in numbers:
         rng = np.random.default_rng([seed, number])
         settings = varied_settings(rng, *size) if scene == "varied" else _OF_SCENE[scene](*size)
+        settings = replace(settings, town=TOWN) if town else settings
         labels.append(_saved(folder, number, *random_training_scene(rng, settings, stock)))
     return labels
 

@@ -40,7 +40,7 @@ RENDERED_COMMANDS = (
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-3 "
     "--model.start {work}/rendered-2/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
     "--trainer.max_epochs 14 --data.seed 9",
-    "export detector --checkpoint {work}/rendered-3/checkpoints/last.ckpt --float16 "
+    "export detector --checkpoint {work}/rendered-3/checkpoints/last.ckpt --float16 --height 672 --width 896 "
     "--calibrate {work}/rendered-sparse --out {models}/detector_figures.onnx --training-data 'rendered people'",
 )
 

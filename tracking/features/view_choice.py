@@ -16,7 +16,7 @@ from tsuiseki.tracking.features.views import EVERY_TILE, MOST_COLUMNS, TiledDete
 from tsuiseki.tracking.types import Detections, ImageArray
 
 # A pixel of the frame becomes at most this many of the input: a larger picture shows nothing more.
-LARGEST_SCALE = 1.5
+LARGEST_SCALE = 1.7
 # More tiles are worth their time where they find this many times the people.
 WORTH = 1.1
 _CERTAIN = 0.3

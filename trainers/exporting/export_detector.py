@@ -6,19 +6,20 @@ import dataclasses
 import pickle
 import tempfile
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import torch
 from torch import Tensor, nn
 
-from tsuiseki.models.detector import Detector, OneClass
+from tsuiseki.models.backbones import TrunkName, build_trunk
+from tsuiseki.models.detector import Detector, OneClass, people_detector
 from tsuiseki.models.pretrained import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_int8 import quantise_detector
-from tsuiseki.trainers.exporting.exported_weights import exported_weights
+from tsuiseki.trainers.exporting.exported_weights import exported_weights, layout_of
 from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.calibration import calibration_of
 from tsuiseki.trainers.networks.detector import COCO_NORMALISATIONS, FIXED_SIDES, DetectorTraining, detector_card
@@ -66,7 +67,8 @@ def export_detector(
     with those, your own street video works on the first day.
 
     Args:
-        checkpoint: best.ckpt of tsuiseki train detector.
+        checkpoint: best.ckpt of tsuiseki train detector; or a detector that was exported from one (.onnx), for another
+            input size or a blend.
         weights: coco downloads torchvision's weights.
         architecture: of the COCO weights.
         state: file of those weights, for a machine that cannot download them.
@@ -110,10 +112,31 @@ def export_detector(
 
 def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[Detector | OneClass, ModelCard]:
     try:
+        if checkpoint.suffix == ".onnx":
+            return _exported(checkpoint, size)
         module = load_module(DetectorTraining, checkpoint, size)
     except ValueError as error:  # the network does not take this size
         raise RequestError(str(error)) from error
     return module.network, module.card
+
+
+def _exported(path: Path, size: tuple[int, int] | None) -> tuple[Detector, ModelCard]:
+    """What was written to ``path``, the calibration of its scores folded into its weights."""
+    if not path.is_file():
+        raise RequestError(f"expected a checkpoint at {path}, found none; `tsuiseki train` writes best.ckpt")
+    layout = layout_of(path)
+    card = layout.card
+    height, width = layout.size if size is None else size
+    network = people_detector(
+        build_trunk(cast(TrunkName, layout.trunk)), (height, width), layout.anchors, layout.channels, layout.fine
+    )
+    missing = network.load_state_dict(exported_weights(path), strict=False).missing_keys
+    missing = [name for name in missing if not name.endswith("num_batches_tracked")]
+    if missing:
+        raise RequestError(f"{path}: expected a trained detector, got no weights for {', '.join(missing[:3])}")
+    _fold(network)
+    settings = {name: value for name, value in card.settings.items() if name != "score_calibration"}
+    return network.eval(), dataclasses.replace(card, input_height=height, input_width=width, settings=settings)
 
 
 def blend_weights(network: Detector | OneClass, card: ModelCard, path: Path) -> None:
@@ -130,9 +153,14 @@ def blend_weights(network: Detector | OneClass, card: ModelCard, path: Path) -> 
     if {name: each.shape for name, each in first.items()} != {name: each.shape for name, each in second.items()}:
         raise RequestError(f"`blend`: expected a detector of the structure of `checkpoint`, got another in {path}")
     network.load_state_dict({name: (each + second[name]) / 2 for name, each in first.items()}, strict=False)
+    _fold(network)
+
+
+def _fold(network: nn.Module) -> None:
+    """Normalisations of `exported_weights` are to change nothing beyond their bias."""
     for norm in network.modules():
         if isinstance(norm, nn.BatchNorm2d) and norm.running_var is not None:
-            norm.running_var.fill_(1 - norm.eps)  # a folded one only adds its bias
+            norm.running_var.fill_(1 - norm.eps)
 
 
 def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[Detector | OneClass, ModelCard]:

@@ -35,6 +35,7 @@ class Layout:
         anchors: ``[width, height]`` of each map.
         channels: of the top-down path.
         fine: it has a map of stride 4.
+        card: what the file says about itself.
     """
 
     trunk: str
@@ -42,6 +43,7 @@ class Layout:
     anchors: list[list[tuple[float, float]]]
     channels: int
     fine: bool
+    card: ModelCard
 
     def window(self, share: float) -> tuple[int, int]:
         """Height and width of windows of ``share`` of the input, multiples of the coarsest stride."""
@@ -70,6 +72,7 @@ def layout_of(path: Path) -> Layout:
         _anchor_sizes(onnx.numpy_helper.to_array(tensors["anchors"])),
         int(lateral.dims[0]),
         any(name.startswith("detector.features.fine.") for name in tensors),
+        card,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, Colour
+from tsuiseki.datamodules.scenes.people.look import DARK, LIGHT, MIDDLE
 from tsuiseki.datamodules.scenes.render.solids import (
     BRICKS,
     CHECKS,
@@ -18,48 +18,25 @@ from tsuiseki.datamodules.scenes.render.solids import (
     Solids,
     Surfaces,
     boxes,
-    cone_spheres,
     join,
 )
+from tsuiseki.datamodules.scenes.street.parts import UP, above, any_colour, colour_of, rounds
 from tsuiseki.tracking.types import FloatArray
-
-UP = np.array([0.0, 0.0, 1.0])
-
-
-def _colour(rng: np.random.Generator, palette: tuple[Colour, ...]) -> Colour:
-    base = np.array(palette[int(rng.integers(len(palette)))]) * rng.uniform(0.8, 1.2)
-    r, g, b = np.clip(base + rng.normal(0, 0.03, 3), 0.02, 0.98)
-    return float(r), float(g), float(b)
-
-
-def _any_colour(rng: np.random.Generator) -> Colour:
-    return _colour(rng, (DARK, MIDDLE, LIGHT, BRIGHT)[int(rng.choice(4, p=(0.3, 0.3, 0.2, 0.2)))])
-
-
-def _round(rows: list[tuple[FloatArray, FloatArray, float, float]], surfaces: Surfaces, flat: float = 1.0) -> Solids:
-    start, end = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
-    radius = np.array([[r[2], r[3]] for r in rows])
-    front = np.tile([[1.0, 0.0, 0.0]], (len(rows), 1))
-    return cone_spheres(start, end, radius, front, np.full(len(rows), flat), surfaces)
-
-
-def _at(position: FloatArray, z: float = 0.0) -> FloatArray:
-    return np.array([position[0], position[1], z])
 
 
 def pole(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A lamp post, a sign post, a bollard; some carry a sign or a lamp."""
     height, radius = rng.uniform(0.8, 7.0), rng.uniform(0.03, 0.12)
     surfaces = Surfaces()
-    colour = _colour(rng, DARK + MIDDLE + LIGHT[:2])
+    colour = colour_of(rng, DARK + MIDDLE + LIGHT[:2])
     pattern = STRIPES_ACROSS if rng.random() < 0.15 else PLAIN
-    surfaces.add(colour, _any_colour(rng), pattern, float(rng.uniform(0.2, 0.8)), 0.05)
-    rows = [(_at(position), _at(position, height), radius, radius * rng.uniform(0.5, 1.0))]
+    surfaces.add(colour, any_colour(rng), pattern, float(rng.uniform(0.2, 0.8)), 0.05)
+    rows = [(above(position), above(position, height), radius, radius * rng.uniform(0.5, 1.0))]
     if height > 4 and rng.random() < 0.5:
         arm = np.array([np.cos(yaw), np.sin(yaw), 0.15]) * rng.uniform(0.4, 1.5)
         surfaces.add(colour, relief=0.05)
         rows.append((rows[0][1], rows[0][1] + arm, radius * 0.6, radius))
-    solids = _round(rows, surfaces)
+    solids = rounds(rows, surfaces)
     return join([solids, _panel(rng, position, yaw, height)]) if rng.random() < 0.45 else solids
 
 
@@ -68,10 +45,10 @@ def _panel(rng: np.random.Generator, position: FloatArray, yaw: float, height: f
     z = max(height - half[2] - rng.uniform(0, 0.3) * height, half[2])
     surfaces = Surfaces()
     surfaces.add(
-        _any_colour(rng), _any_colour(rng), int(rng.choice([PLAIN, STRIPES_ACROSS, SPECKLE])),
+        any_colour(rng), any_colour(rng), int(rng.choice([PLAIN, STRIPES_ACROSS, SPECKLE])),
         float(rng.uniform(0.1, 0.5)), 0.04,
     )  # fmt: skip
-    return boxes(_at(position, z)[None], half[None], np.array([yaw]), surfaces)
+    return boxes(above(position, z)[None], half[None], np.array([yaw]), surfaces)
 
 
 def crate(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
@@ -79,12 +56,12 @@ def crate(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     half = rng.uniform([0.15, 0.15, 0.15], [0.7, 0.7, 0.9])
     surfaces = Surfaces()
     patterns = [PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, CLOUDS, WINDOWS]
-    surfaces.add(_any_colour(rng), _any_colour(rng), int(rng.choice(patterns)), float(rng.uniform(0.1, 0.6)), 0.06)
-    centres, halves = [_at(position, half[2])], [half]
+    surfaces.add(any_colour(rng), any_colour(rng), int(rng.choice(patterns)), float(rng.uniform(0.1, 0.6)), 0.06)
+    centres, halves = [above(position, half[2])], [half]
     if rng.random() < 0.5:
         upper = half * rng.uniform(0.4, 1.05, 3)
-        surfaces.add(_any_colour(rng), relief=0.06)
-        centres.append(_at(position, 2 * half[2] + upper[2]))
+        surfaces.add(any_colour(rng), relief=0.06)
+        centres.append(above(position, 2 * half[2] + upper[2]))
         halves.append(upper)
     return boxes(np.array(centres), np.array(halves), np.full(len(centres), yaw), surfaces)
 
@@ -93,8 +70,8 @@ def bench(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A seat, a back and two feet; without the back a table."""
     width, along = rng.uniform(0.6, 1.2), np.array([np.cos(yaw), np.sin(yaw), 0.0])
     across = np.array([-along[1], along[0], 0.0])
-    colour, feet = _colour(rng, MIDDLE + DARK), _colour(rng, DARK)
-    base = _at(position)
+    colour, feet = colour_of(rng, MIDDLE + DARK), colour_of(rng, DARK)
+    base = above(position)
     rows = [
         (base + 0.45 * UP, [width, 0.22, 0.03], colour),
         (base + 0.65 * UP - 0.2 * across, [width, 0.02, 0.2], colour),
@@ -113,7 +90,7 @@ def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     cabin = rng.uniform(0.45, 0.7) if van else rng.uniform(0.25, 0.33)
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     across = np.array([-along[1], along[0], 0.0])
-    paint, base = _any_colour(rng), _at(position)
+    paint, base = any_colour(rng), above(position)
     surfaces = Surfaces()
     surfaces.add(paint, relief=0.03)
     surfaces.add((0.08, 0.09, 0.11), relief=0.05)
@@ -139,7 +116,7 @@ def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
             hub = base + s * 0.62 * length * along + t * 0.9 * width * across + 0.3 * UP
             rows.append((hub, hub + 0.08 * t * across, 0.3, 0.28))
             wheels.add((0.07, 0.07, 0.07), relief=0.05)
-    return join([hull, _round(rows, wheels)])
+    return join([hull, rounds(rows, wheels)])
 
 
 def bush(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
@@ -149,18 +126,18 @@ def bush(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     size, low = rng.uniform(0.25, 0.9), 0.0
     rows: list[tuple[FloatArray, FloatArray, float, float]] = []
     surfaces = Surfaces()
-    green = _colour(rng, ((0.20, 0.32, 0.13), (0.32, 0.42, 0.18), (0.38, 0.36, 0.18), (0.45, 0.30, 0.16)))
+    green = colour_of(rng, ((0.20, 0.32, 0.13), (0.32, 0.42, 0.18), (0.38, 0.36, 0.18), (0.45, 0.30, 0.16)))
     second = (green[0] * 0.35, green[1] * 0.4, green[2] * 0.35)
     if tree:
         low, size = rng.uniform(1.5, 3.0), rng.uniform(0.7, 1.6)
         surfaces.add((0.27, 0.21, 0.16), (0.15, 0.12, 0.1), SPECKLE, 0.3, 0.2)
-        rows.append((_at(position), _at(position, low + size), rng.uniform(0.07, 0.2), 0.06))
+        rows.append((above(position), above(position, low + size), rng.uniform(0.07, 0.2), 0.06))
     for _ in range(int(rng.integers(4, 10))):
-        middle = _at(position, low + size * rng.uniform(0.3, 1.3)) + rng.normal(0, 0.45 * size, 3) * [1, 1, 0.3]
+        middle = above(position, low + size * rng.uniform(0.3, 1.3)) + rng.normal(0, 0.45 * size, 3) * [1, 1, 0.3]
         radius = size * rng.uniform(0.3, 0.65)
         surfaces.add(green, second, LEAVES, float(rng.uniform(0.6, 2.5)), 0.02, phase=float(rng.uniform(0, 100)))
         rows.append((middle, middle + rng.normal(0, 0.3 * size, 3), radius, radius * 0.8))
-    return _round(rows, surfaces)
+    return rounds(rows, surfaces)
 
 
 def column(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
@@ -174,43 +151,43 @@ def column(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids
         radius = rng.uniform(0.05, 0.32, 2)
         lean = rng.normal(0, 0.05, 3) * [1, 1, 0]
         surfaces.add(
-            _any_colour(rng), _any_colour(rng), int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, SPECKLE])), 0.2, 0.1
+            any_colour(rng), any_colour(rng), int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, SPECKLE])), 0.2, 0.1
         )
-        rows.append((_at(position, z), _at(position, z + step) + lean * k, float(radius[0]), float(radius[1])))
+        rows.append((above(position, z), above(position, z + step) + lean * k, float(radius[0]), float(radius[1])))
         z += step
-    solids = _round(rows, surfaces, float(rng.uniform(0.5, 1.0)))
+    solids = rounds(rows, surfaces, float(rng.uniform(0.5, 1.0)))
     return join([solids, _panel(rng, position, yaw, z + 0.3)]) if rng.random() < 0.2 else solids
 
 
 def tripod(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """Thin legs or a rack: many slanted bars, as limbs are."""
     surfaces = Surfaces()
-    colour = _colour(rng, DARK + LIGHT[:2])
-    top = _at(position, rng.uniform(0.8, 1.8))
+    colour = colour_of(rng, DARK + LIGHT[:2])
+    top = above(position, rng.uniform(0.8, 1.8))
     count = int(rng.integers(2, 5))
     rows = []
     for k in range(count):
         angle = yaw + 2 * np.pi * k / count
-        foot = _at(position) + rng.uniform(0.2, 0.6) * np.array([np.cos(angle), np.sin(angle), 0])
+        foot = above(position) + rng.uniform(0.2, 0.6) * np.array([np.cos(angle), np.sin(angle), 0])
         surfaces.add(colour, relief=0.05)
         rows.append((foot, top, 0.02, 0.03))
-    surfaces.add(_any_colour(rng), relief=0.1)
+    surfaces.add(any_colour(rng), relief=0.1)
     rows.append((top, top + rng.uniform(0.05, 0.4) * UP, rng.uniform(0.03, 0.12), rng.uniform(0.03, 0.1)))
-    return _round(rows, surfaces)
+    return rounds(rows, surfaces)
 
 
 def building(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A block with rows of windows, a plinth and perhaps a door."""
     half = rng.uniform([5, 3, 2.0], [22, 9, 6])
     surfaces = Surfaces()
-    wall = _colour(rng, MIDDLE + LIGHT[:3] + ((0.55, 0.38, 0.28), (0.62, 0.48, 0.36)))
+    wall = colour_of(rng, MIDDLE + LIGHT[:3] + ((0.55, 0.38, 0.28), (0.62, 0.48, 0.36)))
     glass = tuple(float(v) for v in np.array([0.16, 0.18, 0.22]) * rng.uniform(0.5, 2.2))
     surfaces.add(wall, glass, WINDOWS, float(rng.uniform(1.2, 3.2)), 0.03, phase=float(rng.uniform(0, 1)))  # type: ignore[arg-type]
     pattern = BRICKS if rng.random() < 0.6 else PLAIN
     grout = (0.8 * wall[0] + 0.1, 0.8 * wall[1] + 0.1, 0.8 * wall[2] + 0.1)
     surfaces.add(wall, grout, pattern, float(rng.uniform(0.1, 0.3)), 0.03)
     plinth = rng.uniform(0.3, 1.0)
-    centres = np.array([_at(position, half[2]), _at(position, plinth)])
+    centres = np.array([above(position, half[2]), above(position, plinth)])
     halves = np.array([half, half + np.array([0.05, 0.05, 0])])
     halves[1, 2] = plinth
     return boxes(centres, halves, np.full(2, yaw), surfaces)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tsuiseki.datamodules.scenes.render.raster import RayCamera, extents
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.solids import Solids
 from tsuiseki.datamodules.scenes.street.clutter import building, random_clutter
+from tsuiseki.datamodules.scenes.street.town import front
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray
 
@@ -51,11 +54,17 @@ def reach_of(solids: Solids, spot: FloatArray) -> float:
 
 
 def clutter_around(
-    rng: np.random.Generator, camera: PinholeCamera, count: int, taken: FloatArray, largest: float
+    rng: np.random.Generator,
+    camera: PinholeCamera,
+    count: int,
+    taken: FloatArray,
+    largest: float,
+    make: Callable[[np.random.Generator, FloatArray], Solids] = random_clutter,
 ) -> list[Thing]:
     """Up to ``count`` things that are nobody at random places in view.
 
     They keep clear of the places ``taken`` ``(N, 2)``, and none covers more of the image than ``largest``.
+    ``make`` gives one that stands at a place.
     """
     feet = rng.uniform([-0.05, 0.0], [1.05, 1.3], (4 * count + 8, 2)) * [camera.width, camera.height]
     spots = camera.ground(feet)[:, :2]
@@ -64,7 +73,7 @@ def clutter_around(
     for spot in spots:
         if len(things) == count:
             break
-        solids = random_clutter(rng, spot)
+        solids = make(rng, spot)
         clear = len(taken) == 0 or np.linalg.norm(taken - spot, axis=1).min() > 0.4 + reach_of(solids, spot)
         if clear and covered_share(solids, camera) < largest:
             things.append(Thing(solids))
@@ -77,4 +86,22 @@ def buildings_behind(rng: np.random.Generator, count: int, distance: float) -> l
     for _ in range(count):
         place = np.array([rng.uniform(-30, 30), distance + rng.uniform(16, 45)])
         things.append(Thing(building(rng, place, float(rng.normal(0, 0.25)))))
+    return things
+
+
+def fronts_behind(rng: np.random.Generator, count: int, taken: FloatArray, reach: float) -> list[Thing]:
+    """Up to ``count`` walls of a town along +y, behind most of the places ``taken`` ``(N, 2)`` and clear of them.
+
+    ``reach`` is how far those lie, metres.
+    """
+    things = []
+    for _ in range(count):
+        distance = reach * float(rng.uniform(0.75, 1.8))
+        place = np.array([rng.uniform(-0.7, 0.7) * distance, distance])
+        angle = float(rng.normal(0, 0.35)) if rng.random() < 0.75 else float(rng.uniform(0, np.pi))
+        along = np.array([np.cos(angle), np.sin(angle)])
+        offset = taken - place
+        beside = np.abs(offset @ [-along[1], along[0]])
+        if not ((beside < 0.7) & (np.abs(offset @ along) < 8.0)).any():
+            things.append(Thing(front(rng, place, angle)))
     return things

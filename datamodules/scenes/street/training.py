@@ -18,7 +18,14 @@ from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
-from tsuiseki.datamodules.scenes.street.staging import apparent_heights, buildings_behind, clutter_around, random_camera
+from tsuiseki.datamodules.scenes.street.staging import (
+    apparent_heights,
+    buildings_behind,
+    clutter_around,
+    fronts_behind,
+    random_camera,
+)
+from tsuiseki.datamodules.scenes.street.town import random_town_thing
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import clip_boxes
@@ -28,6 +35,8 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 CAMERAS = 300
 # Share of the image that one piece of clutter may cover.
 LARGEST = 0.12
+# Things of a town in one picture of one.
+TOWN = (2, 18)
 
 
 @dataclass(frozen=True)
@@ -65,6 +74,8 @@ class TrainingSettings:
         photographs: chance that a photograph lies on the ground, and 0.3 times as large one that a whole view is one,
             where there are photographs.
         facades: chance of walls that photographs cover, likewise.
+        town: (fewest, most) things of a town that are nobody: traffic lights, signs, bicycles and the like; where
+            there may be any, walls with doors and shop windows too.
     """
 
     width: int = 640
@@ -80,9 +91,10 @@ class TrainingSettings:
     rendered: float = 0.9
     photographs: float = 0.6
     facades: float = 0.5
+    town: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
-        for name in ("people", "person_height", "clutter", "camera_height"):
+        for name in ("people", "person_height", "clutter", "camera_height", "town"):
             low, high = getattr(self, name)
             if not 0 <= low <= high:
                 raise RequestError(f"training scenes: expected {name} as (least, greatest) from 0, got {low}, {high}")
@@ -163,7 +175,7 @@ def random_training_scene(
     ground, sunlit = draw_ground(random_ground(rng), camera, light)
     people = _people(rng, spots)
     # Generators of their own: the rest of a picture does not depend on what there is in stock.
-    of_people, of_photographs = rng.spawn(2)
+    of_people, of_photographs, of_town = rng.spawn(3)
     if stock.sprites is not None:
         people = [
             _rendered(of_people, thing, spot, camera, stock.sprites, settings)
@@ -172,14 +184,18 @@ def random_training_scene(
     view, facades = None, []
     if stock.photographs is not None:
         ground, view = _photographed(of_photographs, ground, camera, stock.photographs, settings)
+    reach = float(np.linalg.norm(spots, axis=1).max(initial=12.0))
     if stock.photographs is not None and view is None and of_photographs.random() < settings.facades:
-        reach = float(np.linalg.norm(spots, axis=1).max(initial=12.0))
         facades = random_facades(of_photographs, stock.photographs, int(of_photographs.integers(1, 7)), spots, reach)
     count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1)) // (1 if view is None else 4)
     static = clutter_around(rng, camera, count, spots, LARGEST)
     if view is None:
         static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
     static += facades
+    if settings.town[1]:
+        count = int(of_town.integers(settings.town[0], settings.town[1] + 1))
+        static += clutter_around(of_town, camera, count, spots, LARGEST, random_town_thing)
+        static += fronts_behind(of_town, int(of_town.integers(0, 4)) if view is None else 0, spots, reach)
     picture = empty_picture(ground, settings.samples)
     picture, _ = darken(picture, static + people, camera, light, sunlit, float(rng.uniform(0.5, 2.5)))
     # One pass: static things and people hide each other alike.

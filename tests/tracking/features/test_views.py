@@ -72,9 +72,9 @@ def test_rows_can_be_asked_for():
     assert parse_view("3x2") == (3, 2)
     assert parse_view("4") == (4, None)
     assert parse_view("auto") is None
-    # An input of 80 pixels shows tiles of seven across less than half as large again, and of eight across more.
+    # An input of 80 pixels shows tiles of six across 1.67 times as large, and of seven across 1.95 times.
     viewed = ViewedDetector(MarkDetector(), parse_view("tiles"))
-    assert viewed.prepare([frame_with([])]).view.columns == 7
+    assert viewed.prepare([frame_with([], size=(180, 240))]).view.columns == 6
     assert len(ViewedDetector(MarkDetector(), parse_view("tiles")).prepare([frame_with([], size=(60, 80))]).view) == 1
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -160,6 +161,48 @@ def test_blended_weights_are_the_mean_of_both(tmp_path: Path) -> None:
         assert all(torch.isfinite(part).all() for part in networks[0].network(torch.zeros(1, 3, 64, 64)))
     with pytest.raises(RequestError, match="with `checkpoint`"):
         export_detector(ModelFile(out=path), weights="coco", blend=path)
+
+
+@pytest.mark.thesis_size
+def test_an_exported_detector_is_exported_again_for_another_input(tmp_path: Path) -> None:
+    """What the first file finds in a corner, the second finds there, too, whose input only reaches farther."""
+    small, large = tmp_path / "small.onnx", tmp_path / "large.onnx"
+    torch.manual_seed(0)
+    network = DetectorTraining(
+        trunk="mobilenet_v3_small", height=64, width=64, anchors=[[(12, 28)], [(20, 50)], [(30, 60)]], channels=16
+    )
+    # A training leaves no two layers with the same biases, which the file would hold once.
+    for _ in range(3):
+        network.network(torch.randn(4, 3, 64, 64))
+    network.eval()
+    for layer in network.modules():
+        if isinstance(layer, nn.Conv2d) and layer.bias is not None:
+            nn.init.normal_(layer.bias, std=0.1)
+    card = replace(network.card, settings=network.card.settings | {"score_calibration": [2.0, 0.5]})
+    export_onnx(RawHeads(network.network, (2.0, 0.5)), card, small, torch.zeros(2, 3, 64, 64), OUTPUTS)
+    export_detector(ModelFile(out=large), small, height=128, width=192)
+    before, after = (OnnxModel(path, "detector", threads=1) for path in (small, large))
+    assert (after.card.input_height, after.card.input_width) == (128, 192)
+    # The calibration is in the weights now.
+    assert "score_calibration" not in after.card.settings
+    again = tmp_path / "again.onnx"
+    export_detector(ModelFile(out=again), large, height=64, width=64)
+    images = torch.randn(1, 3, 64, 64).numpy()
+    logits, offsets, anchors = before.run(images)
+    calibrated, codes, places = OnnxModel(again, "detector", threads=1).run(images)
+    np.testing.assert_allclose(np.diff(calibrated), np.diff(logits), atol=1e-4)
+    np.testing.assert_allclose(codes, offsets, atol=1e-4)
+    np.testing.assert_array_equal(places, anchors)
+    assert len(after.run(torch.zeros(1, 3, 128, 192).numpy())[2]) == 6 * len(anchors)
+    for head in network.network.class_heads:
+        nn.init.zeros_(head[-1].bias)
+    export_onnx(RawHeads(network.network), card, small, torch.zeros(2, 3, 64, 64), OUTPUTS, overwrite=True)
+    with pytest.raises(RequestError, match="no weights for class_heads"):
+        export_detector(ModelFile(out=tmp_path / "x.onnx"), small, height=128, width=192)
+    with pytest.raises(RequestError, match="divide by"):
+        export_detector(ModelFile(out=tmp_path / "odd.onnx"), small, height=100, width=192)
+    with pytest.raises(RequestError, match="found none"):
+        export_detector(ModelFile(out=tmp_path / "none.onnx"), tmp_path / "no.onnx")
 
 
 @pytest.mark.thesis_size
