@@ -62,17 +62,24 @@ def _voting_plan(height: int, width: int, cell: int) -> tuple[NDArray[np.intp], 
 _GRADIENT_KERNEL = np.array([[0, -_LEVELS, 0], [-1, 0, 1], [0, _LEVELS, 0]], dtype=np.float32)
 
 
-def _strongest_gradients(patch: ImageArray) -> NDArray[np.int32]:
-    """Table rank ``(H, W)`` of each pixel's strongest gradient over the colour channels."""
+def _strongest_gradients(patches: ImageArray) -> NDArray[np.int32]:
+    """Table rank ``(B, H, W)`` of each pixel's strongest gradient over the colour channels."""
+    count, height, width = patches.shape[:3]
+    # All patches as one tall picture, each between copies of its first and last rows: filtering each costs more.
+    tall = np.empty((count, height + 2, *patches.shape[2:]), dtype=np.uint8)
+    tall[:, 1:-1], tall[:, 0], tall[:, -1] = patches, patches[:, 0], patches[:, -1]
     # One linear filter gives the position dy * 511 + dx in the table; float32 holds these whole numbers exactly.
     position = cv2.filter2D(
-        patch, cv2.CV_32F, _GRADIENT_KERNEL, delta=255 * _LEVELS + 255, borderType=cv2.BORDER_REPLICATE
+        tall.reshape(-1, *tall.shape[2:]),
+        cv2.CV_32F,
+        _GRADIENT_KERNEL,
+        delta=255 * _LEVELS + 255,
+        borderType=cv2.BORDER_REPLICATE,
     )
     ranks: NDArray[np.int32] = _gradient_tables()[0].take(position.astype(np.intp))
-    if ranks.ndim == 2:
-        return ranks
+    ranks = ranks.reshape(count, height + 2, width, -1)[:, 1:-1]
     strongest = ranks[..., 0]
-    for channel in range(1, ranks.shape[2]):
+    for channel in range(1, ranks.shape[-1]):
         strongest = np.maximum(strongest, ranks[..., channel])
     return strongest
 
@@ -83,13 +90,13 @@ def _cell_histograms(patches: ImageArray, cell: int) -> Float32Array:
     rows, columns = height // cell, width // cell
     _, direction, magnitude = _gradient_tables()
     index, share = _voting_plan(height, width, cell)
-    ranks = np.stack([_strongest_gradients(patch).ravel() for patch in patches])
+    ranks = _strongest_gradients(patches).reshape(count, -1)
     bins = direction.take(ranks)
     bins += (np.arange(count) * _SIGNED)[:, None]
     bins *= rows * columns
-    where = (bins[:, None] + index).ravel()
-    votes = (magnitude.take(ranks)[:, None] * share).ravel()
-    histogram = np.bincount(where, votes, minlength=count * _SIGNED * rows * columns)
+    where = bins[:, None] + index
+    votes = magnitude.take(ranks)[:, None] * share
+    histogram = np.bincount(where.ravel(), votes.ravel(), minlength=count * _SIGNED * rows * columns)
     return histogram.astype(np.float32).reshape(count, _SIGNED, rows, columns)
 
 
@@ -116,14 +123,14 @@ def hog(patches: ImageArray, cell: int = 4) -> Float32Array:
     signed = _cell_histograms(patches, cell)
     unsigned = signed[:, :9] + signed[:, 9:]
     scales = _block_scales(unsigned)
-    inner = np.concatenate([signed, unsigned], axis=1)[:, :, 1:-1, 1:-1]
-    features = np.empty((len(signed), CHANNELS, *inner.shape[2:]), dtype=np.float32)
-    total = np.zeros_like(inner)
+    inner = np.concatenate([signed[..., 1:-1, 1:-1], unsigned[..., 1:-1, 1:-1]], axis=1)
+    features = np.zeros((len(signed), CHANNELS, *inner.shape[2:]), dtype=np.float32)
+    total, normalised = features[:, :27], np.empty_like(inner)
     for block in range(4):
-        normalised = np.minimum(inner * scales[:, block : block + 1], np.float32(_TRUNCATION))
+        np.multiply(inner, scales[:, block : block + 1], out=normalised)
+        np.minimum(normalised, np.float32(_TRUNCATION), out=normalised)
+        normalised[:, :_SIGNED].sum(axis=1, out=features[:, 27 + block])
         total += normalised
-        features[:, 27 + block] = normalised[:, :_SIGNED].sum(axis=1)
-    features[:, :27] = total
-    features[:, :27] *= np.float32(0.5)
+    total *= np.float32(0.5)
     features[:, 27:] *= np.float32(_TEXTURE_SCALE)
     return features

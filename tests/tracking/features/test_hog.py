@@ -54,3 +54,9 @@ def test_a_constant_patch_has_no_gradients():
 def test_contrast_does_not_matter():
     patch = np.random.default_rng(1).integers(0, 120, (1, 32, 32, 3), dtype=np.uint8)
     np.testing.assert_allclose(hog(patch), hog(2 * patch), atol=1e-4)
+
+
+@pytest.mark.parametrize("shape", [(16, 20, 3), (20, 16)])
+def test_patches_do_not_touch_each_other(shape):
+    patches = np.random.default_rng(2).integers(0, 256, (3, *shape), dtype=np.uint8)
+    np.testing.assert_array_equal(hog(patches), np.concatenate([hog(one[None]) for one in patches]))

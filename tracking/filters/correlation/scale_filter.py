@@ -68,7 +68,8 @@ class ScaleFilter:
         """``(S,)`` response to a sample, in the order of the sizes; eq. (6)."""
         spectrum = (self.numerator * sample.spectrum).sum(axis=1)
         least = _REGULARISATION * self.numerator.shape[1]
-        return np.asarray(np.fft.fftshift(np.fft.irfft(spectrum / (self.denominator + least), n=len(sample.rows))))
+        response = np.fft.irfft(spectrum / (self.denominator + least), n=len(sample.rows))
+        return np.asarray(response[_cyclic_steps(len(response))])
 
 
 def best_offset(response: FloatArray) -> float:
@@ -112,7 +113,13 @@ def _taper(count: int) -> NDArray[np.float32]:
     return np.hanning(count + 2)[1:-1, None].astype(np.float32)
 
 
+@lru_cache(maxsize=8)
+def _cyclic_steps(count: int) -> NDArray[np.int64]:
+    """``(count,)`` cyclic positions of the steps from the middle size, the smallest size first."""
+    return (np.arange(count) - count // 2) % count
+
+
 def _wanted(count: int, offset: float) -> Complex2D:
-    distances = np.arange(count) - count // 2 - offset
-    label = np.exp(-0.5 * (distances / (_LABEL_WIDTH * np.sqrt(count))) ** 2)
-    return np.asarray(np.fft.rfft(np.fft.ifftshift(label)), dtype=np.complex64)
+    steps = (np.arange(count) + count // 2) % count - count // 2  # in cyclic order, no step first
+    label = np.exp(-0.5 * ((steps - offset) / (_LABEL_WIDTH * np.sqrt(count))) ** 2)
+    return np.asarray(np.fft.rfft(label), dtype=np.complex64)

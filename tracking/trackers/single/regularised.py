@@ -67,7 +67,8 @@ class Model:
         taper: ``shape`` cosine window.
         wanted: spectrum of the wanted response.
         support: the target's cells.
-        to_centre: phases that bring the middle of a window to shift zero.
+        to_centre: ``(rows, 2 * (columns // 2 + 1))`` signs of real and imaginary parts that bring the middle of a window
+            to shift zero.
         ladder: of sizes.
     """
 
@@ -78,7 +79,7 @@ class Model:
     taper: Float32Array
     wanted: ComplexArray
     support: Support
-    to_centre: ComplexArray
+    to_centre: Float32Array
     ladder: SizeLadder
 
     @classmethod
@@ -90,9 +91,8 @@ class Model:
         scale = float(sides.max()) / (settings.cells * CELL)
         columns, rows = (max(_LEAST_CELLS, 2 * round(float(side) / (2 * CELL * scale))) for side in sides)
         wide, high = target / (scale * CELL)
-        to_centre = np.exp(
-            2j * np.pi * (np.fft.fftfreq(rows)[:, None] * (rows // 2) + np.fft.rfftfreq(columns)[None] * (columns // 2))
-        )
+        # Half a window of an even number of cells is half a turn of every odd frequency.
+        signs = 1 - 2 * ((np.arange(rows)[:, None] + np.arange(columns // 2 + 1)) % 2)
         template = np.maximum(np.round(target * np.sqrt(settings.size_area / target.prod()) / CELL), 2) * CELL
         return cls(
             settings,
@@ -102,7 +102,7 @@ class Model:
             cosine_window((rows, columns)),
             gaussian_labels((rows, columns), float(np.sqrt(wide * high)) * settings.label_sigma),
             Support.of((rows, columns), float(high), float(wide)),
-            to_centre.astype(np.complex64),
+            np.repeat(signs, 2, axis=1).astype(np.float32),
             SizeLadder(target, template.astype(np.int64), CELL, settings.size_step, settings.sizes),
         )
 
@@ -129,7 +129,9 @@ class Model:
         features = np.concatenate([hog(patch[None], CELL)[0], brightness[None]])
         features *= self.taper
         features *= np.float32(1 / np.sqrt(np.vdot(features, features) / features.size + 1e-9))
-        return np.asarray(scipy.fft.rfft2(features) * self.to_centre)
+        spectra = scipy.fft.rfft2(features)
+        spectra.view(np.float32)[:] *= self.to_centre
+        return np.asarray(spectra)
 
     def colour_response(self, colour: PixelColour, patch: ImageArray) -> Float32Array:
         """``shape``: `pixel_colour.shift_response` of a patch."""

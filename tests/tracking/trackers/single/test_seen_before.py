@@ -57,3 +57,19 @@ def test_large_boxes_are_reduced_and_found_all_the_same():
     coarse = [cv2.resize(frame(x)[::5, ::5], (1200, 480), interpolation=cv2.INTER_CUBIC) for x in (10, 15)]
     assert not witness.look(coarse[0], 6 * box(10))
     assert witness.look(coarse[1], 6 * box(90) + 3)
+
+
+def test_halves_that_are_alike_are_looked_at_in_full():
+    """A smooth background stays alike at half the size, so that the screen changes no verdict."""
+    smooth = cv2.GaussianBlur(BACKGROUND, (0, 0), 3)
+    places, boxes = [*range(10, 98, 8), *range(98, 178, 8)], [*range(10, 98, 8), *[98] * 10]
+    said = []
+    for screen in (-1.0, 0.7):
+        witness = SeenBefore(SeenBeforeSettings(back=(2, 4, 8), turns=1, screen=screen))
+        frames = []
+        for x in places:
+            frames.append(smooth.copy())
+            frames[-1][20:50, x : x + 20] = TARGET
+        said.append([witness.look(image, box(at)) for image, at in zip(frames, boxes, strict=True)])
+    assert said[0] == said[1]
+    assert any(said[0])
