@@ -122,6 +122,14 @@ def test_constant_images_are_refused_at_the_start_and_followed_later(labelled, t
     assert np.isfinite(np.loadtxt(tmp_path / "o" / "boxes.txt", delimiter=",")).all()
 
 
+def test_the_network_of_people_is_not_asked_about_a_square(labelled, tmp_path, capsys):
+    words = ["track", "single", str(labelled), "--frames", "1-4", "--recognise"]
+    assert main([*words, "--out", str(tmp_path / "square")]) == 0
+    assert "the network of people was not asked" in capsys.readouterr().err
+    assert main([*words, "--out", str(tmp_path / "upright"), "--box", "25,20,15,45"]) == 0
+    assert "not asked" not in capsys.readouterr().err
+
+
 def test_a_result_of_another_length_is_said(labelled, tmp_path, capsys):
     (tmp_path / "r.txt").write_text("21,31,30,35\n" * 3)
     assert main(["evaluate", "single", str(labelled), str(tmp_path / "r.txt")]) == 0

@@ -36,6 +36,7 @@ def single(
     import numpy as np
 
     from tsuiseki.tracking.formats.boxes import write_boxes
+    from tsuiseki.tracking.pipelines.single.choice import warn_if_not_asked
     from tsuiseki.tracking.pipelines.single.tracking import columns_of, follow_measured, open_single, summary_of
     from tsuiseki.tracking.report.single_plots import save_peaks
     from tsuiseki.tracking.report.target_overlay import write_target_overlay
@@ -50,6 +51,7 @@ def single(
         wanted = partial(_drawn, run) if given is None else given
         followed = follow_measured(run.frames(source, record=video.overlay), wanted, tracker, run.times)
         estimates.extend(run.steps(followed, total=frames_expected(source)))
+        warn_if_not_asked(tracker)
         run.columns = columns_of(estimates)
         run.write("boxes.txt", lambda path: write_boxes(path, np.array([e.box for e in estimates])))
         if plot:

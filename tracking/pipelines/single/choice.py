@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.features.objectness import read_objectness
 from tsuiseki.tracking.options import Shared
@@ -37,7 +38,8 @@ class SingleChoice(Shared):
         redetect: kcf-particle searches a wider area for a lost target, and combined the whole picture, a few windows a
             frame: for targets that leave the view and come back elsewhere.
         recognise: also say lost where the target, a person, no longer looks as in the first frame, by the shipped
-            appearance network; combined also lets it choose where to go on.
+            appearance network; combined also lets it choose where to go on. It is asked only where the first box is as
+            upright as a person.
         objectness: model for kcf-particle from `tsuiseki train objectness`; by default the shipped one.
     """
 
@@ -88,3 +90,14 @@ class SingleChoice(Shared):
             settings = replace(settings, redetect_reach=3)
         model = read_objectness(self.objectness) if self.objectness is not None else None
         return KcfParticle(settings, seed, model), asdict(settings)
+
+
+def warn_if_not_asked(tracker: SingleTracker) -> None:
+    """Say so where the network of people was not asked about what has been followed."""
+    if isinstance(tracker, Recognised) and not tracker.asked:
+        warnings.warn(
+            f"`recognise`: the first box is not {tracker.settings.upright:g} times as high as wide, so not a person's; "
+            "the network of people was not asked",
+            InputWarning,
+            stacklevel=2,
+        )

@@ -24,7 +24,11 @@ def match(area: ImageArray, template: ImageArray, measure: Measure) -> NDArray[n
 
     ``ncc`` is equation (2.3); ``ssd`` (2.1) and ``sad`` (2.2) become ``1 - root of the mean square`` and ``1 - mean``
     of the differences, over 255.
+
+    Raises:
+        ValueError: the area is smaller than the template.
     """
+    _check_holds(area, *template.shape)
     if measure == "ncc":
         return np.asarray(cv2.matchTemplate(area, template, cv2.TM_CCORR_NORMED))
     if measure == "ssd":
@@ -32,6 +36,12 @@ def match(area: ImageArray, template: ImageArray, measure: Measure) -> NDArray[n
         return np.asarray(1 - np.sqrt(np.maximum(squares, 0)) / 255, dtype=np.float32)
     regions = np.lib.stride_tricks.sliding_window_view(area, template.shape).astype(np.int16)
     return np.asarray(1 - np.abs(regions - template.astype(np.int16)).mean(axis=(2, 3)) / 255, dtype=np.float32)
+
+
+def _check_holds(area: ImageArray, height: int, width: int) -> None:
+    """OpenCV would look for the smaller of the two in the larger one without a word."""
+    if area.shape[0] < height or area.shape[1] < width:
+        raise ValueError(f"expected an area of at least {height} x {width}, got {area.shape[0]} x {area.shape[1]}")
 
 
 class TemplateMatching:
@@ -112,7 +122,11 @@ def active_search(bins: ImageArray, reference: FloatArray, height: int, width: i
 
     Returns:
         Row and column of the window's corner and its intersection in [0, 1].
+
+    Raises:
+        ValueError: ``bins`` are smaller than the window.
     """
+    _check_holds(bins, height, width)
     sums = _integral_histograms(bins, len(reference))
     rows, columns = bins.shape[0] - height + 1, bins.shape[1] - width + 1
     step_y, step_x = max(1, height // 4), max(1, width // 4)

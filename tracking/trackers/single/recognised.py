@@ -5,7 +5,8 @@ network, which learns nothing from the video, says that the box no longer shows 
 sure the status is ``lost``, whatever the tracker says. Of the combined tracker, particles are drawn at the maxima of
 all filters all around as soon as the box looks strange, moved and weighed as in a search, and the network looks at the
 heaviest places. The one most like the first frame's box is the target, if it is like enough, and more so than the box.
-Otherwise the filter goes on as if nothing had been said.
+Otherwise the filter goes on as if nothing had been said. The network knows people alone: where the first box is not as
+upright as a person it is not asked, and the tracker is as without it.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ class Recognised:
         settings: when the network looks, and what it takes for the target.
 
     Attributes:
+        asked: whether the first box is upright enough for a person.
         found_again: how often the network has led to another place.
     """
 
@@ -39,12 +41,17 @@ class Recognised:
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
         self._tracker.start(image, box)
-        self._witness = Witness(self._describe, self.settings, image, box)
+        width, height = (np.asarray(box)[2:] - np.asarray(box)[:2]).tolist()
+        self.asked = height >= self.settings.upright * width
+        if self.asked:
+            self._witness = Witness(self._describe, self.settings, image, box)
         self._frame = self.found_again = 0
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         found = self._tracker.follow(image)
+        if not self.asked:
+            return found
         self._frame += 1
         if self._frame % self.settings.every == 0:
             likeness = self._witness.look(image, found.box)

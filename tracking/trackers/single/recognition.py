@@ -4,7 +4,7 @@ A correlation filter that slides onto the background learns it, and is as sure o
 tells people apart and is never taught from the video does not slide along: what it says of the box is compared with
 what it said of the first box. Where the likeness falls far below what it was, the status is ``lost``, whatever the
 filter says. The network knows people: of other targets it says nothing reliable. Where the likeness has never been
-high, it is not heard.
+high, it is not heard; of a thing that is not upright in its first box it is not asked (`recognised`).
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ class RecognitionSettings:
     """Constants.
 
     Attributes:
+        upright: height over width of the first box from which on the target may be a person, and the network is asked.
         every: frames between two looks.
         heard: running median from which on the network is heard.
         memory: looks of the running median.
@@ -41,6 +42,7 @@ class RecognitionSettings:
         alike: share of the running median from which on it may be the target.
     """
 
+    upright: float = 1.8
     every: int = 3
     heard: float = 0.6
     memory: int = 15

@@ -67,7 +67,7 @@ class Model:
         taper: ``shape`` cosine window.
         wanted: spectrum of the wanted response.
         support: the target's cells.
-        to_centre: ``(rows, 2 * (columns // 2 + 1))`` signs of real and imaginary parts that bring the middle of a window
+        to_centre: ``(rows, 2 * (columns // 2 + 1))`` signs of real and imaginary parts that bring a window's middle
             to shift zero.
         ladder: of sizes.
     """

@@ -422,6 +422,17 @@ def test_matching_finds_an_exact_copy(measure):
     assert likeness.max() == pytest.approx(1, abs=1e-3)
 
 
+@pytest.mark.parametrize(("rows", "columns"), [(6, 25), (20, 9)])
+def test_an_area_smaller_than_what_is_looked_for_is_refused(rows, columns):
+    area, template = np.zeros((rows, columns), dtype=np.uint8), np.zeros((7, 10), dtype=np.uint8)
+    said = f"expected an area of at least 7 x 10, got {rows} x {columns}"
+    for measure in MEASURES:
+        with pytest.raises(ValueError, match=said):
+            match(area, template, measure)
+    with pytest.raises(ValueError, match=said):
+        active_search(area, np.ones(64) / 64, 7, 10)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_active_search_finds_what_looking_everywhere_finds(seed):
     image = texture(seed, 40, 50, (120, 120, 120))

@@ -12,7 +12,7 @@ from tsuiseki.tracking.trackers.single.recognition import RecognitionSettings
 HEIGHT, WIDTH = 36, 24
 # A filter that never doubts: where it has lost the target only the network can say so.
 SURE = CombinedSettings(doubt=0.0, reach=2)
-EVERY = RecognitionSettings(every=2)
+EVERY = RecognitionSettings(every=2, upright=1.0)
 
 
 def jump(frames=12):
@@ -71,7 +71,8 @@ def test_where_nothing_is_alike_it_stays_and_says_lost():
 def test_while_the_network_knows_the_box_it_changes_nothing():
     images, boxes = jump()
     plain, witnessed = (
-        follow(tracker, images[:12], boxes[:12]) for tracker in (Combined(SURE), Recognised(Combined(SURE), describe))
+        follow(tracker, images[:12], boxes[:12])
+        for tracker in (Combined(SURE), Recognised(Combined(SURE), describe, EVERY))
     )
     np.testing.assert_array_equal(plain[0], witnessed[0])
 
@@ -80,3 +81,15 @@ def test_the_same_seed_gives_the_same_answers():
     images, boxes = jump()
     first, second = (follow(Recognised(Combined(SURE, 3), describe, EVERY), images, boxes)[0] for _ in range(2))
     np.testing.assert_array_equal(first, second)
+
+
+def test_of_what_is_not_upright_the_network_is_not_asked():
+    def never(*_):
+        raise AssertionError("asked")
+
+    images, boxes = jump()
+    lying = Recognised(Combined(SURE), never, RecognitionSettings(every=2, upright=1.6))
+    plain, unasked = (follow(tracker, images, boxes) for tracker in (Combined(SURE), lying))
+    assert not lying.asked
+    np.testing.assert_array_equal(plain[0], unasked[0])
+    assert plain[1] == unasked[1]
