@@ -31,6 +31,7 @@ from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import Sequence as MotSequence
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
@@ -156,6 +157,7 @@ def fit_action_costs(
     appearance: Path | None = None,
     detector: Path | None = None,
     cache: Path | None = None,
+    scored: list[Path] | None = None,
     overwrite: bool = False,
 ) -> None:
     """Fit what a difference of actions costs in `track drone` to labelled clips.
@@ -171,12 +173,16 @@ def fit_action_costs(
         appearance: exported appearance network; by default the shipped one.
         detector: exported detector, or the name of a shipped one; by default drone.
         cache: folder that keeps what the networks say.
+        scored: sequences, or folders of them, that the costs are to be scored on; refused where one of them is fitted
+            to, by its labels, wherever it lies.
         overwrite: replace an existing file.
 
     Raises:
-        RequestError: unusable folders or models, no links of both kinds, or the file exists.
+        RequestError: unusable folders or models, a clip that is scored, no links of both kinds, or the file exists.
     """
     check_output_file(out, overwrite)
+    sequences = [s for folder in folders for s in find_sequences(folder)]
+    check_apart(sequences, [s for folder in scored or [] for s in find_sequences(folder)])
     streams = actions or [shipped(f"action_drone_{name}") for name in STREAMS]
     appearance = appearance or shipped("appearance_people")
     detector = shipped("detector_drone") if detector is None else shipped_or_file("detector", detector)
@@ -186,7 +192,7 @@ def fit_action_costs(
         "camera": repr(camera)
     }
     samples = []
-    for sequence in (s for folder in folders for s in find_sequences(folder)):
+    for sequence in sequences:
         seen = list(video_observations(sequence.folder, observers, key, cache))
         truth, size = read_ground_truth(sequence.ground_truth_path), (sequence.width, sequence.height)
         samples.append(link_samples(seen, truth, sequence.frame_rate, size))
@@ -197,6 +203,20 @@ def fit_action_costs(
     with output_file(out, overwrite=overwrite) as work:
         work.write_text(yaml.safe_dump(content), encoding="utf-8")
     print(f"{out}: {_said(samples)}")
+
+
+def check_apart(fitted: Sequence[MotSequence], scored: Sequence[MotSequence]) -> None:
+    """Refuse clips of which one is fitted to and scored.
+
+    Raises:
+        RequestError: two have the same labels.
+    """
+    labels = {file_digest(s.ground_truth_path): s.folder for s in scored}
+    for one in fitted:
+        if (same := labels.get(file_digest(one.ground_truth_path))) is not None:
+            raise RequestError(
+                f"{one.folder}: its labels are those of {same}, which is to be scored; costs are fitted on other clips"
+            )
 
 
 def _said(samples: Sequence[LinkSamples]) -> str:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.action_cost import ActionCost
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.pipelines.drone.observations import Observation
+from tsuiseki.tracking.trackers.drone import DroneSettings
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.affinity.action_cost import LinkSamples, fit_action_cost, link_samples
@@ -60,3 +67,31 @@ def test_links_of_one_kind_are_refused() -> None:
     bare = [Observation(one.frame, one.detections) for one in observations]
     with pytest.raises(RequestError, match="without actions"):
         link_samples(bare, truth, 30.0, (320, 240))
+
+
+def test_no_cost_of_actions_prices_the_tracks_that_it_is_fitted_to() -> None:
+    """Whatever was fitted to a clip before, its links and the tracks along which means are taken stay the same."""
+    clip = row_of_people(1)
+    settings = DroneSettings()
+    flow = settings.flow
+    heavy = ActionCost("one-sided", weight=(500.0, 900.0), neutral=(0.0, 0.0))
+    costs = replace(flow.costs, link=replace(flow.costs.link, action=heavy))
+    plain, priced = (
+        link_samples(*clip, 30.0, (320, 240), one)
+        for one in (settings, replace(settings, flow=replace(flow, costs=costs)))
+    )
+    for name in ("cost", "single", "means", "same"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(priced, name))
+
+
+def test_a_clip_that_is_to_be_scored_is_not_fitted_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, shift in (("one", 0), ("two", 5)):
+        (tmp_path / "fit" / name / "gt").mkdir(parents=True)
+        (tmp_path / "fit" / name / "gt" / "gt.txt").write_text(f"1,1,{10 + shift},10,20,40,1,1,1\n")
+    shutil.copytree(tmp_path / "fit" / "two", tmp_path / "scored" / "another-name")
+    words = ["train", "affinity-drone", "--folders", str(tmp_path / "fit"), "--out", str(tmp_path / "drone.yaml")]
+    assert main([*words, "--scored", str(tmp_path / "scored")]) == 2
+    said = capsys.readouterr().err
+    assert "two: its labels are those of" in said
+    assert "costs are fitted on other clips" in said
+    assert not (tmp_path / "drone.yaml").exists()

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.action.action_table import action_values
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.weights import shipped, shipped_or_file
@@ -23,6 +24,7 @@ from tsuiseki.trainers.experiments.drone.clips import (
     FIRST_SEED,
     SECOND_SCENE,
     SECOND_SEED,
+    SEEN,
     TEST_SCENE,
     Clip,
     ClipPlan,
@@ -94,10 +96,11 @@ def reproduce(
         simulated_detections: draw faulty detections from the labels instead.
 
     Raises:
-        RequestError: a number below 1, or a model that is not there.
+        RequestError: a number below 1, a clip that something was learnt from, or a model that is not there.
     """
     at_least_one(seeds=seeds, clips=clips, frames=frames)
     plan = Plan(5, 10, 600) if full else Plan(seeds, clips, frames)
+    check_unseen(plan)
     networks = Networks(
         tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS]),
         appearance or shipped("appearance_people"),
@@ -167,6 +170,16 @@ def run_plan(bench: Bench, plan: Plan, networks: Networks) -> Outcome:
 
 def _in_sets(clips: Sequence[Clip], plan: Plan) -> list[Sequence[Clip]]:
     return [clips[first : first + plan.clips] for first in range(0, len(clips), plan.clips)]
+
+
+def check_unseen(plan: Plan) -> None:
+    """Refuse to score a clip that networks learnt from, that chose settings or that costs come from.
+
+    Raises:
+        RequestError: there is one.
+    """
+    if seen := sorted({seed for _, _, seed in [*_test_plans(plan), *_second_plans(plan)]} & SEEN):
+        raise RequestError(f"expected clips that nothing was learnt from, got seed {seen[0]}; give fewer `seeds`")
 
 
 def _test_plans(plan: Plan) -> list[ClipPlan]:
