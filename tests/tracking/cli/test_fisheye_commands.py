@@ -101,6 +101,24 @@ def test_rotated_boxes_of_a_network_are_tracked(room, tmp_path):
     assert set(rows["degrees"].tolist()) <= {45.0, -135.0}
 
 
+def test_scores_too_low_to_start_a_track_are_told(room, tmp_path, capsys):
+    weak = rotated(room, tmp_path, lambda rows: [{**row, "score": 0.42} for row in rows])
+    number = len((room / "camera1.txt").read_text().splitlines())
+    told = f"none of {number} detections scores 0.5, from which a track starts: the best has 0.42"
+    out = tmp_path / "out"
+    assert track(room, out, *weak, "--method", "hungarian", sources=("camera1",)) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "0 people" in printed
+    assert told in printed
+    for name, more in (
+        ("lower", ["--method", "hungarian", "--hungarian.start-score", "0.4"]),
+        ("flow", ["--method", "flow"]),
+    ):
+        assert track(room, tmp_path / name, *weak, *more, sources=("camera1",)) == 0
+        assert "none of" not in capsys.readouterr().out
+    assert len((tmp_path / "lower" / "tracks.txt").read_text().splitlines()) == number
+
+
 def test_detections_are_written_as_they_are_read(room, tmp_path, capsys):
     given = rotated(room, tmp_path)
     rows = json.loads((tmp_path / "rotated.json").read_text())

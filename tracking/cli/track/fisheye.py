@@ -16,6 +16,7 @@ from tsuiseki.tracking.trackers.fisheye import DEFAULT_FLOW, FisheyeSettings, Fl
 from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:
+    from tsuiseki.tracking.pipelines.fisheye.floor_gate import FloorGate
     from tsuiseki.tracking.pipelines.fisheye.tracking import CeilingSource
     from tsuiseki.tracking.report.floor import FloorSection
     from tsuiseki.tracking.types import Detections
@@ -88,6 +89,7 @@ def fisheye(
     from tsuiseki.tracking.pipelines.fisheye.floor_gate import FloorGate
     from tsuiseki.tracking.pipelines.fisheye.found_boxes import FoundBoxes
     from tsuiseki.tracking.pipelines.fisheye.looking import DETECTORS, looking
+    from tsuiseki.tracking.pipelines.fisheye.starts import BestScore
     from tsuiseki.tracking.pipelines.fisheye.tracking import (
         given_detections,
         link_on_floor,
@@ -114,7 +116,7 @@ def fisheye(
         for path, each in zip(detections, views, strict=True):
             found.append(given_detections(path, each, finding.score_range))
     describe = None if network is None else open_appearance(network, finding.threads)
-    done = []
+    done, lines = [], []
     with output.run() as run:
         tell_reading(run, detector)
         for each, detect in zip(views, found, strict=True):
@@ -127,13 +129,16 @@ def fisheye(
             before, name = run.count, each.placed.name
             prefix = "" if len(views) == 1 else f"{name}/"
             boxes = FoundBoxes(each.source)
-            kept = boxes.watched(people) if save_detections else people
+            scores = BestScore()
+            kept = scores.watched(boxes.watched(people) if save_detections else people)
             watched = run.steps(kept, f"tracking {name}", frames_expected(each.source))
             chosen = method or ("hungarian" if each.source.live else "flow")
             tracks = link_on_floor(watched, each.rate, chosen, hungarian, flow, run.times)
             if save_detections:
                 run.write(f"{prefix}detections.json", partial(write_rotated_detections, found=boxes.boxes))
             done.append(_written(run, each, tracks, prefix, overlay))
+            unstarted = scores.too_low(hungarian.start_score) if chosen == "hungarian" else ""
+            lines.append(f"{name}: {count(len(tracks), 'person', 'people')}{_left_out(gate, each)}{unstarted}")
             run.facts[name] = {
                 "method": chosen,
                 "people": len(tracks),
@@ -145,16 +150,16 @@ def fisheye(
         settings = {name: str(value) for name, value in output.given.settings.items()}
         page = floor_page(done, run.times.seconds, settings)
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-        lines = [f"{one.name}: {count(len(one.tracks), 'person', 'people')}{_left_out(run, one)}" for one in done]
         run.done("\n".join([*lines, f"results: {output.out}"]))
     return run.status
 
 
-def _left_out(run: Run, one: FloorSection) -> str:
+def _left_out(gate: FloorGate, view: CeilingSource) -> str:
     """What to tell of detections outside the floor."""
-    number = run.facts[one.name]["outside_floor"]
-    floor = ",".join(f"{value:g}" for value in one.floor)
-    return f"; {count(number, 'detection', 'detections')} left out, outside the floor {floor}" if number else ""
+    if gate.left_out == 0:
+        return ""
+    floor = ",".join(f"{value:g}" for value in view.floor)
+    return f"; {count(gate.left_out, 'detection', 'detections')} left out, outside the floor {floor}"
 
 
 def _written(run: Run, view: CeilingSource, tracks: list[FloorTrack], prefix: str, overlay: bool) -> FloorSection:
