@@ -31,7 +31,7 @@ DIFFERENCES = (
     ("flow: baseline", "baseline"), ("flow: SORT", "SORT"), ("flow: DeepSORT", "DeepSORT"),
     ("flow: rectification", "rectification"), ("flow: world", "world"), ("flow: both", "both"),
     ("flow: both", "flow: DeepSORT"), ("track fisheye", UNGATED), ("track fisheye", "both"),
-    ("track fisheye, flow", "track fisheye"),
+    ("track fisheye, flow", "track fisheye"), ("track fisheye", "baseline"), ("track fisheye", "DeepSORT"),
 )  # fmt: skip
 
 

@@ -60,8 +60,8 @@ class Row:
         track: detections of a sequence, its rate and a choice of settings to tracks.
         grid: what the settings are chosen from.
         like: the row whose settings it takes instead of choosing; empty for its own.
-        starts: scores from which a detection may start a track, chosen from after the grid; none for the flow, whose
-            costs weigh scores.
+        starts: scores from which a detection may start a track, chosen from before the grid and after; none for the
+            flow, whose costs weigh scores.
         least_score: of its detections, where it is not the common one.
     """
 

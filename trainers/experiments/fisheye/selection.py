@@ -53,29 +53,45 @@ def grade(row: Row, validation: Sequence[Observed], choice: Choice, least: float
 
 
 def best_choice(row: Row, rule: Rule, graded: Callable[[list[Choice]], list[Graded]]) -> Graded:
-    """The choice of the row's grid that is worth most; the score to start a track after the rest."""
+    """The choice of the row's grid that is worth most, and the score to start a track before and after the rest."""
 
     def best(choices: list[Choice]) -> Graded:
         return max(graded(choices), key=lambda one: worth(one, rule))
 
-    found = best(list(row.choices()))
-    return best([{**found.choice, "start_score": start} for start in row.starts]) if row.starts else found
+    grid = list(row.choices())
+    if not row.starts:
+        return best(grid)
+    start = best(_starts(row, _middle(row))).choice["start_score"]
+    found = best([{**choice, "start_score": start} for choice in grid])
+    return best(_starts(row, found.choice))
+
+
+def _middle(row: Row) -> Choice:
+    choices = list(row.choices())
+    return choices[len(choices) // 2]
+
+
+def _starts(row: Row, choice: Choice) -> list[Choice]:
+    return [{**choice, "start_score": start} for start in row.starts]
 
 
 def lowest_score(store: Store, names: Sequence[str], clips: Clips, rule: Rule) -> float:
     """The lowest score of a detection with which some rows are worth most in the mean.
 
+    Each row has the middle of its grid, so that the score suits none better than the others, and the score to start a
+    track that is best then: weak detections help a row only where they start nothing.
+
     Args:
         store: keeps the scores.
-        names: of the rows. Each has the middle of its grid, so that the score suits none better than the others.
+        names: of the rows.
         clips: folders of the parts of each validation sequence.
         rule: what counts.
     """
 
     def mean_worth(least: float) -> float:
-        grids = [(name, list(row_named(name).choices())) for name in names]
-        middles = [store.recall(grades, name, clips, [grid[len(grid) // 2]], least)[0] for name, grid in grids]
-        return float(np.mean([worth(each, rule) for each in middles]))
+        rows = [row_named(name) for name in names]
+        found = [store.recall(grades, row.name, clips, _starts(row, _middle(row)), least) for row in rows]
+        return float(np.mean([max(worth(one, rule) for one in each) for each in found]))
 
     return max(LEAST_SCORES, key=mean_worth)
 

@@ -13,6 +13,7 @@ from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.trainers.experiments.experiment import Bench
+from tsuiseki.trainers.experiments.fisheye import selection
 from tsuiseki.trainers.experiments.fisheye.observations import STAGES, Observed
 from tsuiseki.trainers.experiments.fisheye.omnidirectional import reproduce
 from tsuiseki.trainers.experiments.fisheye.pictures import first_switch, named
@@ -26,7 +27,7 @@ from tsuiseki.trainers.experiments.fisheye.rows import (
     score,
     world_errors,
 )
-from tsuiseki.trainers.experiments.fisheye.selection import Graded, best_choice, grade, worth
+from tsuiseki.trainers.experiments.fisheye.selection import Graded, best_choice, grade, lowest_score, worth
 from tsuiseki.trainers.experiments.fisheye.tables import interval, notes, tables
 from tsuiseki.trainers.experiments.store import Store
 
@@ -96,16 +97,32 @@ def test_identities_count_only_where_the_rule_says_so():
     assert worth(steady, "mota-and-idf1") > worth(busy, "mota-and-idf1")
 
 
-def test_the_score_to_start_is_chosen_after_the_grid():
+def test_the_score_to_start_is_chosen_before_the_grid_and_after():
     row = next(row for row in ROWS if row.name == "world")
+    low, high = row.starts[0], row.starts[-1]
+    near, far = min(row.grid["reach"]), max(row.grid["reach"])
 
     def graded(choices):
-        # Far gates are best without a score to start, near ones with one: the second stage never sees them.
-        return [Graded(c, c["reach"] if "start_score" not in c else c["start_score"], 0.0) for c in choices]
+        # With the highest score to start far gates are best, with the lowest near ones, and these a little less so.
+        worths = {(high, far): 0.9, (low, near): 0.8, (high, near): 0.3, (low, far): 0.2}
+        middle = {high: 0.1, low: 0.0}
+        return [Graded(c, worths.get((c["start_score"], c["reach"]), middle.get(c["start_score"], 0)), 0.0)
+                for c in choices]  # fmt: skip
 
     found = best_choice(row, "mota", graded)
-    assert found.choice["reach"] == max(row.grid["reach"])
-    assert found.choice["start_score"] == max(row.starts)
+    assert (found.choice["start_score"], found.choice["reach"]) == (high, far)
+
+
+def test_the_lowest_score_is_chosen_with_scores_to_start(tmp_path, monkeypatch):
+    monkeypatch.setattr(selection, "grades", weak_ones_start_nothing)
+    # Weak detections are of people, and cost nothing where they start no track.
+    assert lowest_score(Store(tmp_path), ["baseline", "world"], [], "mota") == 0.2
+
+
+def weak_ones_start_nothing(name, clips, choices, least) -> list[Graded]:
+    """Stands for `grades`: the more detections the better, if a track starts from 0.5 on."""
+    del name, clips
+    return [Graded(c, 1 - least if c["start_score"] >= 0.5 else least, 0.0) for c in choices]
 
 
 def test_the_thesis_rows_ask_for_the_place_alone():
