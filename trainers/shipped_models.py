@@ -29,7 +29,8 @@ COMMANDS = (
     "train affinity --folders {work}/streets --detector {models}/detector_street.onnx --skips 1,2,3 "
     "--appearance {models}/appearance_people.onnx --out {models}/affinity_people.onnx",
 )
-# {assets}: bodies and clothes; {pictures}, {sparse}: what is rendered of them, as `data.train` and `data.val` take it.
+# {assets}: bodies and clothes; {pictures}, {sparse}, {towns}, {sparse_towns}: what is rendered of them, as `data.train`
+# and `data.val` take it.
 RENDERED_COMMANDS = (
     "simulate sprites --assets {assets} --out {work}/sprites",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered "
@@ -40,8 +41,13 @@ RENDERED_COMMANDS = (
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-3 "
     "--model.start {work}/rendered-2/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
     "--trainer.max_epochs 14 --data.seed 9",
-    "export detector --checkpoint {work}/rendered-3/checkpoints/last.ckpt --float16 --height 672 --width 896 "
-    "--calibrate {work}/rendered-sparse --out {models}/detector_figures.onnx --training-data 'rendered people'",
+    "export detector --checkpoint {work}/rendered-3/checkpoints/last.ckpt --float16 --calibrate {work}/rendered-sparse "
+    "--out {work}/rendered.onnx",
+    "train detector --config {configs}/detector_towns.yaml --out {work}/towns --model.start {work}/rendered.onnx "
+    "--data.train {towns} --data.val {sparse_towns}",
+    "export detector --checkpoint {work}/towns/metrics/version_0/checkpoints/epoch=3.ckpt "
+    "--blend {work}/rendered.onnx --float16 --height 672 --width 896 --calibrate {work}/rendered-sparse "
+    "--out {models}/detector_figures.onnx --training-data 'rendered people'",
 )
 
 
@@ -81,16 +87,18 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
         "assets": str(assets),
         "pictures": _rendered(work / "rendered-pictures", assets, "varied", 1900, 21),
         "sparse": _rendered(work / "rendered-sparse", assets, "sparse", 80, 41),
+        "towns": _rendered(work / "towns-pictures", assets, "varied", 1400, 121, town=True),
+        "sparse_towns": _rendered(work / "towns-sparse", assets, "sparse", 80, 141, town=True),
     }
     quoted = {name: shlex.quote(place) for name, place in places.items()}
     wanted = COMMANDS if assets is None else COMMANDS + RENDERED_COMMANDS
     return [shlex.split(command.format(**quoted)) for command in wanted]
 
 
-def _rendered(folder: Path, assets: Path | None, scene: str, count: int, seed: int) -> str:
+def _rendered(folder: Path, assets: Path | None, scene: str, count: int, seed: int, town: bool = False) -> str:
     """Footage of rendered people as `train detector` takes it, before photographs where there are some."""
-    footage = {"folder": str(folder), "generate": count, "scene": scene, "seed": seed}
-    footage["sprites"] = str(folder.parent / "sprites")
+    footage = {"folder": str(folder), "generate": count, "scene": scene, "seed": seed, "size": [640, 480]}
+    footage |= {"sprites": str(folder.parent / "sprites")} | ({"town": True} if town else {})
     if assets is not None and _photographs(assets):
         footage["photographs"] = str(assets / "photographs")
     return json.dumps([footage])
