@@ -13,12 +13,12 @@ from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
-from tsuiseki.trainers.experiments.single import comparison, lost_status, plots, readings, unseen
+from tsuiseki.trainers.experiments.single import comparison, lost_status, other_witnesses, plots, readings, unseen
 from tsuiseki.trainers.experiments.single.comparison import GAINS, SWEEPS, Repeated, Sweep
 from tsuiseki.trainers.experiments.single.runs import Clip, generated_clips, load
 from tsuiseki.trainers.experiments.single.search_intervals import Intervals, intervals, one_pass
 
-PARTS = ("unseen", "readings", "status", "sweeps", "comparison", "additions", "intervals", "pictures")
+PARTS = ("unseen", "readings", "status", "witnesses", "sweeps", "comparison", "additions", "intervals", "pictures")
 PUBLISHED = ("CSK", "VTS", "Struck", "MIL", "TLD", "SCM")
 # Areas of Fig. 3.9 that the text gives, percent.
 PAPER = {"KCF, fixed size": "38.38", "combined, thesis": "40.64", "combined, printed": "40.64"}
@@ -46,7 +46,8 @@ def reproduce(
         attributes: OTB's list of attributes; only sequences in it are used.
         published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
         parts: unseen (the gain over KCF where no setting was chosen), readings (what the text of the thesis can mean,
-            over KCF), status (whether `lost` is true), sweeps (Figs. 3.6-3.8, Table 3.4), comparison
+            over KCF), status (whether `lost` is true), witnesses (rules by other witnesses of a loss, on
+            generated chases), sweeps (Figs. 3.6-3.8, Table 3.4), comparison
             (Figs. 3.9, 3.11, and by sequence), additions (kcf-particle's `robust` without one of them at a time),
             intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
@@ -72,6 +73,8 @@ def reproduce(
         found.append(readings.readings(bench.store, clips, range(seeds)))
     if "status" in parts:
         found.append(lost_status.lost_status(bench.store, clips, range(seeds)))
+    if "witnesses" in parts:
+        found.append(other_witnesses.other_witnesses(bench.store, range(seeds)))
     if "sweeps" in parts:
         found.append(_sweeps(bench, clips, range(sweep_seeds)))
     if "comparison" in parts:
@@ -113,6 +116,8 @@ def _jobs(
         jobs += comparison.passes(store, clips, [readings.BASE, *readings.READINGS.values()], range(seeds))
     if "status" in parts:
         jobs += lost_status.passes(store, clips, range(seeds))
+    if "witnesses" in parts:
+        jobs += other_witnesses.passes(store, range(seeds))
     if "sweeps" in parts:
         entrants = [sweep.settings(value) for sweep in SWEEPS for value in sweep.values]
         jobs += comparison.passes(store, clips, entrants, range(sweep_seeds))
