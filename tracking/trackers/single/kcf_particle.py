@@ -10,11 +10,11 @@ The text leaves points open. Those of the observation are told in `observation_m
 * (3.3): S holds deviations in `THESIS` and variances in `PRINTED`, see `particles.step_deviation`.
 * Algorithm 1: hypothesis ``m`` is a copy of the present filter with the target at maximum ``m``. The copies become
   different because each learns at its own place. Particles of the first frame are weighed where they were drawn.
-* 3.2.7: in every frame a filter learns at the place of its heaviest particle, with the learning rate of KCF. Of a
+* 3.2.7: in every frame a filter learns at the place of its heaviest particle (`learns_at`), at KCF's learning rate. Of a
   stored filter a copy learns, and the store keeps it unchanged. The filter with the greatest response is stored. A
   filter without particles is dropped.
 * (3.7): see `particles.dispersion` for the matrix C and the filter numbers.
-* In every frame of the search the particles are resampled systematically.
+* In every frame of the search the particles are resampled systematically (`resampled_below`).
 
 The preset `ROBUST` adds to this; each addition answers a failure seen on videos. They stand second in
 `KcfParticleSettings`.
@@ -45,6 +45,7 @@ from tsuiseki.tracking.trackers.single.particles import (
     draw_particles,
     from_before,
     jump_prior,
+    mean_by_filter,
     random_walk,
     step_deviation,
 )
@@ -203,7 +204,7 @@ class KcfParticle:
         motion = random_walk(self._deviation) if move else _stay
         if move and self.settings.windows_of == "particles":
             motion = from_before(motion)
-        return ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=1.0)
+        return ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=self.settings.resampled_below)
 
     def _weigh(self, view: SearchView, search: Search, move: bool) -> None:
         """One frame of search: move, weigh, take the best particle, learn, and see whether they agree."""
@@ -216,7 +217,8 @@ class KcfParticle:
         place = view.maps.climb(best[:2], int(best[2])) if settings.climbs else best[:2].copy()
         response = float(view.maps.at(place[None], best[None, 2].astype(np.int64))[0])
         self.target = replace(self.target, centre=place, peak=response)
-        used, places = best_by_filter(state.particles, weights)
+        learning = best_by_filter if settings.learns_at == "heaviest" else mean_by_filter
+        used, places = learning(state.particles, weights)
         bank = search.bank.select(used)
         if settings.learns_while_searching:
             bank = self.model.update(bank, view.image, places, np.full(len(places), self.target.size))

@@ -13,6 +13,7 @@ ResponseScale = Literal["printed", "greatest"]
 Agreement = Literal["covariance", "lengths", "pixels"]
 WindowsOf = Literal["target", "particles"]
 Mixture = Literal["uniform", "heights"]
+LearnsAt = Literal["heaviest", "mean"]
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,11 @@ class KcfParticleSettings:
         windows_of: about what the window of (3.5) lies: the ``target``'s place in the frame before, one window for all;
             or each of the ``particles``' own place in the frame before, which takes a window a particle.
         mixture: P_J, the weights of (3.1): ``uniform`` as printed in Table 3.2, or by the ``heights`` of the maxima.
+
+        learns_at: where a filter learns in a search: at the place of its ``heaviest`` particle, or at the weighted
+            ``mean`` of its particles.
+        resampled_below: share of N that the effective number of particles must fall below for them to be resampled;
+            1 resamples them in every frame.
 
         spread: factor on the standard deviation of S: 2.7 pixels for a target of 25 is less than people move.
         reach: windows searched to each side of the one about the target; 0 is the thesis.
@@ -80,6 +86,8 @@ class KcfParticleSettings:
     decides_always: bool = False
     windows_of: WindowsOf = "target"
     mixture: Mixture = "uniform"
+    learns_at: LearnsAt = "heaviest"
+    resampled_below: float = 1.0
 
     spread: float = 1.0
     reach: int = 0

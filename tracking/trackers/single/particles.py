@@ -117,6 +117,15 @@ def best_by_filter(particles: FloatArray, weights: FloatArray) -> tuple[IntArray
     return used, particles[order[first], :2]
 
 
+def mean_by_filter(particles: FloatArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Like `best_by_filter`, with the weighted mean ``(F, 2)`` of the places of each filter's particles."""
+    used, numbers = np.unique(particles[:, 2].astype(np.int64), return_inverse=True)
+    shares = np.maximum(weights, 1e-300)  # particles of no weight have a mean, too
+    total = np.bincount(numbers, shares)
+    places = [np.bincount(numbers, shares * particles[:, axis]) / total for axis in (0, 1)]
+    return used, np.stack(places, axis=1)
+
+
 def jump_prior(places: FloatArray, before: FloatArray, target: FloatArray) -> FloatArray:
     """``(M,)`` probabilities of maxima by how far they are from where the target was.
 

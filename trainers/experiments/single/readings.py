@@ -1,8 +1,9 @@
 """What the text of thesis chapter 3 can mean, each reading over KCF of the same fixed size.
 
 Open are: whether S holds variances or deviations, and whether in the motion and in (3.7) alike; whether r is as the
-filter gives it or over the greatest response of the frame; the unit of V in (3.7), which is compared with an area; and
-whether the response is compared with epsilon_1 during a search, too (Fig. 3.2).
+filter gives it or over the greatest response of the frame; the unit of V in (3.7), which is compared with an area;
+whether the response is compared with epsilon_1 during a search, too (Fig. 3.2); at which of its particles a filter
+learns (3.2.7); and when particles are resampled.
 """
 
 from __future__ import annotations
@@ -30,6 +31,11 @@ READINGS: Mapping[str, KcfParticleSettings] = {
     "both, the densest place put out": replace(THESIS, densest=True),
     "both, P_J by the heights of the maxima": replace(THESIS, mixture="heights"),
     "both, a window about each particle": replace(THESIS, windows_of="particles"),
+    "both, filters learn at the mean of their particles": replace(THESIS, learns_at="mean"),
+    "both, C of lengths, filters learn at the mean of their particles": replace(
+        THESIS, agreement="lengths", learns_at="mean"
+    ),
+    "both, resampled below half of N": replace(THESIS, resampled_below=0.5),
     "both, C of lengths, a window about each particle": replace(THESIS, agreement="lengths", windows_of="particles"),
 }
 

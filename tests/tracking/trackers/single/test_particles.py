@@ -16,6 +16,7 @@ from tsuiseki.tracking.trackers.single.particles import (
     dispersion,
     draw_particles,
     jump_prior,
+    mean_by_filter,
     random_walk,
     step_deviation,
 )
@@ -91,6 +92,15 @@ def test_each_filter_learns_from_its_heaviest_particle():
     used, places = best_by_filter(particles, np.array([0.1, 0.4, 0.2, 0.3]))
     assert used.tolist() == [0, 4]
     assert places.tolist() == [[2, 2], [3, 3]]
+
+
+def test_each_filter_learns_at_the_mean_of_its_particles():
+    particles = np.array([[1, 1, 4], [2, 2, 0], [4, 7, 4], [5, 8, 0.0]])
+    used, places = mean_by_filter(particles, np.array([0.2, 0.0, 0.1, 0.7]))
+    assert used.tolist() == [0, 4]
+    np.testing.assert_allclose(places, [[5, 8], [2, 3]])
+    _, unseen = mean_by_filter(particles, np.zeros(4))
+    np.testing.assert_allclose(unseen, [[3.5, 5], [2.5, 4]])
 
 
 def test_the_archive_forgets_the_oldest_and_keeps_the_first_frame():
