@@ -10,9 +10,9 @@ The text leaves points open. Those of the observation are told in `observation_m
 * (3.3): S holds deviations in `THESIS` and variances in `PRINTED`, see `particles.step_deviation`.
 * Algorithm 1: hypothesis ``m`` is a copy of the present filter with the target at maximum ``m``. The copies become
   different because each learns at its own place. Particles of the first frame are weighed where they were drawn.
-* 3.2.7: in every frame a filter learns at the place of its heaviest particle (`learns_at`), at KCF's learning rate. Of a
-  stored filter a copy learns, and the store keeps it unchanged. The filter with the greatest response is stored. A
-  filter without particles is dropped.
+* 3.2.7: in every frame a filter learns at the place of its heaviest particle (`learns_at`), with the learning rate of
+  KCF. Of a stored filter a copy learns, and the store keeps it unchanged. The filter with the greatest response is
+  stored. A filter without particles is dropped.
 * (3.7): see `particles.dispersion` for the matrix C and the filter numbers.
 * In every frame of the search the particles are resampled systematically (`resampled_below`).
 

@@ -27,7 +27,8 @@ from tsuiseki.trainers.experiments.store import Store
 
 WITHIN = 10
 FOLLOWED = 0.5
-SEEN, CHASES = 48, 96
+FIRST, SEEN, CHASES = 24, 48, 96
+"""Chases up to the first of these chose `combined` and `recognition`, those up to the second `recognition` alone."""
 
 
 @dataclass(frozen=True)
@@ -122,16 +123,14 @@ def _recalled(store: Store, clip: Clip | int, watched: Watched, seed: int) -> li
 
 def _groups(clips: Sequence[Clip]) -> dict[str, Sequence[Clip | int]]:
     """The clips by kind; chases are numbers."""
-    return {
-        "given clips": clips,
-        f"generated chases 1 to {SEEN}": range(min(SEEN, CHASES)),
-        f"generated chases {SEEN + 1} to {CHASES}": range(SEEN, CHASES),
-    }
+    parts = [(0, FIRST), (FIRST, SEEN), (SEEN, CHASES), (FIRST, CHASES)]
+    chases = {f"generated chases {low + 1} to {high}": range(low, high) for low, high in parts if low < high <= CHASES}
+    return {"given clips": clips, **chases}
 
 
 def passes(store: Store, clips: Sequence[Clip], seeds: Sequence[int]) -> Iterator[Callable[[], object]]:
     """Every pass that `lost_status` asks for, clip by clip."""
-    for clip in (one for group in _groups(clips).values() for one in group):
+    for clip in [*clips, *range(CHASES)]:
         for watched in TRACKERS.values():
             for seed in seeds_of(watched.entrant, seeds):
                 yield partial(_recalled, store, clip, watched, seed)

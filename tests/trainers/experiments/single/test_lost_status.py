@@ -32,12 +32,14 @@ def test_a_loss_noticed_later_than_ten_frames_is_not_noticed():
 def test_the_table_has_given_clips_and_generated_ones(tmp_path, monkeypatch):
     monkeypatch.setattr(lost_status, "CHASES", 2)
     monkeypatch.setattr(lost_status, "SEEN", 1)
+    monkeypatch.setattr(lost_status, "FIRST", 0)
     monkeypatch.setattr(lost_status, "TRACKERS", {"kcf": lost_status.Watched(RegularisedSettings(sizes=1))})
     clips = generated_clips(1)
     outcome = lost_status.lost_status(Store(tmp_path), clips, [0])
-    first, second, third = outcome.tables[0].rows
+    first, second, third, both = outcome.tables[0].rows
     assert first[2:] == second[2:]
     assert third[0] == "generated chases 2 to 2"
+    assert both[0] == "generated chases 1 to 2"
     boxes = np.array([one.box for one in follow_all(clips[0])])
     scores = evaluate_boxes(clips[0].sequence.boxes, np.concatenate([clips[0].sequence.boxes[:1], boxes]))
     assert float(first[2]) == pytest.approx(100 * scores.auc, abs=0.06)
