@@ -39,19 +39,38 @@ def peak_near(response: Float32Array, cell: IntArray) -> tuple[FloatArray, float
 
 
 def local_maxima(response: Float32Array, count: int) -> tuple[FloatArray, FloatArray]:
-    """The ``count`` greatest local maxima of a cyclic map, greatest first.
-
-    A cell is one when no neighbour of its eight is greater and one is smaller; fewer come back where there are fewer.
+    """The ``count`` greatest local maxima of a cyclic map, greatest first; fewer come back where there are fewer.
 
     Returns:
         Shifts ``(M, 2)`` x, y in whole cells and values ``(M,)``.
     """
-    padded = np.pad(response, 1, mode="wrap")
-    rows, columns = response.shape
-    around = np.stack([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)])
-    is_maximum = (response >= around.max(axis=0)) & (response > around.min(axis=0))
-    flat = np.flatnonzero(is_maximum)
-    order = flat[np.argsort(-response.ravel()[flat], kind="stable")[:count]]
-    row, column = np.divmod(order, columns)
+    _, shifts, values = maxima_of_each(response[None], count)
+    return shifts, values
+
+
+def maxima_of_each(responses: Float32Array, count: int) -> tuple[IntArray, FloatArray, FloatArray]:
+    """`local_maxima` of several maps at once.
+
+    A cell is one when no neighbour of its eight is greater and one is smaller.
+
+    Args:
+        responses: ``(B, rows, columns)`` cyclic maps.
+        count: of a map, at most.
+
+    Returns:
+        Which map ``(M,)``, ascending, shifts ``(M, 2)`` x, y in whole cells and values ``(M,)``, of a map the greatest
+        first.
+    """
+    greatest = least = responses
+    for axis in (-2, -1):
+        greatest = np.maximum(np.maximum(greatest, np.roll(greatest, 1, axis)), np.roll(greatest, -1, axis))
+        least = np.minimum(np.minimum(least, np.roll(least, 1, axis)), np.roll(least, -1, axis))
+    which, row, column = np.nonzero((responses >= greatest) & (responses > least))
+    values = responses[which, row, column]
+    order = np.lexsort((-values, which))
+    rank = np.arange(len(order)) - np.searchsorted(which, which)  # ``which`` is sorted: so many of its map before
+    order = order[rank < count]
+    which, row, column, values = which[order], row[order], column[order], values[order]
+    rows, columns = responses.shape[1:]
     shifts = np.stack([signed_shift(column.astype(np.float64), columns), signed_shift(row.astype(np.float64), rows)], 1)
-    return shifts, response.ravel()[order].astype(np.float64)
+    return which, shifts, values.astype(np.float64)

@@ -27,7 +27,7 @@ from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import ComplexArray
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.particles.weights import normalise
-from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak
+from tsuiseki.tracking.likelihoods.peaks import maxima_of_each, peak
 from tsuiseki.tracking.likelihoods.response import ResponseMaps, SizedResponseMaps
 from tsuiseki.tracking.trackers.single import regularised
 from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
@@ -267,16 +267,11 @@ class Combined:
         They lie at the highest maxima of all filters, by their likelihood.
         """
         count, settings = self.settings.particles, self.settings
-        places, heights = [], []
-        for window, number in np.ndindex(maps.maps.shape[:2]):
-            shifts, values = local_maxima(maps.maps[window, number], 3)
-            numbers = np.full(len(shifts), float(number))
-            places.append(np.column_stack([maps.centres[window] + shifts * maps.cell, numbers]))
-            heights.append(values)
-        everywhere = np.concatenate(places)
-        if not len(everywhere):  # a flat response has no maximum
+        filters = maps.maps.shape[1]
+        which, shifts, height = maxima_of_each(maps.maps.reshape(-1, *maps.maps.shape[2:]), 3)
+        if not len(which):  # a flat response has no maximum
             return np.tile([*self.target.centre, 0.0, 0.0], (count, 1))
-        height = np.concatenate(heights)
+        everywhere = np.column_stack([maps.centres[which // filters] + shifts * maps.cell, which % filters])
         weights = np.exp(settings.sharpness * (height - height.max()))
         drawn = everywhere[self._rng.choice(len(everywhere), count, p=weights / weights.sum())]
         sizes = self._rng.normal(size=count) * _SIZE_STEP if settings.size_spread > 0 else np.zeros(count)

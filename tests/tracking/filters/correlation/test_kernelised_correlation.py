@@ -14,7 +14,7 @@ from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     train,
     transform,
 )
-from tsuiseki.tracking.likelihoods.peaks import local_maxima, peak, signed_shift
+from tsuiseki.tracking.likelihoods.peaks import local_maxima, maxima_of_each, peak, signed_shift
 
 SHAPE = (6, 8)
 
@@ -102,3 +102,18 @@ def test_local_maxima_are_ordered_and_cyclic():
 
 def test_a_flat_map_has_no_maximum():
     assert len(local_maxima(np.ones((5, 5), dtype=np.float32), 3)[0]) == 0
+
+
+def test_maxima_of_several_maps_are_those_of_each():
+    responses = np.random.default_rng(3).integers(0, 9, (4, 6, 8)).astype(np.float32)  # many are equal
+    responses[2] = 1  # a flat map has none
+    which, shifts, values = maxima_of_each(responses, 3)
+    assert np.unique(which).tolist() == [0, 1, 3]
+    for k, response in enumerate(responses):
+        around = [np.roll(response, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        plain = (response >= np.max(around, axis=0)) & (response > np.min(around, axis=0))
+        found = sorted(response[plain].tolist(), reverse=True)[:3]
+        assert values[which == k].tolist() == found
+        for (x, y), value in zip(shifts[which == k].astype(int), values[which == k], strict=True):
+            assert plain[y, x]
+            assert response[y, x] == value
