@@ -34,7 +34,7 @@ from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
 from tsuiseki.tracking.trackers.single.methods import make_tracker
 from tsuiseki.tracking.types import ImageArray
 
-SEQUENCES = ("otb/Crossing", "otb/DragonBaby", "vot/bag", "uav/person12")
+SEQUENCES = ("otb/Crossing", "otb/DragonBaby", "vot/bag", "uav/person12", "uav-more/group2")
 PEER_SCRIPT = Path(__file__).with_name("single_peer.py")
 OURS: dict[str, Callable[[], SingleTracker]] = {
     "KCF fixed": lambda: KcfTracker(kcf.THESIS),
