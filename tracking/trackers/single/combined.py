@@ -246,8 +246,8 @@ class Combined:
         centres = centres[inside | (np.arange(len(centres)) == 0)]
         if self.settings.roaming and self.doubted > self.settings.lost_after:
             centres = np.concatenate([centres, self._elsewhere(image, centres, step)])
-        maps = [regularised.responses(model, replace(target, centre=c), image, bank)[0] for c in centres]
-        return ResponseMaps(np.stack(maps), centres, model.cell_pixels(size))
+        maps, _ = regularised.responses_at(model, target, image, centres, bank)
+        return ResponseMaps(maps, centres, model.cell_pixels(size))
 
     def _elsewhere(self, image: ImageArray, centres: FloatArray, step: FloatArray) -> FloatArray:
         """``(W, 2)`` further windows: that of the challenger, and some of a grid over the whole picture in turn."""

@@ -22,6 +22,7 @@ the filter of places has to agree. Nothing is trained.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -121,14 +122,17 @@ class Model:
         width, height = (columns + 2) * CELL, (rows + 2) * CELL
         return np.asarray(cut(image, centre[None], np.array([self.scale * size]), width, height)[0])
 
-    def describe(self, patch: ImageArray) -> ComplexArray:
-        """``(32, rows, columns // 2 + 1)`` spectrum of gradients and brightness, target at shift zero."""
+    def describe(self, patches: Sequence[ImageArray]) -> ComplexArray:
+        """``(B, 32, rows, columns // 2 + 1)`` spectra of gradients and brightness, target at shift zero."""
         rows, columns = self.shape
-        grey = cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY)[CELL:-CELL, CELL:-CELL].astype(np.float32) / 255 - 0.5
-        brightness = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)  # means of cells
-        features = np.concatenate([hog(patch[None], CELL)[0], brightness[None]])
+        brightness = np.empty((len(patches), 1, rows, columns), dtype=np.float32)
+        for patch, means in zip(patches, brightness, strict=True):
+            grey = cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY)[CELL:-CELL, CELL:-CELL].astype(np.float32) / 255 - 0.5
+            means[0] = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)  # means of cells
+        features = np.concatenate([hog(np.stack(patches), CELL), brightness], axis=1)
         features *= self.taper
-        features *= np.float32(1 / np.sqrt(np.vdot(features, features) / features.size + 1e-9))
+        for one in features:
+            one *= np.float32(1 / np.sqrt(np.vdot(one, one) / one.size + 1e-9))
         spectra = scipy.fft.rfft2(features)
         spectra.view(np.float32)[:] *= self.to_centre
         return np.asarray(spectra)
@@ -174,7 +178,7 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     """The target of the first frame."""
     patch = model.patch(image, centre, 1.0)
     width, height = model.target / model.scale
-    filters = learn(model.describe(patch), model.wanted, model.support, None, model.settings.learning)
+    filters = learn(model.describe([patch])[0], model.wanted, model.support, None, model.settings.learning)
     sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0)) if model.settings.sizes > 1 else None
     colour = PixelColour.learn(patch, float(width), float(height))
     factors = model.settings.size_step ** np.arange(-_WIDEST, _WIDEST + 1.0)
@@ -185,25 +189,32 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     return RegularisedTarget(centre, 1.0, filters, colour, sizes, contrast_at, area=area)
 
 
-def responses(
-    model: Model, target: RegularisedTarget, image: ImageArray, bank: ComplexArray | None = None
+def responses(model: Model, target: RegularisedTarget, image: ImageArray) -> tuple[Float32Array, Float32Array]:
+    """Responses ``(rows, columns)`` of places about the target over cyclic shifts, and the colours' share alone."""
+    maps, colours = responses_at(model, target, image, target.centre[None], target.filters[None])
+    return maps[0, 0], colours[0]
+
+
+def responses_at(
+    model: Model, target: RegularisedTarget, image: ImageArray, centres: FloatArray, bank: ComplexArray
 ) -> tuple[Float32Array, Float32Array]:
-    """Responses of places about ``target.centre`` over cyclic shifts.
+    """Responses over cyclic shifts in several windows.
 
     Args:
         model: of the target.
-        target: gives place, size, colours and the filter.
+        target: gives size and colours.
         image: the frame.
-        bank: ``(K, D, rows, columns // 2 + 1)`` several filters instead of the target's.
+        centres: ``(W, 2)`` of the windows, pixels.
+        bank: ``(K, D, rows, columns // 2 + 1)`` filters.
 
     Returns:
-        Responses ``(rows, columns)``, or ``(K, rows, columns)`` of a bank, and the mean colour probabilities alone.
+        Responses ``(W, K, rows, columns)`` and the mean colour probabilities ``(W, rows, columns)`` alone.
     """
     share = np.float32(model.settings.colour_share)
-    patch = model.patch(image, target.centre, target.size)
-    colours = model.colour_response(target.colour, patch)
-    found = respond(target.filters if bank is None else bank, model.describe(patch), model.shape)
-    return np.asarray((1 - share) * found + share * colours), colours
+    patches = [model.patch(image, centre, target.size) for centre in centres]
+    colours = np.stack([model.colour_response(target.colour, patch) for patch in patches])
+    found = np.stack([respond(bank, window, model.shape) for window in model.describe(patches)])
+    return np.asarray((1 - share) * found + share * colours[:, None]), colours
 
 
 def locate(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
@@ -263,7 +274,7 @@ def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: flo
     width, height = model.target / model.scale
     colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), settings.colour_rate * rate)
     learning = replace(settings.learning, memory=settings.learning.memory / rate)
-    filters = learn(model.describe(patch), model.wanted, model.support, target.filters, learning)
+    filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters, learning)
     sizes = target.sizes
     if sizes is not None:
         level = model.ladder.level(target.size)
