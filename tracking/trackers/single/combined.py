@@ -246,7 +246,7 @@ class Combined:
         centres = centres[inside | (np.arange(len(centres)) == 0)]
         if self.settings.roaming and self.doubted > self.settings.lost_after:
             centres = np.concatenate([centres, self._elsewhere(image, centres, step)])
-        maps, _ = regularised.responses_at(model, target, image, centres, bank)
+        maps = regularised.responses_at(model, target, image, centres, bank)
         return ResponseMaps(maps, centres, model.cell_pixels(size))
 
     def _elsewhere(self, image: ImageArray, centres: FloatArray, step: FloatArray) -> FloatArray:

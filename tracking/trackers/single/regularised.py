@@ -191,13 +191,15 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
 
 def responses(model: Model, target: RegularisedTarget, image: ImageArray) -> tuple[Float32Array, Float32Array]:
     """Responses ``(rows, columns)`` of places about the target over cyclic shifts, and the colours' share alone."""
-    maps, colours = responses_at(model, target, image, target.centre[None], target.filters[None])
-    return maps[0, 0], colours[0]
+    patch = model.patch(image, target.centre, target.size)
+    colours = model.colour_response(target.colour, patch)
+    found = respond(target.filters, model.describe([patch])[0], model.shape)
+    return _joined(model, found, colours), colours
 
 
 def responses_at(
     model: Model, target: RegularisedTarget, image: ImageArray, centres: FloatArray, bank: ComplexArray
-) -> tuple[Float32Array, Float32Array]:
+) -> Float32Array:
     """Responses over cyclic shifts in several windows.
 
     Args:
@@ -208,13 +210,18 @@ def responses_at(
         bank: ``(K, D, rows, columns // 2 + 1)`` filters.
 
     Returns:
-        Responses ``(W, K, rows, columns)`` and the mean colour probabilities ``(W, rows, columns)`` alone.
+        ``(W, K, rows, columns)``.
     """
-    share = np.float32(model.settings.colour_share)
     patches = [model.patch(image, centre, target.size) for centre in centres]
     colours = np.stack([model.colour_response(target.colour, patch) for patch in patches])
     found = np.stack([respond(bank, window, model.shape) for window in model.describe(patches)])
-    return np.asarray((1 - share) * found + share * colours[:, None]), colours
+    return _joined(model, found, colours[:, None])
+
+
+def _joined(model: Model, found: Float32Array, colours: Float32Array) -> Float32Array:
+    """What filters have found and the mean colour probabilities, in one response."""
+    share = np.float32(model.settings.colour_share)
+    return np.asarray((1 - share) * found + share * colours)
 
 
 def locate(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
