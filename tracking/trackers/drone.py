@@ -27,8 +27,9 @@ from tsuiseki.tracking.trackers.people.flow_input import InputSettings
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 
-# Measured on generated clips with the shipped detector: its boxes of people from above are off by more than those of a
-# street, above all in their widths, and people are lower there than tall, so that they move by more of their heights.
+# Measured on generated clips with a detector of drawn people: its boxes of people from above are off by more than those
+# of a street, above all in their widths, and people are lower there than tall, so that they move by more of their
+# heights.
 DRONE_MOTION = MotionNoise((0.08, 0.25, 0.13), (0.5, 0.8, 0.3), (2.5, 0.2, 0.2))
 DRONE_FLOW = FlowSettings(
     input=InputSettings(

@@ -36,10 +36,18 @@ TEST_SCENE = DroneSceneSettings(frames=300, camera="violent", people=9, look_ali
 SECOND_SCENE = DroneSceneSettings(frames=200, camera="calm", people=4, altitude=(10.0, 16.0), look_alikes=0.5)
 FAULTS = DetectorFaults(jitter=0.07, missed=0.35, hidden=0.8, false_alarms=0.6)
 FIRST_SEED, SECOND_SEED = 3000, 9000
-# Of clips that the networks of actions learnt from, that chose the settings of the flow and of DeepSORT, and that the
-# costs of actions come from: docs/drone.md.
+# Of clips that the networks of actions learnt from, that chose the settings of the flow and of DeepSORT, that the costs
+# of actions come from (docs/drone.md), and that the detector's scores were made probabilities on
+# (docs/drone-detector.md).
 SEEN = frozenset(
-    [*range(1000, 1013), *range(20000, 20235), *range(21000, 21024), *range(2000, 2003), *range(20500, 20506)]
+    [
+        *range(1000, 1013),
+        *range(20000, 20235),
+        *range(21000, 21024),
+        *range(2000, 2003),
+        *range(20500, 20506),
+        *range(910000, 910004),
+    ]
 )
 
 

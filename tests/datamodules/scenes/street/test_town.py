@@ -69,14 +69,6 @@ def test_a_town_hides_people_and_adds_none():
     assert fewer > 0
 
 
-def test_without_a_town_pictures_are_as_they_were():
-    for seed in range(2):
-        one, two = (
-            random_training_scene(np.random.default_rng(seed), s)[0] for s in (SMALL, replace(SMALL, town=(0, 0)))
-        )
-        np.testing.assert_array_equal(one, two)
-
-
 def test_more_at_least_than_at_most_is_refused():
     with pytest.raises(RequestError, match="expected town as"):
         replace(SMALL, town=(3, 1))
