@@ -17,7 +17,7 @@ from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.trackers.single.combined import Combined
 from tsuiseki.tracking.trackers.single.matching import colour_bins
 from tsuiseki.tracking.trackers.single.recognised import Recognised
-from tsuiseki.tracking.trackers.single.recognition import Describe
+from tsuiseki.tracking.trackers.single.recognition import Describe, RecognitionSettings
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.single.runs import Clip, generated_clip
 
@@ -29,7 +29,7 @@ WITNESSES = {
     "course": "step of nine frames against the median one",
     "change": "likeness to the box nine frames ago",
 }
-_EXPECTED, _TRUSTED, _REMEMBERED = 0.9, 3, 15  # of the running median, as in `recognition`
+_SHIPPED = RecognitionSettings()  # the running median is that of `recognition`
 _GALLERY = 10
 
 
@@ -46,7 +46,7 @@ class Looks:
         self._describe = describe
         self._first = self._features(image, box[None])[0]
         self._halves = _half_colours(image, box)
-        self._usual, self._gallery = [_EXPECTED] * _TRUSTED, [self._first]
+        self._usual, self._gallery = [_SHIPPED.expected] * _SHIPPED.trusted, [self._first]
         self._before: deque[FloatArray] = deque([self._first], maxlen=3)
         self._boxes: deque[FloatArray] = deque([box], maxlen=4)
         self._steps: list[FloatArray] = []
@@ -63,8 +63,8 @@ class Looks:
         usual = median(self._usual)
         if likenesses[0] >= 0.8 * usual and len(self._gallery) <= _GALLERY:
             self._gallery.append(found[0])
-        if likenesses[0] >= 0.6 * usual:
-            self._usual = [*self._usual, float(likenesses[0])][-_REMEMBERED:]
+        if likenesses[0] >= _SHIPPED.share * usual:
+            self._usual = [*self._usual, float(likenesses[0])][-_SHIPPED.memory :]
         alone = float(likenesses[0] - likenesses[1:].max())
         halves = float(np.minimum(self._halves, _half_colours(image, box)).sum(axis=1).min())
         return [float(likenesses[0]) / usual, gallery, alone, halves, self._course(box), change]
