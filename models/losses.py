@@ -1,15 +1,17 @@
-"""The multibox loss of single-shot detectors (Liu et al. 2016, section 2.2)."""
+"""What the anchors of a single-shot detector learn, and the multibox loss (Liu et al. 2016, section 2.2)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 from torchvision.ops import box_iou
 
-from tsuiseki.models.anchors import corners_from_centres, encode
+from tsuiseki.models.anchors import corners_from_centres, decode, encode
 
 PERSON, IGNORED, PADDING = 1, -1, 0
 
@@ -57,26 +59,27 @@ def match_anchors(anchors: Tensor, boxes: Tensor, labels: Tensor, threshold: flo
     return Matches(positive, neutral, box)
 
 
-class MultiBoxLoss(nn.Module):
-    """Smooth L1 on the offsets of positive anchors and cross-entropy with hard negative mining.
+# Offsets, anchors (centre form) and boxes (x1, y1, x2, y2) of P positive anchors, each (P, 4), to the sum of losses.
+BoxTerm: TypeAlias = Callable[[Tensor, Tensor, Tensor], Tensor]
+# Logits (B, A, C + 1), the matches, and the (P,) IoU that each positive anchor's own box has with what it stands for,
+# to the sum of losses.
+ScoreTerm: TypeAlias = Callable[[Tensor, Matches, Tensor], Tensor]
+
+
+class DetectionLoss(nn.Module):
+    """A term for the boxes of positive anchors, and one for the scores of all; either may be exchanged.
 
     Args:
-        negatives_per_positive: the hardest negatives counted for each positive of an image.
-        fewest_negatives: counted in an image without positives.
+        score: term of the scores.
+        box: term of the boxes.
         threshold: on the IoU from which an anchor stands for a box.
         box_weight: of the box term in the sum.
     """
 
-    def __init__(
-        self,
-        negatives_per_positive: float = 3.0,
-        fewest_negatives: int = 16,
-        threshold: float = 0.5,
-        box_weight: float = 1.0,
-    ) -> None:
+    def __init__(self, score: ScoreTerm, box: BoxTerm, threshold: float = 0.5, box_weight: float = 1.0) -> None:
         super().__init__()
-        self.negatives_per_positive = negatives_per_positive
-        self.fewest_negatives = fewest_negatives
+        self.score = score
+        self.box = box
         self.threshold = threshold
         self.box_weight = box_weight
 
@@ -93,18 +96,40 @@ class MultiBoxLoss(nn.Module):
             labels: ``(B, M)`` `PERSON`, `IGNORED` or `PADDING`.
 
         Returns:
-            Class loss and box loss, scalars; their sum (the box term weighted) is what training minimises.
+            Score loss and box loss, scalars; their sum (the box term weighted) is what training minimises.
         """
         matches = match_anchors(anchors, boxes, labels, self.threshold)
-        logits, offsets = logits.float(), offsets.float()
-        positive = matches.positive
-        count = positive.sum().clamp(min=1)
-        image, anchor = positive.nonzero(as_tuple=True)
-        target = encode(boxes[image, matches.box[image, anchor]], anchors[anchor])
-        box_loss = functional.smooth_l1_loss(offsets[image, anchor], target, reduction="sum")
-        entropy = functional.cross_entropy(logits.transpose(1, 2), positive.long(), reduction="none")
-        counted = positive | self._hard_negatives(entropy.detach(), matches)
-        return entropy[counted].sum() / count, self.box_weight * box_loss / count
+        image, anchor = matches.positive.nonzero(as_tuple=True)
+        count = max(len(image), 1)
+        own, reference = offsets.float()[image, anchor], anchors[anchor]
+        wanted = boxes[image, matches.box[image, anchor]]
+        box_loss = self.box(own, reference, wanted) / count
+        overlap = paired_iou(decode(own.detach(), reference), wanted)
+        return self.score(logits.float(), matches, overlap) / count, self.box_weight * box_loss
+
+
+def smooth_l1(offsets: Tensor, anchors: Tensor, boxes: Tensor) -> Tensor:
+    """Summed smooth L1 distance of ``offsets`` from the box code of ``boxes``; all ``(P, 4)``."""
+    return functional.smooth_l1_loss(offsets, encode(boxes, anchors), reduction="sum")
+
+
+@dataclass(frozen=True)
+class MinedEntropy:
+    """Cross-entropy of the positive anchors and of the negatives that the network gets most wrong.
+
+    Attributes:
+        negatives_per_positive: counted for each positive of an image.
+        fewest_negatives: counted in an image without positives.
+    """
+
+    negatives_per_positive: float = 3.0
+    fewest_negatives: int = 16
+
+    def __call__(self, logits: Tensor, matches: Matches, overlap: Tensor) -> Tensor:
+        """The sum, whatever the ``overlap``."""
+        del overlap
+        entropy = functional.cross_entropy(logits.transpose(1, 2), matches.positive.long(), reduction="none")
+        return entropy[matches.positive | self._hard_negatives(entropy.detach(), matches)].sum()
 
     def _hard_negatives(self, entropy: Tensor, matches: Matches) -> Tensor:
         """``(B, A)`` bool: the negatives of each image that the network gets most wrong."""
@@ -114,3 +139,10 @@ class MultiBoxLoss(nn.Module):
         rank = torch.empty_like(order)
         rank.scatter_(1, order, torch.arange(order.shape[1], device=order.device).expand_as(order))
         return candidates & (rank < wanted[:, None])
+
+
+def paired_iou(a: Tensor, b: Tensor) -> Tensor:
+    """``(N,)`` intersection over union of ``(N, 4)`` boxes with ``(N, 4)`` ones, row by row."""
+    shared = (torch.minimum(a[:, 2:], b[:, 2:]) - torch.maximum(a[:, :2], b[:, :2])).clamp(min=0).prod(dim=1)
+    area_a, area_b = (a[:, 2:] - a[:, :2]).prod(dim=1), (b[:, 2:] - b[:, :2]).prod(dim=1)
+    return shared / (area_a + area_b - shared).clamp(min=1e-6)

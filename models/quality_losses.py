@@ -5,56 +5,50 @@ Zheng et al., *Distance-IoU Loss*, AAAI 2020, eq. 8 to 11; Li et al., *Generaliz
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 from torchvision.ops import complete_box_iou_loss
 
 from tsuiseki.models.anchors import decode
-from tsuiseki.models.losses import match_anchors
+from tsuiseki.models.losses import Matches
 
 
-class QualityLoss(nn.Module):
-    """Complete IoU on the boxes of positive anchors; a score that is to be the IoU of its own box, 0 elsewhere.
+def complete_iou(offsets: Tensor, anchors: Tensor, boxes: Tensor) -> Tensor:
+    """Summed complete IoU loss of the boxes that ``offsets`` make of ``anchors`` (centre form); all ``(P, 4)``."""
+    loss: Tensor = complete_box_iou_loss(decode(offsets, anchors), boxes, reduction="sum")
+    return loss
 
-    Takes and gives what `MultiBoxLoss` does, so that either can train a detector. No negatives are chosen: the focal
-    factor leaves the easy ones without weight.
 
-    Args:
-        threshold: on the IoU from which an anchor stands for a box.
-        box_weight: of the box term in the sum.
+@dataclass(frozen=True)
+class QualityFocal:
+    """A score that is to be the IoU of its own box, 0 where there is nobody.
+
+    No negatives are chosen: the focal factor leaves the easy ones without weight.
+
+    Attributes:
         focus: exponent of the distance between score and quality.
     """
 
-    def __init__(self, threshold: float = 0.5, box_weight: float = 2.0, focus: float = 2.0) -> None:
-        super().__init__()
-        self.threshold = threshold
-        self.box_weight = box_weight
-        self.focus = focus
+    focus: float = 2.0
 
-    def forward(
-        self, logits: Tensor, offsets: Tensor, anchors: Tensor, boxes: Tensor, labels: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Score loss and box loss, scalars; see `MultiBoxLoss.forward` for the arguments.
+    def __call__(self, logits: Tensor, matches: Matches, overlap: Tensor) -> Tensor:
+        """The sum over all anchors that are not neutral.
 
-        ``logits`` must be of one class, ``(B, A, 2)``: the score is the sigmoid of their difference.
+        Args:
+            logits: ``(B, A, 2)``: the score is the sigmoid of their difference.
+            matches: what the anchors stand for.
+            overlap: ``(P,)`` IoU of the positive anchors' boxes.
         """
-        matches = match_anchors(anchors, boxes, labels, self.threshold)
-        image, anchor = matches.positive.nonzero(as_tuple=True)
-        found = decode(offsets.float()[image, anchor], anchors[anchor])
-        wanted = boxes[image, matches.box[image, anchor]]
-        count = max(len(image), 1)
-        box_loss = complete_box_iou_loss(found, wanted, reduction="sum") / count
         quality = torch.zeros_like(matches.positive, dtype=torch.float32)
-        quality[image, anchor] = _paired_iou(found.detach(), wanted)
-        margin = logits.float()[..., 1] - logits.float()[..., 0]
-        entropy = functional.binary_cross_entropy_with_logits(margin, quality, reduction="none")
-        focal = entropy * (margin.sigmoid() - quality).abs() ** self.focus
-        return focal[~matches.neutral].sum() / count, self.box_weight * box_loss
+        quality[matches.positive] = overlap
+        focal = quality_focal(logits[..., 1] - logits[..., 0], quality, self.focus)
+        return focal[~matches.neutral].sum()
 
 
-def _paired_iou(a: Tensor, b: Tensor) -> Tensor:
-    """``(N,)`` intersection over union of ``(N, 4)`` boxes with ``(N, 4)`` ones, row by row."""
-    shared = (torch.minimum(a[:, 2:], b[:, 2:]) - torch.maximum(a[:, :2], b[:, :2])).clamp(min=0).prod(dim=1)
-    area_a, area_b = (a[:, 2:] - a[:, :2]).prod(dim=1), (b[:, 2:] - b[:, :2]).prod(dim=1)
-    return shared / (area_a + area_b - shared).clamp(min=1e-6)
+def quality_focal(margin: Tensor, quality: Tensor, focus: float = 2.0) -> Tensor:
+    """Quality focal loss of each score, the sigmoid of ``margin``, that is to be ``quality`` in [0, 1]; same shapes."""
+    entropy = functional.binary_cross_entropy_with_logits(margin, quality, reduction="none")
+    return entropy * (margin.sigmoid() - quality).abs() ** focus

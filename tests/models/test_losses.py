@@ -8,9 +8,10 @@ import pytest
 import torch
 
 from tsuiseki.models.anchors import corners_from_centres, encode, grid_anchors
-from tsuiseki.models.losses import IGNORED, PADDING, PERSON, MultiBoxLoss, match_anchors
+from tsuiseki.models.losses import IGNORED, PADDING, PERSON, DetectionLoss, MinedEntropy, match_anchors, smooth_l1
 
 ANCHORS = grid_anchors([(4, 6)], [16], [[(16, 32)]])
+MULTIBOX = DetectionLoss(MinedEntropy(), smooth_l1)
 
 
 def test_every_box_gets_its_best_anchor_even_a_poor_one() -> None:
@@ -45,7 +46,7 @@ def test_loss_by_hand() -> None:
     boxes = corners_from_centres(ANCHORS[7])[None, None]
     logits, offsets = torch.zeros(1, 24, 2), torch.zeros(1, 24, 4)
     offsets[0, 7] = torch.tensor([1.0, 0.0, 0.0, 0.0])
-    loss = MultiBoxLoss(negatives_per_positive=3, fewest_negatives=0)
+    loss = DetectionLoss(MinedEntropy(3, 0), smooth_l1)
     class_loss, box_loss = loss(logits, offsets, ANCHORS, boxes, torch.tensor([[PERSON]]))
     assert float(class_loss) == pytest.approx(4 * math.log(2), rel=1e-6)
     assert float(box_loss) == pytest.approx(0.5, rel=1e-6)
@@ -57,7 +58,7 @@ def test_the_hardest_negatives_are_counted() -> None:
     logits[0, :, 0] = 3.0
     logits[0, [0, 11, 17], 1] = 6.0
     logits.requires_grad_()
-    loss = MultiBoxLoss(negatives_per_positive=3, fewest_negatives=0)
+    loss = DetectionLoss(MinedEntropy(3, 0), smooth_l1)
     loss(logits, torch.zeros(1, 24, 4), ANCHORS, boxes, torch.tensor([[PERSON]]))[0].backward()
     assert logits.grad is not None
     assert logits.grad[0].abs().sum(dim=1).nonzero().flatten().tolist() == [0, 7, 11, 17]
@@ -69,7 +70,7 @@ def test_ignored_regions_teach_nothing() -> None:
     logits[0, 20, 1] = 9.0
     logits.requires_grad_()
     labels = torch.tensor([[PERSON, IGNORED]])
-    class_loss, _ = MultiBoxLoss()(logits, torch.zeros(1, 24, 4), ANCHORS, boxes, labels)
+    class_loss, _ = MULTIBOX(logits, torch.zeros(1, 24, 4), ANCHORS, boxes, labels)
     class_loss.backward()
     assert logits.grad is not None
     assert not logits.grad[0, 20].any()
@@ -83,12 +84,12 @@ def test_the_loss_falls_to_zero_on_the_truth() -> None:
     logits[..., 0] = 30.0
     logits[0, matches.positive[0], 1] = 60.0
     offsets = encode(boxes[0, matches.box[0]], ANCHORS)[None]
-    class_loss, box_loss = MultiBoxLoss()(logits, offsets, ANCHORS, boxes, labels)
+    class_loss, box_loss = MULTIBOX(logits, offsets, ANCHORS, boxes, labels)
     assert float(class_loss + box_loss) < 1e-6
 
 
 def test_a_batch_without_people_still_has_a_finite_loss() -> None:
-    class_loss, box_loss = MultiBoxLoss()(
+    class_loss, box_loss = MULTIBOX(
         torch.zeros(2, 24, 2),
         torch.zeros(2, 24, 4),
         ANCHORS,

@@ -94,7 +94,7 @@ def detector_of(path: Path) -> tuple[DetectorTraining, dict[str, Any]]:
     """
     if path.suffix != ".onnx":
         detector, made_of = load_module(DetectorTraining, path), _made_of(DetectorTraining, path)
-        return heads_only(detector), {**made_of, "weights": None, "start": None}
+        return heads_only(detector), {**made_of, "weights": None, "start": None, "teacher": None}
     layout = layout_of(path)
     height, width = layout.size
     parts: dict[str, Any] = {

@@ -94,7 +94,7 @@ def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | No
         raise RequestError(f"expected a checkpoint at {checkpoint}, found none; `tsuiseki train` writes best.ckpt")
     try:
         # What the training started from is overwritten here; without it nothing is downloaded.
-        changes: dict[str, Any] = {"weights": None, "start": None}
+        changes: dict[str, Any] = {"weights": None, "start": None, "teacher": None}
         if size is not None:
             changes |= {"height": size[0], "width": size[1]}
         module = kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, **changes)

@@ -19,10 +19,11 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_int8 import quantise_detector
-from tsuiseki.trainers.exporting.exported_weights import exported_weights, layout_of
+from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
 from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.calibration import calibration_of
-from tsuiseki.trainers.networks.detector import COCO_NORMALISATIONS, FIXED_SIDES, DetectorTraining, detector_card
+from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.networks.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card
 
 OUTPUTS = ("logits", "offsets", "anchors")
 
@@ -134,7 +135,7 @@ def _exported(path: Path, size: tuple[int, int] | None) -> tuple[Detector, Model
     missing = [name for name in missing if not name.endswith("num_batches_tracked")]
     if missing:
         raise RequestError(f"{path}: expected a trained detector, got no weights for {', '.join(missing[:3])}")
-    _fold(network)
+    fold_normalisations(network)
     settings = {name: value for name, value in card.settings.items() if name != "score_calibration"}
     return network.eval(), dataclasses.replace(card, input_height=height, input_width=width, settings=settings)
 
@@ -153,14 +154,7 @@ def blend_weights(network: Detector | OneClass, card: ModelCard, path: Path) -> 
     if {name: each.shape for name, each in first.items()} != {name: each.shape for name, each in second.items()}:
         raise RequestError(f"`blend`: expected a detector of the structure of `checkpoint`, got another in {path}")
     network.load_state_dict({name: (each + second[name]) / 2 for name, each in first.items()}, strict=False)
-    _fold(network)
-
-
-def _fold(network: nn.Module) -> None:
-    """Normalisations of `exported_weights` are to change nothing beyond their bias."""
-    for norm in network.modules():
-        if isinstance(norm, nn.BatchNorm2d) and norm.running_var is not None:
-            norm.running_var.fill_(1 - norm.eps)
+    fold_normalisations(network)
 
 
 def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[Detector | OneClass, ModelCard]:

@@ -122,15 +122,20 @@ def _opened(path: Path) -> tuple[onnx.ModelProto, ModelCard]:
         raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got another file") from error
 
 
+def fold_normalisations(network: nn.Module) -> None:
+    """Let the normalisations of ``network``, which holds `exported_weights`, change nothing beyond their bias."""
+    for norm in network.modules():
+        if isinstance(norm, nn.BatchNorm2d) and norm.running_var is not None:
+            norm.running_var.fill_(1 - norm.eps)
+
+
 def restore_normalisations(network: nn.Module, images: Tensor) -> None:
     """Give the normalisations of ``network`` the statistics of ``images`` ``(B, 3, H, W)``.
 
     Its outputs stay as they are. Only for weights of `exported_weights`, whose normalisations do nothing but add a
     bias.
     """
-    for norm in network.modules():
-        if isinstance(norm, nn.BatchNorm2d) and norm.running_var is not None:
-            norm.running_var.fill_(1 - norm.eps)  # so that it changes nothing yet
+    fold_normalisations(network)
     with torch.no_grad(), _measuring(network) as measured:
         network.eval()(images)
         for norm, (mean, variance) in measured.items():

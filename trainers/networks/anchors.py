@@ -12,7 +12,7 @@ from tsuiseki.models.anchors import propose_anchors
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.networks.detector import Resize
+from tsuiseki.trainers.networks.detector_network import Resize
 
 
 def anchors_for(

@@ -2,35 +2,37 @@
 
 from __future__ import annotations
 
-import pickle
 from pathlib import Path
 from typing import Literal
 
 import lightning
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
-from torch import Tensor, nn
+from torch import Tensor
 from torch.optim import SGD, AdamW, Optimizer
 from torchvision.ops import batched_nms
 
 from tsuiseki.datamodules.detection import DetectionBatch
-from tsuiseki.models.anchors import VARIANCES, decode
-from tsuiseki.models.backbones import TrunkName, build_trunk
-from tsuiseki.models.detector import Detector, people_detector
-from tsuiseki.models.losses import IGNORED, PADDING, MultiBoxLoss
-from tsuiseki.models.pretrained import coco_start
-from tsuiseki.models.quality_losses import QualityLoss
-from tsuiseki.models.ssd import ssd300, ssd512, ssdlite320
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.models.anchors import decode
+from tsuiseki.models.backbones import TrunkName
+from tsuiseki.models.distillation import distillation_loss
+from tsuiseki.models.losses import IGNORED, PADDING, BoxTerm, DetectionLoss, MinedEntropy, ScoreTerm, smooth_l1
+from tsuiseki.models.quality_losses import QualityFocal, complete_iou
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.exporting.exported_weights import exported_weights, restore_normalisations
+from tsuiseki.trainers.exporting.exported_weights import restore_normalisations
+from tsuiseki.trainers.networks.detector_network import (
+    COCO_NORMALISATIONS,
+    Architecture,
+    Normalisation,
+    Resize,
+    build_detector,
+    detector_card,
+    take_over,
+)
+from tsuiseki.trainers.networks.distillation import Teacher
 from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
-
-Architecture = Literal["people", "ssdlite320", "ssd300", "ssd512"]
-Resize = Literal["letterbox", "stretch"]
-Normalisation = Literal["imagenet", "symmetric", "bytes"]
 
 # Widths and heights of people in street views, in pixels of a 640x480 input, at strides 8, 16, 32 and 64.
 STREET_ANCHORS: list[list[tuple[float, float]]] = [
@@ -39,97 +41,17 @@ STREET_ANCHORS: list[list[tuple[float, float]]] = [
     [(52.0, 132.0), (78.0, 190.0)],
     [(120.0, 280.0)],
 ]
-FIXED_SIDES = {"ssdlite320": 320, "ssd300": 300, "ssd512": 512}
-# Mean and standard deviation of the channels: of torchvision's classifiers, and of its two COCO detectors.
-_NORMALISATIONS: dict[Normalisation, tuple[tuple[float, ...], tuple[float, ...]]] = {
-    "imagenet": ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
-    "symmetric": ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5)),
-    "bytes": ((0.48235, 0.45882, 0.40784), (1 / 255, 1 / 255, 1 / 255)),
+LossName = Literal["multibox", "complete_iou", "quality_focal", "quality"]
+# What scores and boxes learn by.
+LOSSES: dict[LossName, tuple[ScoreTerm, BoxTerm]] = {
+    "multibox": (MinedEntropy(), smooth_l1),
+    "complete_iou": (MinedEntropy(), complete_iou),
+    "quality_focal": (QualityFocal(), smooth_l1),
+    "quality": (QualityFocal(), complete_iou),
 }
-COCO_NORMALISATIONS: dict[str, Normalisation] = {"ssdlite320": "symmetric", "ssd300": "bytes"}
 _CANDIDATES = 300
 # Pictures that tell the normalisations of an exported network their statistics.
 _NORM_EXAMPLES = 32
-
-
-def build_detector(
-    architecture: Architecture,
-    trunk: TrunkName,
-    weights: Literal["imagenet", "coco"] | None,
-    size: tuple[int, int],
-    anchors: list[list[tuple[float, float]]],
-    channels: int,
-    fine: bool = False,
-) -> Detector:
-    """The person detector that a configuration names.
-
-    Raises:
-        RequestError: the parts do not fit together, or weights cannot be downloaded.
-    """
-    side = FIXED_SIDES.get(architecture)
-    if side is not None and size != (side, side):
-        raise RequestError(f"{architecture} takes {side}x{side} images, got height {size[0]} and width {size[1]}")
-    if weights == "coco" and architecture not in ("ssdlite320", "ssd300"):
-        raise RequestError(f"weights coco exist for ssdlite320 and ssd300, not for {architecture}")
-    try:
-        if weights == "coco":
-            return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
-        start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
-        if architecture == "people":
-            return people_detector(build_trunk(trunk, start), size, anchors, channels, fine)
-        if architecture == "ssd512":
-            return ssd512(trunk=build_trunk("vgg16", start))
-        if architecture == "ssd300":
-            return ssd300(trunk=build_trunk("vgg16", start))
-        return ssdlite320(trunk=None if start is None else build_trunk("mobilenet_v3_large", start))
-    except (ValueError, ConnectionError) as error:
-        raise RequestError(str(error)) from error
-
-
-def take_over(network: nn.Module, checkpoint: Path) -> int:
-    """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; returns how many do.
-
-    Args:
-        network: to fill.
-        checkpoint: of a training, or a detector that was exported from one (``.onnx``).
-
-    Raises:
-        RequestError: the file is missing or no checkpoint, or no tensor fits.
-    """
-    if not checkpoint.is_file():
-        raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
-    if checkpoint.suffix == ".onnx":
-        return _fill(network, exported_weights(checkpoint), checkpoint)
-    try:
-        found = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
-    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
-        raise RequestError(f"{checkpoint}: expected a checkpoint of `tsuiseki train detector`") from error
-    return _fill(network, {name.removeprefix("network."): value for name, value in found.items()}, checkpoint)
-
-
-def _fill(network: nn.Module, weights: dict[str, Tensor], checkpoint: Path) -> int:
-    own = network.state_dict()
-    fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
-    if not fitting:
-        raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
-    network.load_state_dict(fitting, strict=False)
-    return len(fitting)
-
-
-def detector_card(name: str, size: tuple[int, int], resize: Resize, normalisation: Normalisation) -> ModelCard:
-    """What the exported detector will say about its input."""
-    mean, std = _NORMALISATIONS[normalisation]
-    return ModelCard(
-        kind="detector",
-        name=name,
-        class_names=("person",),
-        input_height=size[0],
-        input_width=size[1],
-        resize=resize,
-        mean=mean,
-        std=std,
-        settings={"variances": list(VARIANCES)},
-    )
 
 
 class DetectorTraining(lightning.LightningModule):
@@ -149,13 +71,19 @@ class DetectorTraining(lightning.LightningModule):
             pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels.
         channels: of the top-down path of ``people``.
         fine: add the trunk's map of stride 4 to the finest map of ``people``.
-        loss: ``multibox`` (smooth L1, hard negatives) or ``quality`` (complete IoU, scores that are to be the overlap).
+        loss: ``multibox`` (smooth L1 on boxes, scores by hard negatives), ``complete_iou`` (on boxes, scores by hard
+            negatives), ``quality_focal`` (smooth L1 on boxes, scores that are to be the overlap) or ``quality``
+            (complete IoU, scores that are to be the overlap).
+        teacher: checkpoint or exported detector of the same anchors, from whose scores and boxes the network learns
+            beside the labels.
+        teacher_flips: the teacher looks at the mirror image, too, and teaches the mean.
+        teacher_weight: of its part of the loss.
         optimiser: ``adamw`` or ``sgd``.
         learning_rate: at the end of the warm-up.
         weight_decay: of convolution weights; normalisations and biases have none.
         warmup_steps: of linear rise.
         final_share: of the learning rate that the cosine decay ends with.
-        box_weight: of the box loss against the class loss; 2 suits ``quality``.
+        box_weight: of the box loss against the class loss; 2 suits complete IoU.
     """
 
     def __init__(
@@ -171,7 +99,10 @@ class DetectorTraining(lightning.LightningModule):
         anchors: list[list[tuple[float, float]]] = STREET_ANCHORS,
         channels: int = 96,
         fine: bool = False,
-        loss: Literal["multibox", "quality"] = "multibox",
+        loss: LossName = "multibox",
+        teacher: str | None = None,
+        teacher_flips: bool = True,
+        teacher_weight: float = 1.0,
         optimiser: Literal["adamw", "sgd"] = "adamw",
         learning_rate: float = 2e-3,
         weight_decay: float = 0.02,
@@ -191,8 +122,9 @@ class DetectorTraining(lightning.LightningModule):
         # A checkpoint is loaded without its starting weights, which must not change its normalisation.
         self.hparams["normalisation"] = normalisation
         self.card = detector_card(name, (height, width), resize, normalisation)
-        losses = {"multibox": MultiBoxLoss, "quality": QualityLoss}
-        self.loss = losses[loss](box_weight=box_weight)
+        self.loss = DetectionLoss(*LOSSES[loss], box_weight=box_weight)
+        self.teacher = None if teacher is None else Teacher(Path(teacher), self.network, self.card, teacher_flips)
+        self.teacher_weight = teacher_weight
         self.optimiser = optimiser
         self.learning_rate = learning_rate
         self.weight_decay = weight_decay
@@ -228,10 +160,16 @@ class DetectorTraining(lightning.LightningModule):
     def training_step(self, batch: DetectionBatch, batch_index: int) -> Tensor:
         """The loss of a batch."""
         del batch_index
-        logits, offsets = self(batch.images)
+        images = self.normalised(batch.images)
+        logits, offsets = self.network(images)
         class_loss, box_loss = self.loss(logits, offsets, self.network.anchors, batch.boxes, batch.labels)
-        self.log_dict({"train/class_loss": class_loss, "train/box_loss": box_loss}, on_step=False, on_epoch=True)
+        terms = {"train/class_loss": class_loss, "train/box_loss": box_loss}
         total: Tensor = class_loss + box_loss
+        if self.teacher is not None:
+            soft = distillation_loss(logits, offsets, self.network.anchors, self.teacher.targets(images))
+            terms["train/teacher_loss"] = self.teacher_weight * (soft[0] + self.loss.box_weight * soft[1])
+            total = total + terms["train/teacher_loss"]
+        self.log_dict(terms, on_step=False, on_epoch=True)
         return total
 
     def validation_step(self, batch: DetectionBatch, batch_index: int) -> None:

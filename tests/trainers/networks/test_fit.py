@@ -16,7 +16,8 @@ import yaml
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.networks.detector import DetectorTraining, detections, detector_card
+from tsuiseki.trainers.networks.detector import DetectorTraining, detections
+from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.fit import EpochLines, fit_detector
 from tsuiseki.trainers.networks.schedule import warmup_cosine
 

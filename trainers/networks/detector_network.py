@@ -1,0 +1,112 @@
+"""The network of a person detector: built as a configuration names it, and filled with weights of another."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from tsuiseki.models.anchors import VARIANCES
+from tsuiseki.models.backbones import TrunkName, build_trunk
+from tsuiseki.models.detector import Detector, people_detector
+from tsuiseki.models.pretrained import coco_start
+from tsuiseki.models.ssd import ssd300, ssd512, ssdlite320
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.trainers.exporting.exported_weights import exported_weights
+
+Architecture = Literal["people", "ssdlite320", "ssd300", "ssd512"]
+Resize = Literal["letterbox", "stretch"]
+Normalisation = Literal["imagenet", "symmetric", "bytes"]
+
+FIXED_SIDES = {"ssdlite320": 320, "ssd300": 300, "ssd512": 512}
+# Mean and standard deviation of the channels: of torchvision's classifiers, and of its two COCO detectors.
+_NORMALISATIONS: dict[Normalisation, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "imagenet": ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
+    "symmetric": ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5)),
+    "bytes": ((0.48235, 0.45882, 0.40784), (1 / 255, 1 / 255, 1 / 255)),
+}
+COCO_NORMALISATIONS: dict[str, Normalisation] = {"ssdlite320": "symmetric", "ssd300": "bytes"}
+
+
+def build_detector(
+    architecture: Architecture,
+    trunk: TrunkName,
+    weights: Literal["imagenet", "coco"] | None,
+    size: tuple[int, int],
+    anchors: list[list[tuple[float, float]]],
+    channels: int,
+    fine: bool = False,
+) -> Detector:
+    """The person detector that a configuration names.
+
+    Raises:
+        RequestError: the parts do not fit together, or weights cannot be downloaded.
+    """
+    side = FIXED_SIDES.get(architecture)
+    if side is not None and size != (side, side):
+        raise RequestError(f"{architecture} takes {side}x{side} images, got height {size[0]} and width {size[1]}")
+    if weights == "coco" and architecture not in ("ssdlite320", "ssd300"):
+        raise RequestError(f"weights coco exist for ssdlite320 and ssd300, not for {architecture}")
+    try:
+        if weights == "coco":
+            return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
+        start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
+        if architecture == "people":
+            return people_detector(build_trunk(trunk, start), size, anchors, channels, fine)
+        if architecture == "ssd512":
+            return ssd512(trunk=build_trunk("vgg16", start))
+        if architecture == "ssd300":
+            return ssd300(trunk=build_trunk("vgg16", start))
+        return ssdlite320(trunk=None if start is None else build_trunk("mobilenet_v3_large", start))
+    except (ValueError, ConnectionError) as error:
+        raise RequestError(str(error)) from error
+
+
+def take_over(network: nn.Module, checkpoint: Path) -> int:
+    """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; returns how many do.
+
+    Args:
+        network: to fill.
+        checkpoint: of a training, or a detector that was exported from one (``.onnx``).
+
+    Raises:
+        RequestError: the file is missing or no checkpoint, or no tensor fits.
+    """
+    if not checkpoint.is_file():
+        raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
+    if checkpoint.suffix == ".onnx":
+        return _fill(network, exported_weights(checkpoint), checkpoint)
+    try:
+        found = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
+    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
+        raise RequestError(f"{checkpoint}: expected a checkpoint of `tsuiseki train detector`") from error
+    return _fill(network, {name.removeprefix("network."): value for name, value in found.items()}, checkpoint)
+
+
+def _fill(network: nn.Module, weights: dict[str, Tensor], checkpoint: Path) -> int:
+    own = network.state_dict()
+    fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
+    if not fitting:
+        raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
+    network.load_state_dict(fitting, strict=False)
+    return len(fitting)
+
+
+def detector_card(name: str, size: tuple[int, int], resize: Resize, normalisation: Normalisation) -> ModelCard:
+    """What the exported detector will say about its input."""
+    mean, std = _NORMALISATIONS[normalisation]
+    return ModelCard(
+        kind="detector",
+        name=name,
+        class_names=("person",),
+        input_height=size[0],
+        input_width=size[1],
+        resize=resize,
+        mean=mean,
+        std=std,
+        settings={"variances": list(VARIANCES)},
+    )
