@@ -12,7 +12,14 @@ from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
 from tsuiseki.tracking.features.networks.exported import Describe, open_appearance
 from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
-from tsuiseki.tracking.pipelines.people.finding import NONE, PeopleInputs, people_describer, threads_of_a_call
+from tsuiseki.tracking.pipelines.people.finding import (
+    NONE,
+    Ground,
+    PeopleInputs,
+    ground_of,
+    people_describer,
+    threads_of_a_call,
+)
 from tsuiseki.tracking.pipelines.people.finding_options import FindingOptions
 from tsuiseki.tracking.pipelines.people.methods import (
     MethodSettings,
@@ -42,6 +49,8 @@ class PeopleFinding(FindingOptions):
         view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people, by looks
             at some frames), tiles across such as 3 (1 is the whole frame alone), across and down such as 3x2, or tiles
             (as many as show more than fewer).
+        ground: auto lowers the scores of boxes that are not as high as people on one ground are in their row, once
+            those found so far tell; off leaves all scores as they are. Those of --detections are never touched.
         appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
             none does without. One of other projects may be anything from crops to features.
         appearance_options: what the file of another project's appearance network does not tell.
@@ -50,6 +59,7 @@ class PeopleFinding(FindingOptions):
     """
 
     view: str = "auto"
+    ground: Ground = "auto"
     appearance_options: AppearanceOptions = field(default_factory=AppearanceOptions)
     classes: list[int] | None = None
 
@@ -101,7 +111,8 @@ def opened(
         detect, kinds = finding.classed(source, finding.classes)
     describe = finding.describer(source, linking.method, threads)
     camera = camera_for(linking.method, moving=linking.moving_camera)
-    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads)
+    ground = ground_of(detect, finding.ground, source)
+    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground)
     learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=knows_scores(detect))
 
     def make() -> PeopleTracker:
@@ -137,6 +148,10 @@ def facts_of(inputs: PeopleInputs, tracker: PeopleTracker, milliseconds: float) 
         cost = "" if told else f", about {milliseconds:.0f} ms a frame"
         facts["view"] = f"{inputs.detect.summary}{cost}"
         lines.append(f"looked at {facts['view']}; --view says in how many tiles")
+    if inputs.ground is not None and inputs.ground.frames:
+        facts["ground"] = inputs.ground.facts()
+        if inputs.ground.used:
+            lines.append(f"{inputs.ground}; --ground off leaves all scores as they are")
     return facts, lines
 
 

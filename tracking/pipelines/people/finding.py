@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.features.ground_plane import GroundPlane
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import Appearance, Describe, Detect, Detector
@@ -20,7 +21,7 @@ from tsuiseki.tracking.features.networks.foreign_appearance import ForeignAppear
 from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike, as_describer, as_detector
 from tsuiseki.tracking.features.networks.streaming import stream
-from tsuiseki.tracking.features.view_choice import ViewedDetector
+from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
 from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
@@ -31,6 +32,8 @@ from tsuiseki.tracking.weights import shipped
 
 GivenDetections: TypeAlias = str | Path | Sequence[DetectionsLike]
 NONE = "none"
+# Whether scores go by the heights of people on one ground.
+Ground = Literal["auto", "off"]
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,7 @@ class PeopleInputs:
             still gets those that are decoded anyway.
         threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
             sources are never read ahead.
+        ground: weighs what was found, in the order of the video.
     """
 
     source: Source
@@ -54,6 +58,7 @@ class PeopleInputs:
     batch_size: int = 4
     camera: CameraPath | StandingCamera | None = None
     threads: int = 1
+    ground: GroundPlane | None = None
 
     @property
     def workers(self) -> int:
@@ -102,6 +107,9 @@ class PeopleInputs:
                 # Trackers use it late; loaded while networks look at the next frames it takes no time.
                 Thread(target=_load_parts, name="tsuiseki-load").start()
             last = frame.index
+            if self.ground is not None:
+                with times.measure("ground"):
+                    found = self.ground.weighed(found, frame.image.shape[0])
             if self.camera is not None:
                 with times.measure("camera"):
                     self._show_camera(frame.image, found.boxes)
@@ -212,6 +220,25 @@ def people_detect(
     if isinstance(found, Detector | ForeignDetector):
         return ViewedDetector(found, frame_rate=source.frame_rate)
     return found
+
+
+def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Source) -> GroundPlane | None:
+    """What weighs the boxes of a network by people's heights on one ground; None where nothing shall.
+
+    Args:
+        detect: given detections, and those of other people's functions, keep their scores.
+        wanted: ``auto`` weighs wherever one ground explains what is found, ``off`` never.
+        source: the video.
+
+    Raises:
+        RequestError: it is neither.
+    """
+    if wanted not in get_args(Ground):
+        raise RequestError(f"`ground`: expected {' or '.join(get_args(Ground))}, got {wanted!r}")
+    network = inner_detector(detect)
+    if wanted == "off" or not isinstance(network, Detector | ForeignDetector):
+        return None
+    return GroundPlane(source.frame_rate, score_threshold=network.score_threshold)
 
 
 def people_describer(

@@ -21,7 +21,9 @@ from tsuiseki.tracking.features.view_choice import knows_scores
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.pipelines.people.finding import (
     GivenDetections,
+    Ground,
     PeopleInputs,
+    ground_of,
     people_describer,
     people_detect,
     threads_of_a_call,
@@ -57,6 +59,7 @@ def track_people(
     threads: int = 0,
     seed: int = 0,
     delay: float | None = None,
+    ground: Ground = "auto",
 ) -> list[Track]:
     """Everyone in a video, each with an id.
 
@@ -81,6 +84,8 @@ def track_people(
         seed: of the tracker's random numbers.
         delay: seconds after which ``flow`` decides on a frame for good, as in `follow_people`; by default it decides at
             the end.
+        ground: ``auto`` lowers the scores of a network's boxes that are not as high as people on one ground are in
+            their row, see `GroundPlane`; ``off`` leaves them as they are, like those of ``detections`` and functions.
 
     Returns:
         The tracks by id; their frames count from 0 at the beginning of the video.
@@ -90,7 +95,7 @@ def track_people(
         RunError: the video breaks off.
     """
     inputs, tracker = _prepared(
-        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed, delay
+        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed, delay, ground
     )
     if inputs.source.live and inputs.source.frames_wanted.last is None:
         raise RequestError(f"{inputs.source.name} does not end by itself; give frames, or use follow_people")
@@ -114,6 +119,7 @@ def follow_people(
     threads: int = 0,
     seed: int = 0,
     delay: float | None = None,
+    ground: Ground = "auto",
 ) -> Iterator[tuple[Frame, Targets]]:
     """Each frame with the people in it, while the video comes.
 
@@ -121,7 +127,7 @@ def follow_people(
         source: as in `track_people`; a webcam is followed until the loop ends.
         method: any, ``flow`` with a ``delay``; or a tracker that answers while it runs, also one with a delay, whose
             frames come as late as it answers.
-        detections, detector, appearance, affinity, frames, moving_camera, threads, seed: see `track_people`.
+        detections, detector, appearance, affinity, frames, moving_camera, threads, seed, ground: see `track_people`.
         delay: seconds after which ``flow`` answers a frame for good; each frame comes so much later.
 
     Returns:
@@ -132,7 +138,7 @@ def follow_people(
         RunError: the video breaks off.
     """
     inputs, tracker = _prepared(
-        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed, delay
+        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed, delay, ground
     )
     if not inputs.source.has_images:
         raise RequestError(f"{inputs.source.name} has no images to follow people in; use track_people")
@@ -156,7 +162,8 @@ def _prepared(
     moving_camera: bool,
     threads: int,
     seed: int,
-    delay: float | None = None,
+    delay: float | None,
+    ground: Ground,
 ) -> tuple[PeopleInputs, PeopleTracker]:
     """Everything opened and checked before the first frame is read."""
     opened = open_source(str(source), parse_frames(frames))
@@ -170,6 +177,7 @@ def _prepared(
         people_describer(opened, compares_appearance(method), appearance, call),
         camera=camera,
         threads=threads,
+        ground=ground_of(detect, ground, opened),
     )
     if moving_camera and not opened.has_images:
         raise RequestError(f"{opened.name} has no images to tell how the camera moves")

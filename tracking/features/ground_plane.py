@@ -1,0 +1,244 @@
+"""How high people are in the picture where they stand on one ground, learnt from the people found so far.
+
+Under a camera that is not rolled, people of one height who stand on one plane are the higher in the picture the
+lower their feet are: h = a (y - y0) for feet in row y below the horizon y0, where a is the height of a person over that
+of the camera (Hoiem, Efros, Hebert, "Putting Objects in Perspective", IJCV 80, 2008). Here the line is found from the
+detections themselves, by a Hough transform: each confident box votes for all lines that go through it, and votes fade,
+so that a moving camera is followed. What a detector sees high up on a facade, or in a box of the wrong size, does not
+lie on the line and loses score; nobody gains any.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import exp, inf, log, sqrt, tau
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
+
+# Horizons, in heights of the frame from its upper border down, and slopes.
+_HORIZONS = np.arange(-1.0, 0.96, 0.01)
+_LEAST_SLOPE, _LARGEST_SLOPE = 0.05, 3.5
+# Step in the logarithm of a height; a tenth of what people differ by would cost more and tell no more.
+_STEP = 0.05
+_SLOPES = np.arange(log(_LEAST_SLOPE), log(_LARGEST_SLOPE), _STEP)
+_HEIGHTS = np.arange(log(0.01), _STEP, _STEP)
+# Boxes of no person are from a tenth of the largest height upwards, all alike.
+_RANGE = log(10.0)
+# A box this close to the upper or lower border, in heights of the frame, may be cut off there.
+_BORDER = 0.003
+# Scores are kept this far from 0 and 1, where they have no logit.
+_LEAST_SCORE = 1e-9
+
+
+@dataclass(frozen=True)
+class GroundSettings:
+    """What counts as one ground, and how much.
+
+    Attributes:
+        memory: seconds after which a vote counts 1/e.
+        certain: score from which a box votes, by its score.
+        enough: sum of the scores in memory from which the line is used.
+        tolerance: standard deviation of the logarithm of a height within which a vote counts for a line.
+        explained: share of the votes that the line must explain.
+        gain: by how much this must exceed the share that people of one height in all rows would explain, as under a
+            ceiling or where all stand in one row.
+        spread: standard deviation of the logarithm of people's heights, with that of their boxes.
+    """
+
+    memory: float = 5.0
+    certain: float = 0.3
+    enough: float = 5.0
+    tolerance: float = 0.2
+    explained: float = 0.5
+    gain: float = 0.05
+    spread: float = 0.25
+
+
+@dataclass(frozen=True)
+class HeightLine:
+    """Heights of people by the row of their feet, ``slope * (row - horizon)``.
+
+    Attributes:
+        horizon: row where people would have no height, in heights of the frame from its upper border.
+        slope: height of a person over the camera's height above the ground.
+        explained: share of the votes near the line, in [0, 1].
+        gain: by how much more than people of one height in all rows explain.
+    """
+
+    horizon: float
+    slope: float
+    explained: float
+    gain: float
+
+    def log_ratios(self, boxes: FloatArray, height: int) -> FloatArray:
+        """``(N,)`` log of the height of ``(N, 4)`` boxes over the line's, in a frame ``height`` pixels high.
+
+        Feet at or above the horizon get infinity.
+        """
+        expected = self.slope * (boxes[:, 3] / height - self.horizon)
+        ratios = np.full(len(boxes), np.inf)
+        below = expected > 0
+        ratios[below] = np.log((boxes[below, 3] - boxes[below, 1]) / height / expected[below])
+        return ratios
+
+
+class GroundPlane:
+    """The line of a video's people, learnt frame by frame, and the scores of boxes by it.
+
+    Nothing is changed until enough was seen and unless one line explains most of it. A box cut off at the upper or
+    lower border neither votes nor loses score for being short.
+
+    Args:
+        frame_rate: frames a second.
+        settings: see there.
+        score_threshold: boxes are dropped whose scores fall below it.
+
+    Attributes:
+        line: that explains most by now; None before the first vote.
+        frames: seen so far.
+        used: frames whose scores went by a line.
+        dropped: boxes whose scores fell below the threshold.
+
+    >>> ground = GroundPlane(frame_rate=1.0)
+    >>> rows = np.array([120.0, 160, 200, 280, 400])
+    >>> boxes = np.stack([rows, rows / 2, rows + 20, rows], axis=1)  # half as high as their feet are below the top
+    >>> boxes[-1, 1] = 40.0
+    >>> found = Detections(boxes, np.full(5, 0.9))
+    >>> for _ in range(3):
+    ...     weighed = ground.weighed(found, 480)
+    >>> weighed.scores.round(2).tolist()
+    [0.9, 0.9, 0.9, 0.9, 0.58]
+    """
+
+    def __init__(
+        self, frame_rate: float = 25.0, settings: GroundSettings | None = None, score_threshold: float = 0.0
+    ) -> None:
+        if not 0 < frame_rate < inf:
+            raise ValueError(f"expected a frame rate above 0, got {frame_rate}")
+        self.settings = settings or GroundSettings()
+        self.score_threshold = score_threshold
+        self.line: HeightLine | None = None
+        self.frames = self.used = self.dropped = 0
+        self._fade = exp(-1 / (frame_rate * self.settings.memory))
+        self._votes = np.zeros((len(_HORIZONS), len(_SLOPES)))
+        self._level = np.zeros(len(_HEIGHTS))
+        self._weight = 0.0
+        self._near_slope = _kernel(_SLOPES, self.settings.tolerance)
+        self._near_height = _kernel(_HEIGHTS, self.settings.tolerance)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the line explains enough of enough people to go by."""
+        line, least = self.line, self.settings
+        if line is None or self._weight < least.enough:
+            return False
+        return line.explained >= least.explained and line.gain >= least.gain
+
+    def weighed(self, found: Detections, height: int) -> Detections:
+        """The next frame's detections with their scores by the line, this frame's votes included.
+
+        With r the logarithm of a box's height over the line's and p the share that the line explains, the logit of the
+        score gets log((p g(r) + 1 - p) / (p g(0) + 1 - p)), at most 0. g is the normal density of `spread` over the
+        density of boxes of no person: a box on the line keeps its score, and one far from it loses the more the more
+        boxes of this video lie on the line. Ratios within a bin of the votes count as none.
+
+        Args:
+            found: scores in [0, 1].
+            height: of the frame, pixels.
+        """
+        cut_off = _cut_off(found.boxes, height)
+        self._learn(found, cut_off, height)
+        self.frames += 1
+        if not self.holds or not len(found):
+            return found
+        assert self.line is not None
+        self.used += 1
+        ratios = self.line.log_ratios(found.boxes, height)
+        ratios[cut_off] = np.maximum(ratios[cut_off], 0)
+        ratios = np.maximum(np.abs(ratios) - _STEP, 0)
+        scores = _shifted(found.scores, self._shifts(ratios, self.line.explained))
+        kept = (scores >= self.score_threshold) | (found.scores < self.score_threshold)
+        self.dropped += int((~kept).sum())
+        return replace(found, scores=scores).select(kept)
+
+    def _shifts(self, ratios: FloatArray, explained: float) -> FloatArray:
+        """``(N,)`` what the logits of boxes with these ``(N,)`` log ratios get, at most 0."""
+        peak = _RANGE / (self.settings.spread * sqrt(tau))
+        odds = explained * peak / max(1 - explained, _LEAST_SCORE)
+        shifts: FloatArray = np.log1p(odds * np.exp(-0.5 * (ratios / self.settings.spread) ** 2)) - np.log1p(odds)
+        return shifts
+
+    def _learn(self, found: Detections, cut_off: BoolArray, height: int) -> None:
+        """Let all votes fade, add this frame's, and find the line that most of them support."""
+        for votes in (self._votes, self._level):
+            votes *= self._fade
+        self._weight *= self._fade
+        voting = (found.scores >= self.settings.certain) & ~cut_off
+        if voting.any():
+            boxes, weights = found.boxes[voting] / height, found.scores[voting]
+            self._vote(boxes[:, 3], np.log(boxes[:, 3] - boxes[:, 1]), weights)
+        if self._weight > 0:
+            self.line = self._best()
+
+    def _vote(self, rows: FloatArray, heights: FloatArray, weights: FloatArray) -> None:
+        below = rows[:, None] - _HORIZONS
+        slopes = heights[:, None] - np.log(np.maximum(below, 1e-9))
+        _add(self._votes, slopes, weights[:, None], _SLOPES[0])
+        _add(self._level[None], heights[:, None], weights[:, None], _HEIGHTS[0])
+        self._weight += float(weights.sum())
+
+    def _best(self) -> HeightLine:
+        near = self._votes @ self._near_slope
+        horizon, slope = np.unravel_index(int(near.argmax()), near.shape)
+        explained = float(near[horizon, slope]) / self._weight
+        level = float((self._level @ self._near_height).max()) / self._weight
+        return HeightLine(float(_HORIZONS[horizon]), exp(_SLOPES[slope]), min(explained, 1.0), explained - level)
+
+    def __str__(self) -> str:
+        explained = 0.0 if self.line is None else self.line.explained
+        boxes = "1 box" if self.dropped == 1 else f"{self.dropped} boxes"
+        return (
+            f"people's heights by row: one ground explains {100 * explained:.0f} % of them, used in {self.used} of "
+            f"{self.frames} frames, {boxes} of other heights left out"
+        )
+
+    def facts(self) -> dict[str, Any]:
+        """The last line and how often one was used, for ``run.json``."""
+        line = self.line
+        facts: dict[str, Any] = {"frames": self.frames, "used": self.used, "dropped": self.dropped}
+        if line is not None:
+            facts |= {name: round(getattr(line, name), 3) for name in ("horizon", "slope", "explained")}
+        return facts
+
+
+def _cut_off(boxes: FloatArray, height: int) -> BoolArray:
+    """``(N,)`` whether the frame may cut head or feet of ``(N, 4)`` boxes off."""
+    margin = _BORDER * height
+    return np.asarray((boxes[:, 1] <= margin) | (boxes[:, 3] >= height - margin))
+
+
+def _kernel(centres: FloatArray, deviation: float) -> FloatArray:
+    """``(B, B)`` what a vote in one bin counts in each other, 1 in its own."""
+    return np.asarray(np.exp(-0.5 * ((centres[:, None] - centres) / deviation) ** 2))
+
+
+def _add(table: FloatArray, values: FloatArray, weights: FloatArray, first: float) -> None:
+    """Add ``(N, 1)`` weights at ``(N, R)`` values to a ``(R, B)`` table, each shared by the two nearest bins."""
+    rows, bins = table.shape
+    position = (values - first) / _STEP
+    inside = (position >= 0) & (position < bins - 1)
+    lower = np.where(inside, position, 0).astype(np.int64)
+    upper_share = position - lower
+    place = (np.arange(rows) * bins + lower)[inside]
+    for where, share in ((place, 1 - upper_share), (place + 1, upper_share)):
+        table += np.bincount(where, (weights * share)[inside], table.size).reshape(table.shape)
+
+
+def _shifted(scores: FloatArray, by: FloatArray) -> FloatArray:
+    """``(N,)`` scores whose logits are moved by ``by``; those moved by nothing stay as they are."""
+    inner = np.clip(scores, _LEAST_SCORE, 1 - _LEAST_SCORE)
+    moved = 1 / (1 + np.exp(np.log(1 / inner - 1) - by))
+    return np.where(by == 0, scores, np.minimum(moved, scores))
