@@ -1,11 +1,13 @@
 """How well a detector finds people: average precision, precision and recall by the height of the person.
 
     python benchmarks/detection_accuracy.py --data ../shared/data [--detector FILE] [--view auto] [--only NAME ...]
+                                            [--ground]
 
 Real sequences that no shipped detector has seen: PETS09-S2L1 (frames 1-300 and 301-400), four stills of MOT17-02, the
 video of MOT17-13, and generated streets of other seeds than those of training (`--streets 0` leaves them out). TUD has
 no pictures here. Average precision is over all scores from 0.02 on, `rec.8` is the recall where precision is still 0.8,
-whatever the score; precision and recall hold at `--score-threshold`.
+whatever the score; precision and recall hold at `--score-threshold`. With `--ground` scores go by people's heights on
+one ground, as they are known from the pictures before; each generated street is a place of its own.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, draw_street, plan_street
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections, labelled_boxes
+from tsuiseki.tracking.features.ground_plane import GroundPlane
 from tsuiseki.tracking.features.networks.exported import open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import parse_view
@@ -32,6 +35,7 @@ from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 LOWEST_SCORE = 0.02
 FIRM = 0.8
+STREET = 100
 HEIGHTS = (0, 30, 45, 60, 90, 150, 10_000)
 
 
@@ -42,10 +46,14 @@ class Sequence:
     Attributes:
         name: for the table.
         pictures: each an image with its labels.
+        rate: pictures a second.
+        length: pictures of one place, after which the next begins; None where all are of one.
     """
 
     name: str
     pictures: Callable[[], Iterator[tuple[ImageArray, LabelledBoxes]]]
+    rate: float
+    length: int | None = None
 
 
 def main() -> None:
@@ -57,13 +65,17 @@ def main() -> None:
     parser.add_argument("--score-threshold", type=float, default=0.3)
     parser.add_argument("--streets", type=int, default=3)
     parser.add_argument("--every", type=int, default=1, help="look at every n-th frame only")
+    parser.add_argument("--ground", action="store_true", help="let scores go by people's heights on one ground")
     parser.add_argument("--only", nargs="*", default=[])
     arguments = parser.parse_args()
     bins = " ".join(f"{a:>4}-{b if b < 9999 else '':<4}" for a, b in itertools.pairwise(HEIGHTS))
     print(f"{'sequence':22} frames   AP.3   AP.5  AP.75  rec.8   prec    rec  tiles  ms CPU  recall by height: {bins}")
     for sequence in sequences(arguments.data, arguments.streets, arguments.every):
         if not arguments.only or any(word in sequence.name for word in arguments.only):
-            print(row(sequence, arguments.detector, arguments.view, arguments.score_threshold), flush=True)
+            print(
+                row(sequence, arguments.detector, arguments.view, arguments.score_threshold, arguments.ground),
+                flush=True,
+            )
 
 
 def sequences(data: Path, streets: int, every: int) -> Iterator[Sequence]:
@@ -76,9 +88,12 @@ def sequences(data: Path, streets: int, every: int) -> Iterator[Sequence]:
         ("MOT17-13 video", video_in(mot / "mot17-13-video"), mot / "mot17-13-video", 0, 749, 15 * every),
     )
     for name, source, labels, first, last, step in real:
-        yield Sequence(name, lambda s=source, t=labels, a=first, b=last, n=step: labelled(s, t, a, b, n))  # type: ignore[misc]
+        rate = open_source(source).frame_rate / step
+        yield Sequence(name, lambda s=source, t=labels, a=first, b=last, n=step: labelled(s, t, a, b, n), rate)  # type: ignore[misc]
     if streets:
-        yield Sequence(f"{streets} generated streets", lambda: generated(streets, 10 * every))
+        step = 10 * every
+        rate, length = StreetSettings().frame_rate / step, len(range(0, STREET, step))
+        yield Sequence(f"{streets} generated streets", lambda: generated(streets, step), rate, length)
 
 
 def video_in(folder: Path) -> Path:
@@ -99,13 +114,13 @@ def labelled(
 def generated(streets: int, step: int) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
     """Frames of streets that no training has seen."""
     for seed in range(streets):
-        street = plan_street(StreetSettings(frames=100), 7100 + seed)
-        for number in range(0, 100, step):
+        street = plan_street(StreetSettings(frames=STREET), 7100 + seed)
+        for number in range(0, STREET, step):
             image, truth = draw_street(street, number)
             yield image, LabelledBoxes(truth.boxes, truth.visibility < 0.25)
 
 
-def row(sequence: Sequence, path: str, view: str, threshold: float) -> str:
+def row(sequence: Sequence, path: str, view: str, threshold: float, ground: bool) -> str:
     """One line of the table."""
     detector = open_detector(path, LOWEST_SCORE, threads=1)
     pictures = list(sequence.pictures())
@@ -114,6 +129,8 @@ def row(sequence: Sequence, path: str, view: str, threshold: float) -> str:
     start = time.process_time()
     found = [tiled.detect([image])[0] for image, _ in pictures]
     cost = 1000 * (time.process_time() - start) / len(pictures)
+    if ground:
+        found = list(on_one_ground(found, [len(image) for image, _ in pictures], sequence))
     truth = [labels for _, labels in pictures]
     curves = [evaluate_detections(truth, found, iou) for iou in (0.3, 0.5, 0.75)]
     precisions = [curve.average_precision for curve in curves]
@@ -124,6 +141,14 @@ def row(sequence: Sequence, path: str, view: str, threshold: float) -> str:
     heights = "  ".join(f"{hit:.2f}/{count:<4}" for hit, count in recall_by_height(truth, kept))
     numbers = " ".join(f"{value:6.3f}" for value in (*precisions, firm, *last))
     return f"{sequence.name:22} {len(pictures):6} {numbers} {len(chosen):6} {cost:7.1f}  {heights}"
+
+
+def on_one_ground(found: list[Detections], heights: list[int], sequence: Sequence) -> Iterator[Detections]:
+    """What was ``found`` in pictures of these heights, with scores by what was learnt of each place before."""
+    for number, (one, height) in enumerate(zip(found, heights, strict=True)):
+        if number % (sequence.length or len(found)) == 0:
+            ground = GroundPlane(sequence.rate)
+        yield ground.weighed(one, height)
 
 
 def recall_by_height(truth: list[LabelledBoxes], found: list[Detections]) -> Iterator[tuple[float, int]]:

@@ -54,7 +54,7 @@ class GroundSettings:
     tolerance: float = 0.2
     explained: float = 0.5
     gain: float = 0.05
-    spread: float = 0.25
+    spread: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class GroundPlane:
     >>> for _ in range(3):
     ...     weighed = ground.weighed(found, 480)
     >>> weighed.scores.round(2).tolist()
-    [0.9, 0.9, 0.9, 0.9, 0.58]
+    [0.9, 0.9, 0.9, 0.9, 0.85]
     """
 
     def __init__(
