@@ -2,7 +2,9 @@
 
     python benchmarks/losses.py SEQUENCE RESULT [--frames 301-400]
 
-A box of the result is of the labelled person that it is matched to in its frame (one to one, from IoU 0.5 on).
+A box of the result is of the labelled person that it is matched to in its frame (one to one, from IoU 0.5 on). A false
+box is told by what it lies on: beside a missed person (IoU from 0.2 on), on people who have their box already (IoU from
+0.3 on, or half of it on one), or on nobody, then by whether its track moves by half of its height.
 """
 
 from __future__ import annotations
@@ -17,8 +19,12 @@ from tsuiseki.tracking.evaluation.multi import evaluate_sequence, restrict
 from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.frame_range import parse_frames
+from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
+
+# IoU from which a false box is that of a person who was missed; from which, or which share of it, on one who was not.
+BESIDE, ON_IOU, ON_SHARE, HALF = 0.2, 0.3, 0.5, 0.5
 
 
 @dataclass(frozen=True)
@@ -61,12 +67,17 @@ def main() -> None:
     wanted = parse_frames(arguments.frames)
     truth = read_ground_truth(arguments.sequence / "gt" / "gt.txt")
     truth = truth.select(wanted.mask(truth.frames) & truth.evaluated)
-    rows = matched(truth, restrict(read_tracks(arguments.result / "tracks.txt"), wanted))
+    tracks = restrict(read_tracks(arguments.result / "tracks.txt"), wanted)
+    if not tracks:
+        raise SystemExit(f"{arguments.result}: expected tracks in these frames, got none")
+    rows = matched(truth, tracks)
     print(f"{'':36} HOTA   DetA   AssA   MOTA   IDF1  switches  false  missed")
     for name, each in put_right(truth, rows).items():
         s = evaluate_sequence(truth, each.tracks())
         shares = "  ".join(f"{value:.3f}" for value in (s.hota, s.det_a, s.ass_a, s.mota, s.idf1))
         print(f"{name:36}{shares}  {s.id_switches:8} {s.false_positives:6} {s.false_negatives:7}")
+    for what, counts in (("false", false_kinds(truth, rows)), ("missed", missed_kinds(truth, rows))):
+        print(f"{what}: " + ", ".join(f"{kind} {count}" for kind, count in counts.items()))
 
 
 def matched(truth: GroundTruth, tracks: list[Track]) -> Rows:
@@ -75,6 +86,46 @@ def matched(truth: GroundTruth, tracks: list[Track]) -> Rows:
     ids = np.concatenate([np.full(len(t), t.id) for t in tracks])
     boxes = np.concatenate([t.boxes for t in tracks])
     return Rows(frames, ids, boxes, matched_labels(frames, boxes, truth))
+
+
+def false_kinds(truth: GroundTruth, rows: Rows) -> dict[str, int]:
+    """How many false boxes lie where."""
+    free = np.ones(len(truth.frames), dtype=np.bool_)
+    free[rows.person[rows.person != NOBODY]] = False
+    moving = {number for number in np.unique(rows.ids).tolist() if _moves(rows.boxes[rows.ids == number])}
+    counts = dict.fromkeys(("beside a missed person", "doubled", "on nobody, still", "on nobody, moving"), 0)
+    for row in np.flatnonzero(rows.person == NOBODY).tolist():
+        here, box = truth.frames == rows.frames[row], rows.boxes[row]
+        overlaps = iou_matrix(box[None], truth.boxes[here])[0]
+        on_one = intersections(box[None, None], truth.boxes[here][None])[0, 0] / areas(box)
+        taken = ~free[here]
+        if (overlaps[free[here]] >= BESIDE).any():
+            kind = "beside a missed person"
+        elif (taken & ((overlaps >= ON_IOU) | (on_one >= ON_SHARE))).any():
+            kind = "doubled"
+        else:
+            kind = "on nobody, moving" if int(rows.ids[row]) in moving else "on nobody, still"
+        counts[kind] += 1
+    return counts
+
+
+def missed_kinds(truth: GroundTruth, rows: Rows) -> dict[str, int]:
+    """How many missed people are boxed badly, and how many of the others are hidden by half or more."""
+    missed = np.setdiff1d(np.arange(len(truth.frames)), rows.person)
+    counts = dict.fromkeys(("boxed badly", "half hidden or more", "others"), 0)
+    for row in missed.tolist():
+        wrong = rows.boxes[(rows.frames == truth.frames[row]) & (rows.person == NOBODY)]
+        if (iou_matrix(truth.boxes[row][None], wrong) >= BESIDE).any():
+            counts["boxed badly"] += 1
+        else:
+            counts["half hidden or more" if truth.visibility[row] <= HALF else "others"] += 1
+    return counts
+
+
+def _moves(boxes: FloatArray) -> bool:
+    """Whether feet pass half of the usual height."""
+    feet = np.stack([boxes[:, [0, 2]].mean(axis=1), boxes[:, 3]], axis=1)
+    return bool(np.hypot(*np.ptp(feet, axis=0)) >= HALF * np.median(boxes[:, 3] - boxes[:, 1]))
 
 
 def put_right(truth: GroundTruth, rows: Rows) -> dict[str, Rows]:

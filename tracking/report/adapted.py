@@ -28,29 +28,30 @@ _NOTE = (
     "detections lie on none of them."
 )
 _LINK_NOTE = (
-    "Measured on the same held-out frames, before and after learning; what rises is taken. Appearance: how surely two "
-    "views of one track are more alike than two people seen at one time (area under the ROC). Link costs: how well "
-    "tracks with every other frame missing keep the identities of those with all frames (IDF1)."
+    "With what the round began with, then with what it learnt, which is taken only where it is clearly better. "
+    "Appearance: how surely two views of one track are more alike than two people seen at one time (area under the "
+    "ROC), in the held-out frames. Identities: how well tracks keep those of all frames where frames are missing "
+    "(IDF1); for appearance every other dozen of the whole video, for link costs every other held-out frame."
 )
-_LEGEND = "Boxes of which the other picture has none are blue."
+_LEGEND = "Detections in held-out frames. Boxes of which the other picture has none are blue."
 _COLOUR, _ONLY_HERE = (255, 196, 0), (40, 110, 255)
 _SAME = 0.5
 _LONGEST, _CROP = 480, 96
 _GRID = (
     "<style>.pair{display:grid;grid-template-columns:1fr 1fr;gap:.5rem}.pair img{width:100%}"
-    ".crops img{height:96px;margin:2px}</style>"
+    ".pair figure{margin:0}.pair figcaption{font-size:.85rem}.crops img{height:96px;margin:2px}</style>"
 )
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One picture, as the first and the best detector see it.
+    """One picture, as the first detector and a later one see it.
 
     Attributes:
         caption: what it is.
         image: ``(H, W, 3)`` uint8 RGB.
         before: detections of the start.
-        after: of the best round.
+        after: of the round that is shown.
     """
 
     caption: str
@@ -84,6 +85,7 @@ class AdaptedReport:
         best: the round that is kept.
         compared: pictures before and after.
         examples: crops by what they are examples of.
+        shown: the round whose detections are compared with those of the start.
         notes: lines about the camera and the end of the rounds.
         links: what tells people apart, by its name, of each round; None where the video could not tell.
     """
@@ -93,6 +95,7 @@ class AdaptedReport:
     best: int
     compared: Sequence[Compared]
     examples: Mapping[str, Sequence[ImageArray]]
+    shown: int
     notes: Sequence[str] = ()
     links: Sequence[Mapping[str, Tried | None]] = ()
 
@@ -101,16 +104,19 @@ def adapted_page(report: AdaptedReport) -> str:
     """The page as HTML, self-contained."""
     notes = f"<p class=note>{_NOTE}</p>" + "".join(f"<p>{escape(note)}</p>" for note in report.notes)
     crops = "".join(_crops(name, crops) for name, crops in report.examples.items() if crops)
+    later = f"round {report.shown}" + ("" if report.shown == report.best else ", not kept")
+    pairs = "".join(_pair(compared, later) for compared in report.compared)
     sections = [section("Rounds", _table(report) + notes)]
     if any(any(links.values()) for links in report.links):
         sections.append(section("What tells people apart", _links(report) + f"<p class=note>{_LINK_NOTE}</p>"))
     sections += [
-        section("Before and after", _GRID + f"<p class=note>{_LEGEND}</p>" + "".join(map(_pair, report.compared))),
+        section("Before and after", _GRID + f"<p class=note>{_LEGEND}</p>" + pairs),
         section("What it learnt from", crops),
     ]
     kept = f"round {report.best} is kept" if report.best else "no round was better than the start, which is kept"
     title = f"A camera learnt from {', '.join(report.sources)}"
-    return html_page(title, f"{len(report.rounds) - 1} rounds; {kept}.", sections)
+    learnt = len(report.rounds) - 1
+    return html_page(title, f"{learnt} round{'' if learnt == 1 else 's'}; {kept}.", sections)
 
 
 def _table(report: AdaptedReport) -> str:
@@ -149,12 +155,14 @@ def _number(value: float) -> str:
     return str(value) if isinstance(value, int) else f"{value:.3f}" if value <= 1 else f"{value:.1f}"
 
 
-def _pair(compared: Compared) -> str:
+def _pair(compared: Compared, later: str) -> str:
     before, after = compared.before, compared.after
     in_both = assign_overlaps(iou_matrix(before.boxes, after.boxes), _SAME)
-    parts = [_picture(compared.image, *each) for each in zip((before, after), in_both, strict=True)]
-    caption = f"{compared.caption}: {len(before)} found before, {len(after)} after"
-    return f'<h3>{escape(caption)}</h3><div class="pair">{"".join(parts)}</div>'
+    parts = [
+        f"<figure><figcaption>{name}: {len(found)} found</figcaption>{_picture(compared.image, found, shared)}</figure>"
+        for name, found, shared in zip(("start", later), (before, after), in_both, strict=True)
+    ]
+    return f'<h3>{escape(compared.caption)}</h3><div class="pair">{"".join(parts)}</div>'
 
 
 def _picture(image: ImageArray, found: Detections, in_both: IntArray) -> str:

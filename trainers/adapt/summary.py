@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 import numpy as np
@@ -32,12 +32,15 @@ _FILLED = "Taken as labels where nothing was detected"
 def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[str]) -> AdaptedReport:
     """What to show of the rounds that are ``finished``."""
     best = best_of(finished)
+    # Where nothing was better than the start, the last round shows why.
+    shown = best if best.number else finished[-1]
     return AdaptedReport(
         [video.source for video in adaptation.camera.videos],
         [asdict(here.scores) for here in finished],
         best.number,
-        [pair for n in range(len(adaptation.camera.videos)) for pair in _compared(adaptation, finished[0], best, n)],
+        [pair for n in range(len(adaptation.camera.videos)) for pair in _compared(adaptation, finished[0], shown, n)],
         _examples(adaptation, finished[0 if best.number == 0 else best.number - 1]),
+        shown.number,
         notes,
         [_tried(here.links) for here in finished],
     )
@@ -55,14 +58,14 @@ def _pair(before: float | None, after: float | None, taken: bool) -> Tried | Non
     return None if before is None or after is None else Tried(before, after, taken)
 
 
-def _compared(adaptation: Adaptation, start: Round, best: Round, number: int) -> list[Compared]:
-    """The held-out pictures in which both find most that the other does not."""
+def _compared(adaptation: Adaptation, start: Round, later: Round, number: int) -> list[Compared]:
+    """The held-out pictures, some time apart, in which either finds most that the other does not."""
     video, threshold = adaptation.camera.videos[number], adaptation.settings.score_threshold
     end = video.stretch[0] + video.length
-    before, after = (above(here.detections(number, end), threshold) for here in (start, best))
+    before, after = (above(here.detections(number, end), threshold) for here in (start, later))
     unseen = range(video.learnt(adaptation.settings.held_out), len(video.frames))
     apart = {n: _differences(before[video.frames[n]], after[video.frames[n]]) for n in unseen}
-    chosen = sorted(sorted(unseen, key=lambda n: -apart[n])[:_PICTURES])
+    chosen = spread_best(apart, _PICTURES, max(1, len(unseen) // (2 * _PICTURES)))
     return [
         Compared(
             f"frame {video.frames[n] + 1} of {video.source}",
@@ -72,6 +75,15 @@ def _compared(adaptation: Adaptation, start: Round, best: Round, number: int) ->
         )
         for n in chosen
     ]
+
+
+def spread_best(values: Mapping[int, int], most: int, distance: int) -> list[int]:
+    """Up to ``most`` numbers with the largest values, ``distance`` apart, in their order."""
+    chosen: list[int] = []
+    for number in sorted(values, key=lambda n: -values[n]):
+        if len(chosen) < most and all(abs(number - other) >= distance for other in chosen):
+            chosen.append(number)
+    return sorted(chosen)
 
 
 def _differences(first: Detections, second: Detections) -> int:

@@ -25,7 +25,7 @@ def report() -> AdaptedReport:
         {"Appearance": None, "Link costs": None},
         {"Appearance": Tried(0.9, 0.95, True), "Link costs": Tried(0.8, 0.7, False)},
     ]
-    return AdaptedReport(["a<b"], rounds, 1, [picture], {"taken": [picture.image]}, ["a note"], links)
+    return AdaptedReport(["a<b"], rounds, 1, [picture], {"taken": [picture.image]}, 1, ["a note"], links)
 
 
 def test_tables_hold_every_round_and_what_was_not_taken(report: AdaptedReport) -> None:
@@ -57,3 +57,9 @@ def test_what_only_one_finds_has_another_colour(report: AdaptedReport) -> None:
     np.testing.assert_allclose(after[2], (40, 110, 255), atol=60)
     np.testing.assert_allclose(before[2], 128, atol=20)
     np.testing.assert_allclose(after[1], 128, atol=20)
+
+
+def test_pictures_say_of_which_round_they_are(report: AdaptedReport) -> None:
+    kept, given_up = adapted_page(report), adapted_page(replace(report, best=0))
+    assert "start: 2 found" in kept and "round 1: 2 found" in kept and "1 round; round 1 is kept" in kept
+    assert "round 1, not kept: 2 found" in given_up
