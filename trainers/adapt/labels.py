@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.datamodules.identity_crops import uncovered
+from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED, explained_boxes, is_straddling
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, shared_with_all
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
@@ -27,7 +28,6 @@ from tsuiseki.trainers.adapt.silhouettes import (
     moving_blobs,
     usual_offset,
 )
-from tsuiseki.trainers.adapt.straddling import EXPLAINED, explained_boxes
 from tsuiseki.trainers.adapt.watch import Watched
 
 TAKEN, STILL, UNSURE, SHORT, TWICE = "taken", "never moves", "unsure", "short", "twice"
@@ -167,8 +167,7 @@ def _judge(track: Track, moving: float, frame_rate: float, settings: LabelSettin
 
 def _unless_twice(verdict: Verdict, track: Track, explained: BoolArray) -> Verdict:
     """The verdict, or that most detections of the track lie on surer ones."""
-    detected = explained[track.observed]
-    twice = verdict.verdict != STILL and len(detected) > 0 and 2 * int(detected.sum()) > len(detected)
+    twice = verdict.verdict != STILL and is_straddling(track, explained)
     return replace(verdict, verdict=TWICE) if twice else verdict
 
 

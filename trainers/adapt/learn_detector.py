@@ -37,6 +37,9 @@ CHECKPOINT = "detector.ckpt"
 _EMA = 0.98
 # A box of which better ones cover this share together is left out: nobody stands half in each of two people.
 _STRADDLING = 0.85
+# Labels leave out whoever they are unsure of, so what is left is told apart more easily than all that will be found: a
+# steeper fit would be surer than it may be.
+_STEEPEST = 1.0
 _OUTPUTS = ("logits", "offsets", "anchors")
 _TRAINED_ON = "unlabelled video of one camera (tsuiseki adapt)"
 
@@ -267,6 +270,6 @@ def _calibration(
     parts = [matched_scores(viewed, Path(v.folder), s) for v, s in zip(videos, stretches, strict=True)]
     scores, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     try:
-        return fit_calibration(scores, right)
+        return fit_calibration(scores, right, _STEEPEST)
     except RequestError:
         return None

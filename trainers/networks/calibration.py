@@ -11,6 +11,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
 from tsuiseki.datamodules.readers.images import labelled_images
@@ -50,8 +52,13 @@ def matched_scores(
     return np.concatenate(scores), np.concatenate(right)
 
 
-def fit_calibration(scores: FloatArray, right: BoolArray) -> tuple[float, float]:
+def fit_calibration(scores: FloatArray, right: BoolArray, steepest: float = np.inf) -> tuple[float, float]:
     """Scale and shift of the logit that turn ``(N,)`` scores in (0, 1) into probabilities of ``(N,)`` being right.
+
+    Args:
+        scores: of detections.
+        right: whether each is a labelled person.
+        steepest: largest scale; where more would fit, the shift alone brings as many right as there are.
 
     Raises:
         RequestError: all detections are right, or none is.
@@ -63,6 +70,10 @@ def fit_calibration(scores: FloatArray, right: BoolArray) -> tuple[float, float]
     scale = float(fit.coef_[0, 0])
     if scale <= 0:
         raise RequestError("the detector's scores say nothing about these pictures; train it longer")
+    if scale > steepest:
+        # The mean probability rises with the shift, which passes the share that is right within these bounds.
+        far = steepest * float(np.abs(logit).max()) + 50
+        return steepest, float(brentq(lambda shift: expit(steepest * logit + shift).mean() - right.mean(), -far, far))
     return scale, float(fit.intercept_[0])
 
 

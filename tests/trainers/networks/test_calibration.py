@@ -21,6 +21,17 @@ def test_a_known_calibration_is_found() -> None:
     assert shift == pytest.approx(1, abs=0.1)
 
 
+def test_a_fit_that_may_not_be_so_steep_keeps_the_share_that_is_right() -> None:
+    rng = np.random.default_rng(0)
+    logit = rng.normal(-1, 1.5, 2_000)
+    right = rng.random(2_000) < 1 / (1 + np.exp(-(2 * logit + 1)))
+    scores = 1 / (1 + np.exp(-logit))
+    scale, shift = fit_calibration(scores, right, steepest=1.0)
+    assert scale == 1
+    assert np.mean(1 / (1 + np.exp(-(logit + shift)))) == pytest.approx(right.mean(), abs=1e-9)
+    assert fit_calibration(scores, right, steepest=5.0) == fit_calibration(scores, right)
+
+
 def test_the_heads_apply_it_to_the_logit_of_the_score() -> None:
     class Fixed(torch.nn.Module):
         anchors = torch.zeros(2, 4)

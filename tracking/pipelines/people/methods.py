@@ -11,6 +11,7 @@ from typing import Literal, get_args
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork
+from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
@@ -95,6 +96,9 @@ def people_tracker(
     rate, size = DEFAULT_FRAME_RATE if source is None else source.frame_rate, getattr(source, "size", None)
     size = size if size and min(size) > 0 else None
     flow = _flow_settings(settings.flow, observation)
+    if isinstance(scores, ProbabilityCost) and flow.straddling is None:
+        # Who knows a camera finds more of those who walk together, and somebody more between them.
+        flow = replace(flow, straddling=EXPLAINED)
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
         "flow": lambda: FlowTracker(flow, pairs, observation, rate, size, camera, seed, changes, delay),
         "deepsort": lambda: DeepSort(settings.deepsort, seed),

@@ -12,6 +12,7 @@ from tsuiseki.tracking.association.flow.seen import Seen, joined_detections, no_
 from tsuiseki.tracking.association.flow.sliding_flow import Decision
 from tsuiseki.tracking.association.tracklets.joining import join
 from tsuiseki.tracking.association.tracklets.smoothness import fit_smoothing
+from tsuiseki.tracking.association.tracklets.straddling import straddling_tracks
 from tsuiseki.tracking.association.tracklets.tracklets import Chained, Tracklets
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.trackers.people.flow_output import long_tracks, reported
@@ -130,4 +131,12 @@ class WholeFlow:
             tracks.append(track)
             images.append(every.image[piece])
         smoothing = None if settings.smoothing is None else fit_smoothing(tracks, rate, settings.smoothing)
-        return [reported(*one, self.input.camera, longest, smoothing) for one in zip(tracks, images, strict=True)]
+        result = [reported(*one, self.input.camera, longest, smoothing) for one in zip(tracks, images, strict=True)]
+        return result if settings.straddling is None else self._without_straddling(result, settings.straddling)
+
+    def _without_straddling(self, tracks: list[Track], share: float) -> list[Track]:
+        """Those that are further people, numbered anew; what the others do is left out, too."""
+        kept = np.flatnonzero(~straddling_tracks(tracks, share)).tolist()
+        self.clutter += len(tracks) - len(kept)
+        self.actions = [self.actions[n] for n in kept]
+        return [replace(tracks[n], id=number) for number, n in enumerate(kept, start=1)]

@@ -27,3 +27,21 @@ def test_who_is_more_likely_there_than_not_is_kept(score: float, least: float | 
 
 def test_less_may_be_asked() -> None:
     assert lengths(0.45, least=-1.0) == [60]
+
+
+def two_and_one_between(scores: ProbabilityCost | None, settings: MethodSettings | None = None) -> int:
+    """Tracks of two who walk side by side, and of what is found half on either in every frame."""
+    tracker = people_tracker("flow", settings, scores=scores)
+    for frame in range(60):
+        left = frame + np.array([10.0, 30.0, 20.0])
+        boxes = np.stack([left, np.full(3, 20.0), left + 21, np.full(3, 80.0)], axis=1)
+        tracker.update(Detections(boxes, np.array([0.95, 0.95, 0.8])))
+    tracks = tracker.tracks()
+    assert [track.id for track in tracks] == list(range(1, len(tracks) + 1))
+    return len(tracks)
+
+
+def test_nobody_stands_half_in_each_of_two_people() -> None:
+    assert two_and_one_between(ProbabilityCost()) == 2
+    assert two_and_one_between(None) == 3
+    assert two_and_one_between(None, MethodSettings(flow=FlowSettings(straddling=0.8))) == 2

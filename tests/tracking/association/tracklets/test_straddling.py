@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from tsuiseki.tracking.association.tracklets.straddling import explained_boxes, straddling_tracks
 from tsuiseki.tracking.geometry import intersections, shared_with_all
 from tsuiseki.tracking.types import Track
-from tsuiseki.trainers.adapt.straddling import explained_boxes
 
 FRAMES = np.arange(20)
 
@@ -62,3 +62,14 @@ def test_only_surer_people_explain() -> None:
 def test_who_walks_apart_is_not_explained() -> None:
     explained = explained_boxes([walking(1, 0.0), walking(2, 60.0, score=0.5)], [True, True])
     assert not np.concatenate(explained).any()
+
+
+def test_a_track_straddles_where_most_of_its_detections_do() -> None:
+    """What was filled in behind others says nothing: a hidden person is a person."""
+    pair, between = [walking(1, 0.0), walking(2, 18.0)], walking(3, 9.0, score=0.7)
+    assert straddling_tracks([*pair, between]).tolist() == [False, False, True]
+    apart = np.where((FRAMES < 8)[:, None], [[100.0, 0, 100, 0]], 0.0)
+    passes = replace(between, boxes=between.boxes + apart, observed=FRAMES < 10)
+    assert straddling_tracks([*pair, passes]).tolist() == [False] * 3
+    assert straddling_tracks([*pair, replace(passes, observed=FRAMES >= 0)]).tolist() == [False, False, True]
+    assert straddling_tracks([]).tolist() == []
