@@ -29,6 +29,10 @@ _HEIGHTS = np.arange(log(0.01), _STEP, _STEP)
 _RANGE = log(10.0)
 # A box this close to the upper or lower border, in heights of the frame, may be cut off there.
 _BORDER = 0.003
+# Neighbouring horizons fit as well, and no ground is quite flat: far away this is half of a person's height or more.
+_SLACK = 0.02
+# Rows below the horizon are at least this, whose logarithm is taken.
+_LEAST_HEIGHT = 1e-9
 # Scores are kept this far from 0 and 1, where they have no logit.
 _LEAST_SCORE = 1e-9
 
@@ -76,12 +80,12 @@ class HeightLine:
     def log_ratios(self, boxes: FloatArray, height: int) -> FloatArray:
         """``(N,)`` log of the height of ``(N, 4)`` boxes over the line's, in a frame ``height`` pixels high.
 
-        Feet at or above the horizon get infinity.
+        It is 0 for heights that a horizon `_SLACK` higher or lower would give, and infinite above such horizons.
         """
-        expected = self.slope * (boxes[:, 3] / height - self.horizon)
-        ratios = np.full(len(boxes), np.inf)
-        below = expected > 0
-        ratios[below] = np.log((boxes[below, 3] - boxes[below, 1]) / height / expected[below])
+        heights, below = (boxes[:, 3] - boxes[:, 1]) / height, boxes[:, 3] / height - self.horizon
+        least, most = (self.slope * np.maximum(below + slack, _LEAST_HEIGHT) for slack in (-_SLACK, _SLACK))
+        ratios: FloatArray = np.log(heights / np.clip(heights, least, most))
+        ratios[below + _SLACK <= 0] = np.inf
         return ratios
 
 
@@ -143,7 +147,7 @@ class GroundPlane:
         With r the logarithm of a box's height over the line's and p the share that the line explains, the logit of the
         score gets log((p g(r) + 1 - p) / (p g(0) + 1 - p)), at most 0. g is the normal density of `spread` over the
         density of boxes of no person: a box on the line keeps its score, and one far from it loses the more the more
-        boxes of this video lie on the line. Ratios within a bin of the votes count as none.
+        boxes of this video lie on the line. Ratios within the bins of the votes count as none.
 
         Args:
             found: scores in [0, 1].
@@ -185,7 +189,7 @@ class GroundPlane:
 
     def _vote(self, rows: FloatArray, heights: FloatArray, weights: FloatArray) -> None:
         below = rows[:, None] - _HORIZONS
-        slopes = heights[:, None] - np.log(np.maximum(below, 1e-9))
+        slopes = heights[:, None] - np.log(np.maximum(below, _LEAST_HEIGHT))
         _add(self._votes, slopes, weights[:, None], _SLOPES[0])
         _add(self._level[None], heights[:, None], weights[:, None], _HEIGHTS[0])
         self._weight += float(weights.sum())
