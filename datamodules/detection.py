@@ -222,7 +222,7 @@ class DetectionData(lightning.LightningDataModule):
             if source.scene == "drone":
                 settings = DroneSceneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
                 write_drone_images(folder, source.generate, settings, source.seed)
-            elif source.scene in ("varied", "sparse", "aerial"):
+            elif source.scene in ("varied", "sparse", "aerial", "near"):
                 stock = (source.sprites, source.photographs, source.scene, source.town)
                 write_varied_images(folder, source.generate, (width, height), source.seed, *stock)
             elif source.scene == "ceiling":

@@ -20,6 +20,7 @@ from tsuiseki.datamodules.scenes.street.training import (
     Stock,
     TrainingSettings,
     aerial_settings,
+    near_settings,
     random_training_scene,
     sparse_settings,
     varied_settings,
@@ -36,7 +37,7 @@ _QUALITY = 92
 _SEQUENCE = "random-scenes"
 # Pictures of one flight of a drone, and frames between two of them: long enough for other poses and views.
 _PER_FLIGHT, _APART = 6, 45
-_OF_SCENE = {"sparse": sparse_settings, "aerial": aerial_settings}
+_OF_SCENE = {"sparse": sparse_settings, "aerial": aerial_settings, "near": near_settings}
 
 Labels: TypeAlias = tuple[FloatArray, FloatArray]
 
@@ -59,10 +60,10 @@ def write_varied_images(
     seed: int,
     sprites: str = "",
     photographs: str = "",
-    scene: Literal["varied", "sparse", "aerial"] = "varied",
+    scene: Literal["varied", "sparse", "aerial", "near"] = "varied",
     town: bool = False,
 ) -> None:
-    """Render ``count`` pictures of `varied_settings`, sparse or aerial ones; else as `write_scene_images`.
+    """Render ``count`` pictures of `varied_settings`, sparse, aerial or near ones; else as `write_scene_images`.
 
     Args:
         folder: gets the sequence.
@@ -71,7 +72,7 @@ def write_varied_images(
         seed: of all chance.
         sprites: folder of rendered people (`scenes.figures.library`); without one people are drawn.
         photographs: folder of photographs (`scenes.render.photographs`); without one grounds are drawn.
-        scene: which of the three.
+        scene: which of the four.
         town: among things of a town, too.
 
     Raises:

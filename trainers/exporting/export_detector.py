@@ -61,6 +61,7 @@ def export_detector(
     height: int | None = None,
     width: int | None = None,
     blend: Path | None = None,
+    box_voting: float | None = None,
 ) -> float:
     """Write a person detector as ONNX, and check that it gives what torch gives.
 
@@ -80,6 +81,8 @@ def export_detector(
         width: likewise; a larger input finds smaller people and takes longer.
         blend: exported detector of the same structure, such as the one that the training started from; each weight
             becomes the mean of both (Wortsman et al., Robust fine-tuning of zero-shot models, 2022).
+        box_voting: boxes that overlap a found one by this much, in (0, 1], say together where it lies (Gidaris and
+            Komodakis, 2015); by default the best of them alone does, or what the exported file of ``checkpoint`` says.
 
     Returns:
         The largest relative difference to torch that the parity check saw, of the float weights.
@@ -96,11 +99,14 @@ def export_detector(
         raise RequestError("expected either one of `checkpoint` and `weights`")
     if blend is not None and checkpoint is None:
         raise RequestError("expected `blend` with `checkpoint`, got it alone")
+    if box_voting is not None and not 0 < box_voting <= 1:
+        raise RequestError(f"`box-voting`: expected an overlap in (0, 1], got {box_voting}")
     size = None if height is None or width is None else (height, width)
     network, card = _coco(architecture, state) if checkpoint is None else _trained(checkpoint, size)
     if blend is not None:
         blend_weights(network, card, blend)
-    card = dataclasses.replace(card, training_data=output.training_data or card.training_data)
+    settings = card.settings if box_voting is None else {**card.settings, "box_voting": box_voting}
+    card = dataclasses.replace(card, training_data=output.training_data or card.training_data, settings=settings)
     with tempfile.TemporaryDirectory() as folder:
         whole = dataclasses.replace(output, out=output.out if int8 is None else Path(folder) / "whole.onnx")
         difference = _written(network, card, whole, calibrate)

@@ -1,4 +1,4 @@
-"""Photographs without people behind generated ones: textures on the ground, and whole views."""
+"""Photographs without people about generated ones: textures on the ground, whole views, and things cut out."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import ImageArray
 
 _SIDE = 512
-_KINDS = ("surfaces", "views")
+_KINDS = ("surfaces", "views", "things")
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".webp"}
 
 
 class Photographs:
-    """A folder with ``surfaces/``, seen from straight above or before, and ``views/``, as a camera sees a place.
+    """A folder of photographs without people, any of three kinds.
+
+    ``surfaces/`` are seen from straight above or before, ``views/`` as a camera sees a place, and ``things/`` are cut
+    out: what is transparent does not belong to them.
 
     Raises:
-        RequestError: both are empty.
+        RequestError: all are empty.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -32,7 +35,7 @@ class Photographs:
         }
         if not any(self.paths.values()):
             raise RequestError(
-                f"expected photographs in {folder}/surfaces or {folder}/views, got none; fill one of them"
+                f"expected photographs in surfaces, views or things of {folder}, got none; fill one of the folders"
             )
 
     def covered(self, rng: np.random.Generator, picture: Float32, camera: RayCamera) -> Float32:
@@ -63,6 +66,10 @@ class Photographs:
         """``(h, w, 3)`` uint8 RGB: a random surface, of which there must be one."""
         return _read(self.paths["surfaces"][int(rng.integers(len(self.paths["surfaces"])))])
 
+    def thing(self, rng: np.random.Generator) -> ImageArray:
+        """``(h, w, 4)`` uint8 RGBA, tight about what is opaque: a random thing, of which there must be one."""
+        return _read_thing(self.paths["things"][int(rng.integers(len(self.paths["things"])))])
+
     def view(self, rng: np.random.Generator, width: int, height: int) -> Float32 | None:
         """``(H, W, 3)`` linear light: a random part of a random view, or None where there are no views."""
         if not self.paths["views"]:
@@ -88,6 +95,18 @@ def _read(path: Path) -> ImageArray:
     return np.asarray(
         cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else image
     )
+
+
+@lru_cache(maxsize=600)
+def _read_thing(path: Path) -> ImageArray:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None or image.shape[2:] != (4,) or image.dtype != np.uint8 or not (image[..., 3] >= 128).any():
+        raise RequestError(f"expected a cut-out thing at {path}, 8-bit colours with opacity, got none; remove it")
+    rows, columns = (np.flatnonzero((image[..., 3] >= 128).any(axis=axis)) for axis in (1, 0))
+    tight = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    shrink = min(512 / max(tight.shape[:2]), 1.0)
+    tight = cv2.resize(tight, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else tight
+    return np.ascontiguousarray(tight[..., [2, 1, 0, 3]])
 
 
 @lru_cache(maxsize=256)

@@ -18,6 +18,7 @@ from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.street.pictured import pictured_things
 from tsuiseki.datamodules.scenes.street.staging import (
     apparent_heights,
     buildings_behind,
@@ -76,6 +77,7 @@ class TrainingSettings:
         facades: chance of walls that photographs cover, likewise.
         town: (fewest, most) things of a town that are nobody: traffic lights, signs, bicycles and the like; where
             there may be any, walls with doors and shop windows too.
+        things: (fewest, most) photographed things that are nobody, where there are photographs of some.
     """
 
     width: int = 640
@@ -92,9 +94,10 @@ class TrainingSettings:
     photographs: float = 0.6
     facades: float = 0.5
     town: tuple[int, int] = (0, 0)
+    things: tuple[int, int] = (0, 12)
 
     def __post_init__(self) -> None:
-        for name in ("people", "person_height", "clutter", "camera_height", "town"):
+        for name in ("people", "person_height", "clutter", "camera_height", "town", "things"):
             low, high = getattr(self, name)
             if not 0 <= low <= high:
                 raise RequestError(f"training scenes: expected {name} as (least, greatest) from 0, got {low}, {high}")
@@ -140,6 +143,20 @@ def sparse_settings(width: int, height: int) -> TrainingSettings:
     )
 
 
+def near_settings(width: int, height: int) -> TrainingSettings:
+    """A few people who fill a good part of the picture, among many things, from about as high as their heads."""
+    return TrainingSettings(
+        width,
+        height,
+        people=(0, 9),
+        person_height=(80.0, 0.95 * height),
+        clutter=(4, 16),
+        camera_height=(1.0, 4.5),
+        beside=0.5,
+        night=0.15,
+    )
+
+
 def aerial_settings(width: int, height: int) -> TrainingSettings:
     """A few people among many things from 4 to 14 m above, up to nearly straight below."""
     return TrainingSettings(
@@ -175,7 +192,7 @@ def random_training_scene(
     ground, sunlit = draw_ground(random_ground(rng), camera, light)
     people = _people(rng, spots)
     # Generators of their own: the rest of a picture does not depend on what there is in stock.
-    of_people, of_photographs, of_town = rng.spawn(3)
+    of_people, of_photographs, of_town, of_things = rng.spawn(4)
     if stock.sprites is not None:
         people = [
             _rendered(of_people, thing, spot, camera, stock.sprites, settings)
@@ -196,6 +213,9 @@ def random_training_scene(
         count = int(of_town.integers(settings.town[0], settings.town[1] + 1))
         static += clutter_around(of_town, camera, count, spots, LARGEST, random_town_thing)
         static += fronts_behind(of_town, int(of_town.integers(0, 4)) if view is None else 0, spots, reach)
+    if stock.photographs is not None and stock.photographs.paths["things"] and settings.things[1]:
+        count = int(of_things.integers(settings.things[0], settings.things[1] + 1))
+        static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
     picture = empty_picture(ground, settings.samples)
     picture, _ = darken(picture, static + people, camera, light, sunlit, float(rng.uniform(0.5, 2.5)))
     # One pass: static things and people hide each other alike.

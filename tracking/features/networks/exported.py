@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.box_voting import voted_boxes
 from tsuiseki.tracking.features.networks.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.networks.foreign_options import AppearanceOptions, DetectorOptions
@@ -20,6 +21,8 @@ from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
 
 MOST_CANDIDATES = 400
+# Boxes from this score on have a say in where others lie, whatever the threshold of what is found.
+_LEAST_VOTER = 0.05
 
 
 class Detect(Protocol):
@@ -108,13 +111,15 @@ class Detector:
         scale: tuple[float, float],
         size: tuple[int, int],
     ) -> tuple[Detections, IntArray]:
+        voting = self.model.card.settings.get("box_voting")
+        least = self.score_threshold if voting is None else min(self.score_threshold, _LEAST_VOTER)
         # No softmax exceeds that of its class and the background alone, so few anchors need the whole of it.
-        threshold = np.clip(self.score_threshold, 1e-9, 1 - 1e-9)
+        threshold = np.clip(least, 1e-9, 1 - 1e-9)
         margin = logits[:, 1:].max(axis=1) - logits[:, 0]
         candidates = np.flatnonzero(margin >= np.log(threshold / (1 - threshold)))
         exponentials = np.exp(logits[candidates] - logits[candidates].max(axis=1, keepdims=True))
         scores = exponentials[:, 1:].max(axis=1) / exponentials.sum(axis=1)
-        candidates, scores = candidates[scores >= self.score_threshold], scores[scores >= self.score_threshold]
+        candidates, scores = candidates[scores >= least], scores[scores >= least]
         if len(candidates) > MOST_CANDIDATES:
             best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
             candidates, scores = candidates[best], scores[best]
@@ -124,6 +129,9 @@ class Detector:
         whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
         boxes, scores = boxes[whole], scores[whole]
         kept = suppress(boxes, scores, self.iou_threshold)
+        if voting is not None:
+            boxes[kept] = voted_boxes(boxes, scores, kept, voting)
+            kept = kept[scores[kept] >= self.score_threshold]
         share = self.model.card.settings.get("straddling")
         if share is not None:
             kept = kept[~straddling(boxes[kept], scores[kept], share)]

@@ -53,6 +53,23 @@ def test_a_view_is_a_part_of_a_photograph(folder: Path) -> None:
     assert (steps >= -1e-3).all() or (steps <= 1e-3).all()
 
 
+def test_a_thing_is_cut_out_tightly(tmp_path: Path) -> None:
+    (tmp_path / "things").mkdir()
+    picture = np.zeros((40, 60, 4), np.uint8)
+    picture[10:30, 20:25] = (10, 20, 200, 255)
+    cv2.imwrite(str(tmp_path / "things" / "post.png"), picture)
+    thing = Photographs(tmp_path).thing(np.random.default_rng(0))
+    np.testing.assert_array_equal(thing, np.broadcast_to(np.array([200, 20, 10, 255], np.uint8), (20, 5, 4)))
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_a_thing_without_opacity_is_refused(tmp_path: Path, channels: int) -> None:
+    (tmp_path / "things").mkdir()
+    cv2.imwrite(str(tmp_path / "things" / "nothing.png"), np.zeros((8, 8, channels), np.uint8))
+    with pytest.raises(RequestError, match=r"expected a cut-out thing at .*nothing\.png"):
+        Photographs(tmp_path).thing(np.random.default_rng(0))
+
+
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="expected photographs in"):
         Photographs(tmp_path)

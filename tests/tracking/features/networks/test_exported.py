@@ -111,6 +111,20 @@ def test_detector_decodes_suppresses_and_scales_back(tmp_path):
     assert detector.detect([]) == []
 
 
+def test_boxes_are_voted_on_where_the_file_says_so(tmp_path):
+    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    card = dataclasses.replace(DETECTOR_CARD, settings={**DETECTOR_CARD.settings, "box_voting": 0.7})
+    path = fake_detector(tmp_path / "voting.onnx", card)
+    strict, lenient = (Detector(path, threshold, threads=1).detect([image])[0] for threshold in (0.9, 0.01))
+    # The second anchor lies a pixel to the right of the first, at an overlap of 7 / 9.
+    first, second = (1 / (1 + np.exp(-LOGITS[n, 1])) for n in (0, 1))
+    shift = second / (first + second)
+    np.testing.assert_allclose(strict.boxes, [[4 + shift, 4, 12 + shift, 20]], rtol=1e-6)
+    # Who votes does not hang on what is asked for.
+    np.testing.assert_allclose(lenient.boxes[0], strict.boxes[0], rtol=1e-12)
+    assert len(lenient) == 2
+
+
 def test_crops_outside_the_image_repeat_its_border():
     image = np.zeros((10, 10, 3), dtype=np.uint8)
     image[:, 5:] = 200
