@@ -223,7 +223,7 @@ class DetectionData(lightning.LightningDataModule):
                 settings = DroneSceneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
                 write_drone_images(folder, source.generate, settings, source.seed)
             elif source.scene in ("varied", "sparse", "aerial", "near"):
-                stock = (source.sprites, source.photographs, source.scene, source.town)
+                stock = (source.sprites, source.photographs, source.scene, source.town, source.things)
                 write_varied_images(folder, source.generate, (width, height), source.seed, *stock)
             elif source.scene == "ceiling":
                 write_panorama_images(folder, source.generate, PanoramaPictures(width, height), source.seed)

@@ -39,6 +39,7 @@ class Source:
         photographs: folder of photographs without people: ``surfaces/`` and ``views/`` for the grounds of these, cut
             out ``things/`` to stand on them.
         town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
+        things: and photographed things, which the folder of photographs must hold.
         seed: of those.
         size: their width and height, pixels; by default those of the input.
     """
@@ -53,6 +54,7 @@ class Source:
     sprites: str = ""
     photographs: str = ""
     town: bool = False
+    things: bool = False
     seed: int = 0
     size: tuple[int, int] | None = None
 

@@ -16,6 +16,7 @@ from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.rooms.panoramas import PanoramaPictures, panorama_picture
 from tsuiseki.datamodules.scenes.street.training import (
+    THINGS,
     TOWN,
     Stock,
     TrainingSettings,
@@ -62,6 +63,7 @@ def write_varied_images(
     photographs: str = "",
     scene: Literal["varied", "sparse", "aerial", "near"] = "varied",
     town: bool = False,
+    things: bool = False,
 ) -> None:
     """Render ``count`` pictures of `varied_settings`, sparse, aerial or near ones; else as `write_scene_images`.
 
@@ -74,12 +76,16 @@ def write_varied_images(
         photographs: folder of photographs (`scenes.render.photographs`); without one grounds are drawn.
         scene: which of the four.
         town: among things of a town, too.
+        things: among photographed things, too.
 
     Raises:
-        RequestError: fewer than one picture, the folder holds files, or there is nothing in the other folders.
+        RequestError: fewer than one picture, the folder holds files, there is nothing in the other folders, or things
+            are asked for and ``photographs`` has none.
     """
-    _stock(sprites, photographs)
-    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, scene, town))
+    stock = _stock(sprites, photographs)
+    if things and not (stock.photographs and stock.photographs.paths["things"]):
+        raise RequestError(f"expected photographs of things in {photographs or 'a folder'}/things, got none")
+    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, scene, town, things))
 
 
 def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, seed: int) -> None:
@@ -140,6 +146,7 @@ def _varied_picture(
     photographs: str,
     scene: str,
     town: bool,
+    things: bool,
     folder: Path,
     numbers: range,
 ) -> list[Labels]:
@@ -149,6 +156,7 @@ def _varied_picture(
         rng = np.random.default_rng([seed, number])
         settings = varied_settings(rng, *size) if scene == "varied" else _OF_SCENE[scene](*size)
         settings = replace(settings, town=TOWN) if town else settings
+        settings = replace(settings, things=THINGS) if things else settings
         labels.append(_saved(folder, number, *random_training_scene(rng, settings, stock)))
     return labels
 

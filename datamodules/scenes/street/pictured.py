@@ -13,10 +13,10 @@ from tsuiseki.datamodules.scenes.figures.rendering import Sprite
 from tsuiseki.datamodules.scenes.figures.standing import Standing
 from tsuiseki.datamodules.scenes.people.look import MIDDLE
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
-from tsuiseki.datamodules.scenes.render.raster import RayCamera
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.solids import Solids, Surfaces, boxes
 from tsuiseki.datamodules.scenes.street.staging import clutter_around
+from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Metres: about a person's height and less, up to that of a sign on its post.
@@ -31,7 +31,7 @@ _FACING = (-107, 0, 68)
 def pictured_things(
     rng: np.random.Generator,
     photographs: Photographs,
-    camera: RayCamera,
+    camera: PinholeCamera,
     count: int,
     taken: FloatArray,
     largest: float,
@@ -69,7 +69,7 @@ def _as_sprite(rng: np.random.Generator, picture: ImageArray) -> Sprite:
     return Sprite(albedo, normal, label, np.array([middle, tall]), np.array([middle, 0.0]), height, 0.0)
 
 
-def _board(sprite: Sprite, spot: FloatArray, camera: RayCamera) -> Solids:
+def _board(sprite: Sprite, spot: FloatArray, camera: PinholeCamera) -> Solids:
     """The thin upright box before the camera that throws the shadow of ``sprite``."""
     rows, columns = sprite.label.shape
     away = spot - camera.position[:2]

@@ -38,6 +38,8 @@ CAMERAS = 300
 LARGEST = 0.12
 # Things of a town in one picture of one.
 TOWN = (2, 18)
+# Photographed things in one picture with such.
+THINGS = (0, 12)
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ class TrainingSettings:
         facades: chance of walls that photographs cover, likewise.
         town: (fewest, most) things of a town that are nobody: traffic lights, signs, bicycles and the like; where
             there may be any, walls with doors and shop windows too.
-        things: (fewest, most) photographed things that are nobody, where there are photographs of some.
+        things: (fewest, most) photographed things that are nobody; where there may be any, there must be photographs.
     """
 
     width: int = 640
@@ -94,7 +96,7 @@ class TrainingSettings:
     photographs: float = 0.6
     facades: float = 0.5
     town: tuple[int, int] = (0, 0)
-    things: tuple[int, int] = (0, 12)
+    things: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         for name in ("people", "person_height", "clutter", "camera_height", "town", "things"):
@@ -213,7 +215,7 @@ def random_training_scene(
         count = int(of_town.integers(settings.town[0], settings.town[1] + 1))
         static += clutter_around(of_town, camera, count, spots, LARGEST, random_town_thing)
         static += fronts_behind(of_town, int(of_town.integers(0, 4)) if view is None else 0, spots, reach)
-    if stock.photographs is not None and stock.photographs.paths["things"] and settings.things[1]:
+    if stock.photographs is not None and settings.things[1]:
         count = int(of_things.integers(settings.things[0], settings.things[1] + 1))
         static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
     picture = empty_picture(ground, settings.samples)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -152,6 +153,17 @@ def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: p
     scene_images.write_varied_images(folder, 3, (96, 72), 1, str(library))
     assert len(list((folder / "img1").iterdir())) == 3
     assert len(read_ground_truth(folder / "gt" / "gt.txt").boxes) > 0
+
+
+def test_things_are_refused_where_there_are_none(library: Path, tmp_path: Path) -> None:
+    (tmp_path / "photographs" / "views").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "photographs" / "views" / "grey.png"), np.full((8, 8, 3), 99, np.uint8))
+    for photographs in ("", str(tmp_path / "photographs")):
+        with pytest.raises(RequestError, match="expected photographs of things"):
+            scene_images.write_varied_images(
+                tmp_path / "pictures", 1, (96, 72), 1, str(library), photographs, things=True
+            )
+    assert not (tmp_path / "pictures").exists()
 
 
 def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
