@@ -45,7 +45,7 @@ RENDERED_COMMANDS = (
     "--out {work}/rendered.onnx",
     "train detector --config {configs}/detector_towns.yaml --out {work}/towns --model.start {work}/rendered.onnx "
     "--data.train {towns} --data.val {sparse_towns}",
-    "export detector --checkpoint {work}/towns/metrics/version_0/checkpoints/epoch=3.ckpt "
+    "export detector --checkpoint {work}/towns/checkpoints/epoch=3.ckpt "
     "--blend {work}/rendered.onnx --float16 --height 672 --width 896 --calibrate {work}/rendered-sparse "
     "--out {models}/detector_figures.onnx --training-data 'rendered people'",
 )

@@ -95,8 +95,9 @@ def fit(task: Task, arguments: Sequence[str]) -> Path:
     """Train as the command line ``arguments`` say.
 
     Besides ``--config FILE``, ``--trainer.*``, ``--model.*`` and ``--data.*`` these are ``--out DIR``,
-    ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``checkpoints/{best,last}.ckpt``,
-    ``metrics/version_N/{metrics.csv,config.yaml}`` (N counts the sittings), TensorBoard events and ``run.json``.
+    ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``checkpoints/{best,last}.ckpt`` (and
+    what a `ModelCheckpoint` among ``--trainer.callbacks`` keeps), ``metrics/version_N/{metrics.csv,config.yaml}`` (N
+    counts the sittings), TensorBoard events and ``run.json``.
 
     Returns:
         The best checkpoint.
@@ -220,13 +221,18 @@ class TaskCLI(LightningCLI):
             LearningRateMonitor(logging_interval="epoch"),
         ]
         self.trainer_defaults["callbacks"] = callbacks if on_terminal else [*callbacks, EpochLines()]
-        return super().instantiate_trainer(
+        trainer = super().instantiate_trainer(
             logger=loggers,
             default_root_dir=out,
             enable_progress_bar=on_terminal,
             enable_model_summary=on_terminal,
             **kwargs,
         )
+        for callback in trainer.checkpoint_callbacks:
+            # Lightning would put them into the folder of this sitting, where a training that goes on does not look.
+            if isinstance(callback, ModelCheckpoint) and callback.dirpath is None:
+                callback.dirpath = str(self.out / "checkpoints")
+        return trainer
 
 
 class EpochLines(Callback):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.cli.commands import COMMANDS, Group
@@ -67,6 +68,38 @@ def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path, ren
         if not command.forwarded:
             parse(f"tsuiseki {kind} {what}", command.load([kind, what]), words)
     assert set((SHIPPED if rendered else DRAWN).values()) <= made
+
+
+@pytest.mark.parametrize("rendered", [False, True])
+def test_each_command_that_makes_the_shipped_models_finds_what_it_needs(tmp_path: Path, rendered: bool) -> None:
+    """Every file that a command reads is given, or an earlier command has written it under that very name."""
+    there = {str(tmp_path), str(tmp_path / "photographs")}
+    for kind, what, *words in commands(tmp_path, tmp_path if rendered else None):
+        options = dict(itertools.pairwise(words))
+        config = yaml.safe_load(Path(options["--config"]).read_text()) if "--config" in options else {}
+        needed = [options[o] for o in ("--checkpoint", "--blend", "--calibrate", "--detector", "--appearance",
+                                       "--folders", "--assets", "--model.start") if o in options]  # fmt: skip
+        sources = [
+            source
+            for part in ("train", "val")
+            for source in yaml.safe_load(options.get(f"--data.{part}", "null")) or config.get("data", {}).get(part, [])
+        ]
+        needed += [source[of] for source in sources for of in ("sprites", "photographs") if source.get(of)]
+        for path in needed:
+            assert path in there, f"{kind} {what} needs {path}, which nothing before it has made"
+        there |= {source["folder"] for source in sources if source.get("generate")}
+        out = Path(options["--out"])
+        there |= {str(out)} | ({str(out.parent)} if kind == "simulate" else set())
+        if kind == "train":
+            epochs = int(options.get("--trainer.max_epochs", config["trainer"]["max_epochs"])) if config else 0
+            saved = [c["init_args"] for c in config.get("trainer", {}).get("callbacks", [])
+                     if c["class_path"].endswith("ModelCheckpoint")]  # fmt: skip
+            there |= {str(out / "checkpoints" / f"{name}.ckpt") for name in ("best", "last")}
+            there |= {
+                str(out / "checkpoints" / f"epoch={n - 1}.ckpt")
+                for each in saved
+                for n in range(each["every_n_epochs"], epochs + 1, each["every_n_epochs"])
+            }
 
 
 def test_missing_assets_are_told_before_anything_is_trained(

@@ -72,7 +72,13 @@ def test_training_leaves_checkpoints_and_logs_and_goes_on(
     with pytest.raises(RequestError, match=r"already holds a training.*--ckpt_path"):
         fit_detector(["--config", str(config)])
     last = out / "checkpoints" / "last.ckpt"
-    fit_detector(["--config", str(config), "--ckpt_path", str(last), "--trainer.max_epochs", "2"])
+    saving = {"filename": "{epoch}", "every_n_epochs": 2, "save_top_k": -1}
+    every = json.dumps([{"class_path": "ModelCheckpoint", "init_args": saving}])
+    fit_detector(
+        ["--config", str(config), "--ckpt_path", str(last), "--trainer.max_epochs", "2", "--trainer.callbacks", every]
+    )
+    # In the folder of the first sitting, though it was the second that asked for it.
+    assert (out / "checkpoints" / "epoch=1.ckpt").is_file()
     state = torch.load(last, weights_only=True)
     assert (state["epoch"], state["global_step"]) == (1, 4)
     assert (out / "metrics" / "version_1" / "metrics.csv").is_file()
