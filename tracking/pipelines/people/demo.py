@@ -11,7 +11,7 @@ from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.pipelines.people.finding import PeopleInputs
+from tsuiseki.tracking.pipelines.people.finding import PeopleInputs, ground_of
 from tsuiseki.tracking.pipelines.people.methods import PeopleMethod, people_tracker
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.types import Track
@@ -39,7 +39,7 @@ def street_inputs(
 ) -> PeopleInputs:
     """Where people on a street come from; ``models`` are files by the kinds of `STREET_MODELS`."""
     detector, appearance = Detector(models["detector"], threads=threads), Appearance(models["appearance"], threads)
-    return PeopleInputs(source, detector, appearance, camera=camera)
+    return PeopleInputs(source, detector, appearance, camera=camera, ground=ground_of(detector, "auto", source))
 
 
 def street_trackers(
