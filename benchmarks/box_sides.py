@@ -10,6 +10,7 @@ by 0.4 or more. In the second line each detection near a label takes the sides n
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from tsuiseki.tracking.features.networks.exported import open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 SURE, NEAR, FIT = 0.3, 0.4, 0.75
@@ -59,7 +60,7 @@ def report(name: str, truth: list[LabelledBoxes], found: list[Detections]) -> No
     said = ", ".join(f"{s} {m:+.3f} ±{h:.3f}" for s, m, h in zip(SIDES, middle, (high - low) / 2, strict=True))
     print(f"{name}: {len(boxes)} boxes; {said}; width by height {np.median(widths(boxes)):.2f}, "
           f"labelled {np.median(widths(wanted)):.2f}")  # fmt: skip
-    changed = {
+    changed: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
         "as found": lambda b, _: b,
         "labelled top and bottom": lambda b, w: np.stack([b[:, 0], w[:, 1], b[:, 2], w[:, 3]], axis=1),
         "left and right": lambda b, w: np.stack([w[:, 0], b[:, 1], w[:, 2], b[:, 3]], axis=1),
@@ -77,7 +78,7 @@ def report(name: str, truth: list[LabelledBoxes], found: list[Detections]) -> No
     print("    AP at 0.75: " + ", ".join(values), flush=True)
 
 
-def paired(labels: LabelledBoxes, found: Detections) -> tuple[FloatArray, FloatArray, np.ndarray]:
+def paired(labels: LabelledBoxes, found: Detections) -> tuple[FloatArray, FloatArray, IntArray]:
     """Detections near a label ``(K, 4)``, those labels ``(K, 4)``, and which detections they are ``(K,)``."""
     boxes = labels.boxes[~labels.ignored]
     if not len(boxes) or not len(found):

@@ -149,8 +149,8 @@ class DetectorTraining(lightning.LightningModule):
         return (images.permute(0, 3, 1, 2).float() - self.mean) / self.std
 
     def on_fit_start(self) -> None:
-        """Weights of an exported file get their normalisations back."""
-        if not self._foreign_norms:
+        """Weights of an exported file get their normalisations back; those of a training that goes on have them."""
+        if not self._foreign_norms or self.trainer.ckpt_path is not None:
             return
         examples = [self.trainer.datamodule.training[n] for n in range(_NORM_EXAMPLES)]  # type: ignore[attr-defined]
         images = torch.stack([torch.from_numpy(e.image) for e in examples]).to(self.device)

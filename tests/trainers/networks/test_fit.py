@@ -16,6 +16,8 @@ import yaml
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.trainers.exporting.export_detector import export_detector
+from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.fit import EpochLines, fit_detector
@@ -56,6 +58,33 @@ def config(tmp_path: Path) -> Path:
     path = tmp_path / "config.yaml"
     path.write_text(yaml.safe_dump(settings))
     return path
+
+
+def test_a_training_that_began_from_an_exported_file_goes_on_with_its_own_normalisations(
+    config: Path, tmp_path: Path
+) -> None:
+    exported = tmp_path / "start.onnx"
+    export_detector(ModelFile(out=exported), fit_detector(["--config", str(config)]))
+    out = tmp_path / "on"
+    words = [
+        "--config",
+        str(config),
+        "--out",
+        str(out),
+        "--model.start",
+        str(exported),
+        "--model.learning_rate",
+        "1e-9",
+    ]
+    fit_detector(words)
+    last = out / "checkpoints" / "last.ckpt"
+    before = torch.load(last, weights_only=True)["state_dict"]
+    fit_detector([*words, "--ckpt_path", str(last), "--trainer.max_epochs", "2"])
+    after = torch.load(last, weights_only=True)["state_dict"]
+    learnt = [name for name in before if name.endswith(("weight", "bias"))]
+    assert len(learnt) > 50
+    for name in learnt:
+        torch.testing.assert_close(after[name], before[name], rtol=1e-5, atol=1e-6)
 
 
 def test_training_leaves_checkpoints_and_logs_and_goes_on(
