@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tsuiseki.tracking.association.costs import ScoreCost
+from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED
 from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import open_appearance, open_detector
 from tsuiseki.tracking.features.view_choice import SizedDetect, ViewedDetector, knows_scores
@@ -95,7 +96,11 @@ def track(watched: Watched, found: Found, score_threshold: float) -> list[Track]
         found: holds detections and costs.
         score_threshold: of the detections that are tracked.
     """
-    tracker = people_tracker("flow", None, found.costs, 0, watched.open(), found.camera, scores=found.scores)
+    # Before anything is learnt, labels take from these tracks what straddles: counter-examples, see `labels`.
+    straddling = 0.0 if found.scores is None else EXPLAINED
+    tracker = people_tracker(
+        "flow", None, found.costs, 0, watched.open(), found.camera, scores=found.scores, straddling=straddling
+    )
     for here in found.detections:
         tracker.update(here.select(here.scores >= score_threshold))
     return [shifted(track, found.first) for track in tracker.tracks()]

@@ -8,6 +8,7 @@ from typing import Literal
 
 from tsuiseki.tracking import weights
 from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
@@ -48,7 +49,7 @@ def street_trackers(
     """A tracker for each of `STREET_METHODS`, by its name, as `tsuiseki track people` would make it."""
     affinity = Affinity(models["affinity"], threads)
     return {
-        name: people_tracker(method, None, affinity, source=source, camera=camera)
+        name: people_tracker(method, None, affinity, source=source, camera=camera, straddling=EXPLAINED)
         for method, name in STREET_METHODS.items()
     }
 

@@ -29,6 +29,7 @@ from tsuiseki.tracking.pipelines.people.methods import (
     cost_of_scores,
     people_affinity,
     people_tracker,
+    straddling_of,
 )
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.by_class import ByClass
@@ -117,7 +118,8 @@ def opened(
 
     def make() -> PeopleTracker:
         scores = cost_of_scores(detect)
-        return people_tracker(linking.method, linking, learnt, seed, source, camera, linking.delay, scores)
+        straddling = straddling_of(detect)
+        return people_tracker(linking.method, linking, learnt, seed, source, camera, linking.delay, scores, straddling)
 
     if finding.classes is None:
         return inputs, make(), lambda _: -1

@@ -15,7 +15,8 @@ from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
-from tsuiseki.tracking.features.view_choice import scores_are_probabilities
+from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.view_choice import inner_detector, scores_are_probabilities
 from tsuiseki.tracking.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.onnx import kind_of
 from tsuiseki.tracking.options import Shared
@@ -68,6 +69,7 @@ def people_tracker(
     camera: CameraPath | StandingCamera | None = None,
     delay: float | None = None,
     scores: ScoreCost | None = None,
+    straddling: float = 0.0,
 ) -> PeopleTracker:
     """A fresh tracker; the flow has hand-set costs where there is no affinity.
 
@@ -81,6 +83,7 @@ def people_tracker(
             that only tells where it stands still is for the flow.
         delay: seconds after which the flow answers a frame; None answers at the end.
         scores: what scores cost the flow where no ``affinity`` says so; None lets the video tell.
+        straddling: see `FlowSettings`, where ``settings`` leave it open; `straddling_of` says it of a detector.
 
     Raises:
         RequestError: there is no such method, or another than the flow shall have a delay.
@@ -96,9 +99,7 @@ def people_tracker(
     rate, size = DEFAULT_FRAME_RATE if source is None else source.frame_rate, getattr(source, "size", None)
     size = size if size and min(size) > 0 else None
     flow = _flow_settings(settings.flow, observation)
-    if isinstance(scores, ProbabilityCost) and flow.straddling is None:
-        # Who knows a camera finds more of those who walk together, and somebody more between them.
-        flow = replace(flow, straddling=EXPLAINED)
+    flow = replace(flow, straddling=straddling) if flow.straddling is None else flow
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
         "flow": lambda: FlowTracker(flow, pairs, observation, rate, size, camera, seed, changes, delay),
         "deepsort": lambda: DeepSort(settings.deepsort, seed),
@@ -136,6 +137,15 @@ def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:
 def cost_of_scores(detect: object) -> ProbabilityCost | None:
     """What the scores of ``detect`` cost where they are probabilities of its camera; None where nobody says so."""
     return ProbabilityCost() if scores_are_probabilities(detect) else None
+
+
+def straddling_of(detect: object) -> float:
+    """From which share on tracks of what ``detect`` finds are explained by others.
+
+    This toolkit's detectors find somebody more between two people who walk together, often enough for a track. Of the
+    boxes of others, and of those that are given, nothing is known: 0, all tracks are kept.
+    """
+    return EXPLAINED if isinstance(inner_detector(detect), Detector) else 0.0
 
 
 def people_affinity(

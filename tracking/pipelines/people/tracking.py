@@ -37,6 +37,7 @@ from tsuiseki.tracking.pipelines.people.methods import (
     cost_of_scores,
     people_affinity,
     people_tracker,
+    straddling_of,
 )
 from tsuiseki.tracking.trackers.base import PeopleTracker
 from tsuiseki.tracking.trackers.people.compensated import MotionCompensated
@@ -197,7 +198,8 @@ def _tracker(
     if isinstance(method, str):
         # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
         learnt = people_affinity(method, affinity, threads, known_scores=knows_scores(detect))
-        return people_tracker(method, None, learnt, seed, source, camera, delay, cost_of_scores(detect))
+        scores, straddling = cost_of_scores(detect), straddling_of(detect)
+        return people_tracker(method, None, learnt, seed, source, camera, delay, scores, straddling)
     if not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     if affinity is not None:

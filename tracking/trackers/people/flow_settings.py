@@ -24,7 +24,7 @@ class FlowSettings:
             learnt prices say what scores are worth.
         straddling: share of a box that those of surer tracks cover together, from which on they explain it; a track
             most of whose detections are explained is no further person, and dropped; only where the answer comes at the
-            end. None keeps all, unless scores are probabilities of the camera: then 0.8.
+            end. 0 keeps all, and so does None, except with `people_tracker`, which knows whose boxes they are.
         fill: longest gap that is filled, on a straight line.
         smoothing: how it is chosen how far boxes are smoothed; None reports them as detected.
         decide_every: least time between two decisions; None solves all frames at once in the end.
@@ -50,8 +50,8 @@ class FlowSettings:
             raise ValueError(f"expected decide_every above 0 seconds, got {self.decide_every}")
         if min(self.min_detections, self.min_time, self.fill, self.settle) < 0:
             raise ValueError("expected min_detections, min_time, fill and settle from 0")
-        if self.straddling is not None and not 0 < self.straddling <= 1:
-            raise ValueError(f"expected straddling above 0 and up to 1, got {self.straddling}")
+        if self.straddling is not None and not 0 <= self.straddling <= 1:
+            raise ValueError(f"expected straddling in [0, 1], got {self.straddling}")
         if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + self.settle:
             raise ValueError(f"expected most_undecided above window + settle, got {self.most_undecided}")
 

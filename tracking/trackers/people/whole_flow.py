@@ -132,7 +132,7 @@ class WholeFlow:
             images.append(every.image[piece])
         smoothing = None if settings.smoothing is None else fit_smoothing(tracks, rate, settings.smoothing)
         result = [reported(*one, self.input.camera, longest, smoothing) for one in zip(tracks, images, strict=True)]
-        return result if settings.straddling is None else self._without_straddling(result, settings.straddling)
+        return self._without_straddling(result, settings.straddling) if settings.straddling else result
 
     def _without_straddling(self, tracks: list[Track], share: float) -> list[Track]:
         """Those that are further people, numbered anew; what the others do is left out, too."""
