@@ -54,6 +54,9 @@ def report(name: str, truth: list[LabelledBoxes], found: list[Detections]) -> No
     boxes, wanted = (
         np.concatenate([p[k][d.scores[p[2]] >= SURE] for p, d in zip(pairs, found, strict=True)]) for k in (0, 1)
     )
+    if not len(boxes):
+        print(f"{name}: no box near a label")
+        return
     heights = wanted[:, 3] - wanted[:, 1]
     offsets = (boxes - wanted) / heights[:, None]
     low, middle, high = np.percentile(offsets, (25, 50, 75), axis=0)

@@ -219,6 +219,8 @@ class DetectionData(lightning.LightningDataModule):
                 continue
             width, height = source.size or (self.size[1], self.size[0])
             print(f"generating {source.generate} pictures into {folder}", flush=True)
+            if source.things and source.scene not in ("varied", "sparse", "aerial", "near"):
+                raise RequestError(f"{folder}: expected `things` with varied scenes and the like, got {source.scene}")
             if source.scene == "drone":
                 settings = DroneSceneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
                 write_drone_images(folder, source.generate, settings, source.seed)

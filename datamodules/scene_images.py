@@ -84,7 +84,8 @@ def write_varied_images(
     """
     stock = _stock(sprites, photographs)
     if things and not (stock.photographs and stock.photographs.paths["things"]):
-        raise RequestError(f"expected photographs of things in {photographs or 'a folder'}/things, got none")
+        where = f"in {photographs}/things" if photographs else "with `things`"
+        raise RequestError(f"expected photographs of things {where}, got none")
     _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, scene, town, things))
 
 

@@ -87,7 +87,7 @@ def distillation_loss(logits: Tensor, offsets: Tensor, anchors: Tensor, targets:
 
     Returns:
         Score loss and box loss, scalars: sums over the batch divided by the sum of the teacher's scores where it takes
-        the anchor for a person.
+        the anchor for a person, at least 1.
     """
     certain = targets.scores >= _LEAST_SCORE
     weights = targets.scores[certain]

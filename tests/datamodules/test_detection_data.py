@@ -119,6 +119,13 @@ def test_shares_say_where_examples_come_from(walker: Path) -> None:
     assert module.training.shares.tolist() == [0.75, 0.25]
 
 
+def test_things_are_refused_for_scenes_that_have_none(tmp_path: Path) -> None:
+    source = Source(str(tmp_path / "generated"), generate=1, scene="street", things=True)
+    module = DetectionData([source], [source], height=48, width=64)
+    with pytest.raises(RequestError, match="expected `things` with varied scenes and the like, got street"):
+        module.prepare_data()
+
+
 def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) -> None:
     folder = tmp_path / "generated"
     source = Source(str(folder), generate=3, seed=5)

@@ -61,7 +61,7 @@ class Found:
 
 
 def find(watched: Watched, models: Models, score_threshold: float, view: str, threads: int) -> Found:
-    """Detect and track people as `tsuiseki track people` does.
+    """Detect and track people as `tsuiseki track people --ground off` does.
 
     Args:
         watched: the video.
@@ -96,7 +96,8 @@ def track(watched: Watched, found: Found, score_threshold: float) -> list[Track]
         found: holds detections and costs.
         score_threshold: of the detections that are tracked.
     """
-    # Before anything is learnt, labels take from these tracks what straddles: counter-examples, see `labels`.
+    # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `labels`); those of a
+    # calibrated one are dropped, as `track people` does.
     straddling = 0.0 if found.scores is None else EXPLAINED
     tracker = people_tracker(
         "flow", None, found.costs, 0, watched.open(), found.camera, scores=found.scores, straddling=straddling

@@ -49,10 +49,12 @@ class Teacher:
             self._order = mirrored_anchors(anchors, student.size[1]) if flips else None
         except ValueError as error:
             raise RequestError(f"{path}: {error}") from error
-        wanted = [name for name in self.network.state_dict() if not name.endswith("num_batches_tracked")]
+        # Exported files hold no counts of batches.
+        exported = path.suffix == ".onnx"
+        wanted = [n for n in self.network.state_dict() if not (exported and n.endswith("num_batches_tracked"))]
         if take_over(self.network, path) < len(wanted):
             raise RequestError(f"{path}: expected a whole detector to learn from, got weights of a part")
-        if path.suffix == ".onnx":
+        if exported:
             fold_normalisations(self.network)
         self.network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
 

@@ -187,6 +187,9 @@ def random_training_scene(
     Returns:
         The image ``(H, W, 3)`` uint8 RGB, the boxes ``(N, 4)`` in pixels of the whole silhouettes, hidden parts
         included, clipped to the image, and the visibilities ``(N,)`` in (0, 1].
+
+    Raises:
+        RequestError: things are wanted, and there are no photographs of any.
     """
     settings = TrainingSettings() if settings is None else settings
     camera, spots = _camera_with_spots(rng, settings)
@@ -215,7 +218,9 @@ def random_training_scene(
         count = int(of_town.integers(settings.town[0], settings.town[1] + 1))
         static += clutter_around(of_town, camera, count, spots, LARGEST, random_town_thing)
         static += fronts_behind(of_town, int(of_town.integers(0, 4)) if view is None else 0, spots, reach)
-    if stock.photographs is not None and settings.things[1]:
+    if settings.things[1]:
+        if stock.photographs is None or not stock.photographs.paths["things"]:
+            raise RequestError("training scenes: expected photographs of things, got none")
         count = int(of_things.integers(settings.things[0], settings.things[1] + 1))
         static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
     picture = empty_picture(ground, settings.samples)

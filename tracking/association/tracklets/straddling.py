@@ -50,11 +50,18 @@ def is_straddling(track: Track, explained: BoolArray) -> bool:
 
 
 def straddling_tracks(tracks: Sequence[Track], share: float = EXPLAINED) -> BoolArray:
-    """``(N,)`` which tracks of a video have most of their detections on the boxes of surer ones.
+    """``(N,)`` which tracks of a video have most of their detections on the boxes of surer ones that stay.
 
     Args:
         tracks: of one video.
         share: of a box that must be covered, in (0, 1].
     """
-    explained = explained_boxes(tracks, [True] * len(tracks), share)
-    return np.array([is_straddling(*each) for each in zip(tracks, explained, strict=True)], dtype=np.bool_)
+    straddles = np.zeros(len(tracks), dtype=np.bool_)
+    # Who is dropped explains nobody. Only surer tracks explain others, so this ends after as many rounds at most.
+    for _ in tracks:
+        explained = explained_boxes(tracks, (~straddles).tolist(), share)
+        now = np.array([is_straddling(*each) for each in zip(tracks, explained, strict=True)], dtype=np.bool_)
+        if (now == straddles).all():
+            break
+        straddles = now
+    return straddles

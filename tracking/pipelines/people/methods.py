@@ -99,6 +99,8 @@ def people_tracker(
     rate, size = DEFAULT_FRAME_RATE if source is None else source.frame_rate, getattr(source, "size", None)
     size = size if size and min(size) > 0 else None
     flow = _flow_settings(settings.flow, observation)
+    if delay is not None and flow.straddling:
+        raise RequestError("`flow.straddling` needs the whole video; leave it or `delay` out")
     flow = replace(flow, straddling=straddling) if flow.straddling is None else flow
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
         "flow": lambda: FlowTracker(flow, pairs, observation, rate, size, camera, seed, changes, delay),

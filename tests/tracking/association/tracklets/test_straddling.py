@@ -73,3 +73,11 @@ def test_a_track_straddles_where_most_of_its_detections_do() -> None:
     assert straddling_tracks([*pair, passes]).tolist() == [False] * 3
     assert straddling_tracks([*pair, replace(passes, observed=FRAMES >= 0)]).tolist() == [False, False, True]
     assert straddling_tracks([]).tolist() == []
+
+
+def test_who_is_dropped_explains_nobody() -> None:
+    pair, between = [walking(1, 0.0), walking(2, 24.0, score=0.85)], walking(3, 10.0, score=0.6)
+    narrow = walking(4, 17.0, score=0.4)
+    narrow = replace(narrow, boxes=narrow.boxes - [0, 0, 10, 0])
+    # Six tenths of it lie on the pair, and all of it on the one between them.
+    assert straddling_tracks([*pair, between, narrow]).tolist() == [False, False, True, False]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.costs import ProbabilityCost
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.pipelines.people.methods import MethodSettings, people_tracker, straddling_of
 from tsuiseki.tracking.trackers.people.flow import FlowSettings
@@ -49,6 +50,13 @@ def test_nobody_stands_half_in_each_of_two_people() -> None:
     # What is asked for goes before what the detector says.
     assert two_and_one_between(0.0, MethodSettings(flow=FlowSettings(straddling=0.8))) == 2
     assert two_and_one_between(0.8, MethodSettings(flow=FlowSettings(straddling=0.0))) == 3
+
+
+def test_what_straddles_is_known_at_the_end_alone() -> None:
+    asked = MethodSettings(flow=FlowSettings(straddling=0.8))
+    with pytest.raises(RequestError, match=r"`flow\.straddling` needs the whole video"):
+        people_tracker("flow", asked, delay=1.0)
+    people_tracker("flow", delay=1.0, straddling=0.8)
 
 
 def test_tracks_of_this_toolkits_detectors_may_straddle_and_given_ones_may_not() -> None:
