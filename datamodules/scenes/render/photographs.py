@@ -13,6 +13,8 @@ from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import ImageArray
 
+# Opacity from which a pixel of a cut-out belongs to the thing.
+OPAQUE = 128
 _SIDE = 512
 _KINDS = ("surfaces", "views", "things")
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".webp"}
@@ -100,9 +102,9 @@ def _read(path: Path) -> ImageArray:
 @lru_cache(maxsize=600)
 def _read_thing(path: Path) -> ImageArray:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None or image.shape[2:] != (4,) or image.dtype != np.uint8 or not (image[..., 3] >= 128).any():
+    if image is None or image.shape[2:] != (4,) or image.dtype != np.uint8 or not (image[..., 3] >= OPAQUE).any():
         raise RequestError(f"expected a cut-out thing at {path}, 8-bit colours with opacity, got none; remove it")
-    rows, columns = (np.flatnonzero((image[..., 3] >= 128).any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero((image[..., 3] >= OPAQUE).any(axis=axis)) for axis in (1, 0))
     tight = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     shrink = min(512 / max(tight.shape[:2]), 1.0)
     tight = cv2.resize(tight, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else tight

@@ -12,7 +12,7 @@ from tsuiseki.datamodules.scenes.figures.mesh import EXTRA
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite
 from tsuiseki.datamodules.scenes.figures.standing import Standing
 from tsuiseki.datamodules.scenes.people.look import MIDDLE
-from tsuiseki.datamodules.scenes.render.photographs import Photographs
+from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.solids import Solids, Surfaces, boxes
 from tsuiseki.datamodules.scenes.street.staging import clutter_around
@@ -23,7 +23,6 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 _LOWEST, _HIGHEST = 0.6, 3.0
 # Pixels of its height that are kept, as of a rendered person.
 _TALL = 256
-_OPAQUE = 128
 # A flat picture is lit as if it leant back a little: 127 times away from the camera, left, up.
 _FACING = (-107, 0, 68)
 
@@ -60,7 +59,7 @@ def _as_sprite(rng: np.random.Generator, picture: ImageArray) -> Sprite:
     tall = min(rows, _TALL)
     wide = max(round(columns * tall / rows * float(np.exp(rng.normal(0, 0.2)))), 2)
     small = np.asarray(cv2.resize(picture, (wide, tall), interpolation=cv2.INTER_AREA))
-    label = np.where(small[..., 3] >= _OPAQUE, EXTRA, 0).astype(np.uint8)
+    label = np.where(small[..., 3] >= OPAQUE, EXTRA, 0).astype(np.uint8)
     gain = np.exp(rng.normal(0, 0.25)) * np.exp(rng.normal(0, 0.08, 3))
     albedo = np.where(label[..., None] > 0, np.clip(small[..., :3] * gain, 0, 255), 0).astype(np.uint8)
     normal = np.broadcast_to(np.array(_FACING, np.int8), albedo.shape)
