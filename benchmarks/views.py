@@ -3,10 +3,10 @@
     python benchmarks/views.py [--data ../shared/data] [--detector FILE] [--only NAME ...]
 
 Pictures: generated streets in HD (1920x1080) and 4K (3840x2160) seen from 5 to 15 m, with people of 24 to 200 pixels,
-of two ranges of seeds; the two halves of MOT17-13's video; the stills of MOT17-02. Rules were chosen on the first range
-and the first half. A detector looks at each picture with every number of tiles across; then each rule says which number
-it would have taken from what was found, without a label, and the labels say what that would have brought. Precision and
-recall hold at score 0.3.
+of two ranges of seeds; the two halves of MOT17-13's video, also shrunk to 640 and 826 pixels across; the stills of
+MOT17-02. Rules were chosen on the first range and the first half. A detector looks at each picture with every number of
+tiles across; then each rule says which number it would have taken from what was found, without a label, and the labels
+say what that would have brought. Precision and recall hold at score 0.3.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
+import cv2
 import numpy as np
 from detection_accuracy import LOWEST_SCORE, labelled, recall_by_height, video_in
 
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.features.networks.exported import open_detector
-from tsuiseki.tracking.features.view_choice import WORTH, most_columns
+from tsuiseki.tracking.features.view_choice import ENLARGED_SCALE, LARGEST_SCALE, WORTH, most_columns, worth_more
 from tsuiseki.tracking.features.views import TiledDetector, view_of
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
@@ -81,8 +82,13 @@ def sets(data: Path) -> Iterator[tuple[str, Callable[[], Iterator[tuple[ImageArr
             yield f"{name}, {use}", lambda size=size, first=first, count=count: generated(size, first, count)  # type: ignore[misc]
     moving = data / "mot" / "mot17-13-video"
     if moving.is_dir():
-        yield "MOT17-13, chosen on", lambda: labelled(video_in(moving), moving, 0, 374, 30)
-        yield "MOT17-13, judged on", lambda: labelled(video_in(moving), moving, 375, 749, 30)
+        for use, first in (("chosen on", 0), ("judged on", 375)):
+            yield f"MOT17-13, {use}", lambda first=first: half_of(moving, first)  # type: ignore[misc]
+            for wide in (640, 826):
+                yield (
+                    f"MOT17-13 in {wide}, {use}",
+                    lambda first=first, wide=wide: shrunk(half_of(moving, first), wide),  # type: ignore[misc]
+                )
         stills = data / "mot" / "mot17-02-stills"
         yield "MOT17-02, judged on", lambda: labelled(stills, stills, 0, 3, 1)
 
@@ -95,14 +101,32 @@ def generated(size: tuple[int, int], first: int, count: int) -> Iterator[tuple[I
         yield image, LabelledBoxes(boxes, visibility < 0.25)
 
 
+def half_of(moving: Path, first: int) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
+    """Every thirtieth of 375 frames."""
+    return labelled(video_in(moving), moving, first, first + 374, 30)
+
+
+def shrunk(
+    pictures: Iterator[tuple[ImageArray, LabelledBoxes]], width: int
+) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
+    """The pictures as a camera of ``width`` pixels across would have seen them."""
+    for image, truth in pictures:
+        scale = width / image.shape[1]
+        small = cv2.resize(image, (width, round(image.shape[0] * scale)), interpolation=cv2.INTER_AREA)
+        yield np.asarray(small, dtype=np.uint8), LabelledBoxes(truth.boxes * scale, truth.ignored)
+
+
 def look(image: ImageArray, truth: LabelledBoxes, path: str) -> Looked:
-    """Find people with every number of tiles across that the detector's input can tell apart."""
+    """Find people with every number of tiles across up to `LARGEST_SCALE`, and with more where `auto` tries them."""
     detector = open_detector(path, LOWEST_SCORE, threads=1)
     size = image.shape[:2]
     assert detector.input_size is not None
     high, wide = detector.input_size
     found, tiles, cost, scales = {}, {}, {}, {}
-    for columns in range(1, most_columns(size, detector.input_size) + 1):
+    usual, most = (most_columns(size, detector.input_size, scale) for scale in (LARGEST_SCALE, ENLARGED_SCALE))
+    for columns in range(1, most + 1):
+        if columns > usual and auto(Looked(truth, found, tiles, cost, scales)) < columns - 1:
+            break
         view = view_of((size[0], size[1]), columns, wide / high)
         start = time.process_time()
         found[columns] = TiledDetector(detector, view).detect([image])[0]
@@ -115,21 +139,31 @@ def look(image: ImageArray, truth: LabelledBoxes, path: str) -> Looked:
 def rules() -> dict[str, Callable[[Looked], int]]:
     """Ways of choosing, by name."""
     return {
-        f"grows by {WORTH:g} (auto)": lambda each: grows(each, WORTH),
-        "grows by 1.25": lambda each: grows(each, 1.25),
+        "auto": auto,
+        **{f"grows by {n:g}": lambda each, n=n: grows(each, n) for n in (WORTH, 1.25)},  # type: ignore[misc]
         **{f"smallest at {n} pixels": lambda each, n=n: smallest(each, n) for n in (25, 35, 50)},  # type: ignore[misc]
         **{f"{s:g} of those confirmed": lambda each, s=s: confirmed(each, s) for s in (0.7, 0.8, 0.9)},  # type: ignore[misc]
         "all that show more": lambda each: max(each.found),
     }
 
 
+def auto(each: Looked) -> int:
+    """As `tsuiseki.tracking.features.view_choice` does, of this picture alone."""
+    return _grown(each, lambda people, more, columns: worth_more(people, more, each.scales[columns] > LARGEST_SCALE))
+
+
 def grows(each: Looked, worth: float) -> int:
-    """One more tile across as long as the sum of the scores grows by the factor ``worth``."""
+    """One more tile across as long as the sum of the scores grows by the factor ``worth``, up to `LARGEST_SCALE`."""
+    return _grown(each, lambda people, more, columns: more > worth * people and each.scales[columns] <= LARGEST_SCALE)
+
+
+def _grown(each: Looked, worth: Callable[[float, float, int], bool]) -> int:
     chosen = 1
     for columns in range(2, max(each.found) + 1):
-        if _expected(each.found[columns]) > worth * _expected(each.found[chosen]):
+        people = _expected(each.found[chosen])
+        if worth(people, _expected(each.found[columns]), columns):
             chosen = columns
-        elif _expected(each.found[chosen]) >= 0.5:
+        elif people >= 0.5:
             break
     return chosen
 

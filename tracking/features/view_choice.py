@@ -15,10 +15,15 @@ from tsuiseki.tracking.features.networks.exported import Detect, Detector
 from tsuiseki.tracking.features.views import EVERY_TILE, MOST_COLUMNS, TiledDetector, View, view_of
 from tsuiseki.tracking.types import Detections, ImageArray
 
-# A pixel of the frame becomes at most this many of the input: a larger picture shows nothing more.
+# Up to this many pixels of the input for one of the frame, more tiles are worth their time where they find `WORTH`
+# times the people.
 LARGEST_SCALE = 1.7
-# More tiles are worth their time where they find this many times the people.
 WORTH = 1.1
+# Beyond, a tile shows no more than the frame does, but as large as the detector knows people: there tiles must find
+# this many times the people, and at least so many more.
+ENLARGED_SCALE = 4.0
+WORTH_ENLARGED = 1.5
+MORE_ENLARGED = 1.0
 _CERTAIN = 0.3
 _LOOKS = 3
 # Below this many people in a frame the look goes on: all of them may be too small so far.
@@ -67,7 +72,7 @@ def choose_view(
     """The fewest tiles beyond which more do not find more people, as far as the detector can tell.
 
     The number of people expected is the sum of the scores from 0.3 on. From the whole frame on, one more tile across
-    is taken as long as it raises that number by `WORTH`; frames that the input shows at `LARGEST_SCALE` need no tiles.
+    is taken as long as `worth_more` says so; frames that the input shows at `ENLARGED_SCALE` need no tiles.
 
     Args:
         images: the first frames, of one size; `_LOOKS` of them are looked at.
@@ -78,19 +83,36 @@ def choose_view(
     size = images[0].shape[:2]
     looked = images[:: max(1, len(images) // _LOOKS)][:_LOOKS]
     chosen, cost = view_of(size, 1, 1.0), None
-    most = most_columns(size, detector.input_size)
+    usual, most = (most_columns(size, detector.input_size, scale) for scale in (LARGEST_SCALE, ENLARGED_SCALE))
     if most == 1 or detector.input_size is None:
         return ViewChoice(chosen, None, {})
     people: dict[int, float] = {}
     for columns in range(1, most + 1):
+        if columns > usual and people[chosen.columns] < _SOMEBODY:
+            break
         view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
         found, taken = _timed(TiledDetector(detector, view, batch_size=batch_size, workers=workers), looked)
         people[columns] = sum(_expected(d) for d in found) / len(looked)
-        if columns == 1 or people[columns] > WORTH * people[chosen.columns]:
+        if columns == 1 or worth_more(people[chosen.columns], people[columns], enlarged=columns > usual):
             chosen, cost = view, taken
         elif people[chosen.columns] >= _SOMEBODY:
             break
-    return ViewChoice(chosen, cost, people)
+    # Where only enlarged tiles could be taken, the whole frame is as good as taken without trying.
+    return ViewChoice(chosen, cost if max(usual, chosen.columns) > 1 else None, people)
+
+
+def worth_more(people: float, with_more: float, enlarged: bool) -> bool:
+    """Whether more tiles are worth their time.
+
+    Args:
+        people: expected in a frame without them.
+        with_more: expected with them.
+        enlarged: whether they show the frame larger than at `LARGEST_SCALE`.
+    """
+    if enlarged:
+        somebody = people >= _SOMEBODY
+        return somebody and with_more > WORTH_ENLARGED * people and with_more - people > MORE_ENLARGED
+    return with_more > WORTH * people
 
 
 @dataclass
@@ -141,7 +163,7 @@ class ViewLooks:
 
     def __str__(self) -> str:
         said = [str(choice) if not n else f"from frame {n + 1} on {choice}" for n, choice in self.changes]
-        unseen = bool(self.choice and self.choice.people) and not self.somebody
+        unseen = self.choice is not None and len(self.choice.people) > 1 and not self.somebody
         return ", ".join(said) + (", but saw nobody at any scale" if unseen else "")
 
 
@@ -231,14 +253,20 @@ def _timed(detector: TiledDetector, images: Sequence[ImageArray]) -> tuple[list[
     return found, 1000 * (time.perf_counter() - start) / len(images)
 
 
-def most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None) -> int:
-    """Tiles across at which the input shows the frame at `LARGEST_SCALE`; 1 where the whole frame nearly does."""
+def most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None, largest: float = LARGEST_SCALE) -> int:
+    """Most tiles across at which the input shows the frame at no more than ``largest``; 1 where any show more.
+
+    Args:
+        size: height and width of the frame, pixels.
+        wanted: those of the input; None where it takes any.
+        largest: pixels of the input for one of the frame.
+    """
     if wanted is None:
         return 1
     most = 1
     for columns in range(2, MOST_COLUMNS + 1):
         x1, y1, x2, y2 = view_of((size[0], size[1]), columns, wanted[1] / wanted[0]).tiles[-1].tolist()
-        if min(wanted[1] / max(x2 - x1, 1), wanted[0] / max(y2 - y1, 1)) > LARGEST_SCALE:
+        if min(wanted[1] / max(x2 - x1, 1), wanted[0] / max(y2 - y1, 1)) > largest:
             break
         most = columns
     return most

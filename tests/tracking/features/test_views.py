@@ -118,12 +118,32 @@ def test_as_many_tiles_are_taken_as_find_more_people(height, columns):
 
 def test_a_frame_that_the_input_shows_large_is_not_cut():
     marks = MarkDetector()
-    image = frame_with([(10, 10, 20, 50)], size=(60, 80))
-    assert ViewedDetector(marks).detect([image])[0].boxes.tolist() == [[10, 10, 20, 50]]
+    image = frame_with([(10, 10, 20, 20)], size=(24, 32))
+    assert ViewedDetector(marks).detect([image])[0].boxes.tolist() == [[10, 10, 20, 20]]
     assert marks.calls == [1]
     anything = MarkDetector()
     anything.input_size = None
     assert len(choose_view([frame_with([(10, 10, 20, 50)])], anything).view) == 1
+
+
+LARGE, TINY = [(2, 10, 8, 40), (10, 10, 16, 40), (18, 10, 24, 40)], [(x, 20, x + 2, 24) for x in (30, 36, 42, 48, 54)]
+
+
+@pytest.mark.parametrize(
+    ("people", "columns"),
+    [
+        (LARGE[:1] + TINY[:3], 2),  # four for one
+        (LARGE[:1] + TINY[:1], 1),  # twice as many, but only one more
+        (LARGE[:3] + TINY[:1], 1),  # one more, but few for what it costs
+        (TINY, 1),  # nobody to tell that this is a place with people
+    ],
+)
+def test_a_frame_is_enlarged_in_tiles_where_these_find_clearly_more(people, columns):
+    # The whole frame is shown 1.3 times as large, two tiles across 2.4 times.
+    choice = choose_view([frame_with(people, size=(45, 60))], MarkDetector())
+    assert choice.view.columns == columns
+    # One more is tried than is taken, if anybody is there.
+    assert list(choice.people) == ([1] if people == TINY else list(range(1, columns + 2)))
 
 
 SMALL = [(30, 30, 36, 50), (200, 150, 206, 172), (100, 100, 106, 121)]
