@@ -122,7 +122,10 @@ def look(image: ImageArray, truth: LabelledBoxes, path: str) -> Looked:
     size = image.shape[:2]
     assert detector.input_size is not None
     high, wide = detector.input_size
-    found, tiles, cost, scales = {}, {}, {}, {}
+    found: dict[int, Detections] = {}
+    tiles: dict[int, int] = {}
+    cost: dict[int, float] = {}
+    scales: dict[int, float] = {}
     usual, most = (most_columns(size, detector.input_size, scale) for scale in (LARGEST_SCALE, ENLARGED_SCALE))
     for columns in range(1, most + 1):
         if columns > usual and auto(Looked(truth, found, tiles, cost, scales)) < columns - 1:
