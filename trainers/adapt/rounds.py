@@ -34,8 +34,9 @@ from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
-# Agreement must rise by this much for a round to be better.
-_BETTER = 0.002
+# Agreement must rise by this much for a round to be better: at first by more, since a detector that has learnt from
+# tracks agrees with tracks a little more whether it is better or not.
+_BETTER, _BETTER_AT_FIRST = 0.002, 0.02
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,8 @@ def resumed(work: Path, key: dict[str, Any]) -> bool:
 
 def better(later: Round, earlier: Round) -> bool:
     """Whether a round agrees with its tracks clearly more."""
-    return later.scores.agreement > earlier.scores.agreement + _BETTER
+    rise = _BETTER if earlier.number else _BETTER_AT_FIRST
+    return later.scores.agreement > earlier.scores.agreement + rise
 
 
 def best_of(finished: Sequence[Round]) -> Round:

@@ -18,7 +18,7 @@ from tsuiseki.trainers.adapt import rounds as module
 from tsuiseki.trainers.adapt.camera import Camera, open_camera
 from tsuiseki.trainers.adapt.find import Found, Models
 from tsuiseki.trainers.adapt.linking import LinkScores
-from tsuiseki.trainers.adapt.rounds import Adaptation, best_of, resumed, rounds
+from tsuiseki.trainers.adapt.rounds import Adaptation, best_of, better, resumed, rounds
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
 
@@ -72,6 +72,15 @@ def test_the_best_round_is_kept(adaptation: Callable[[list[Found]], Adaptation])
     assert [here.number for here in finished] == [0, 1, 2]
     assert best_of(finished).number == 1
     assert finished[1].scores.agreement > finished[2].scores.agreement > finished[0].scores.agreement
+
+
+def test_the_first_round_must_be_better_by_more(adaptation: Callable[[list[Found]], Adaptation]) -> None:
+    start, first = rounds(adaptation([seeing(2, 3.0), seeing(2, 1.0)]))
+    for rise, kept in ((0.019, 0), (0.021, 1)):
+        learnt = replace(first, scores=replace(first.scores, agreement=start.scores.agreement + rise))
+        assert best_of([start, learnt]).number == kept
+        again = replace(learnt, number=2, scores=replace(first.scores, agreement=learnt.scores.agreement + 0.003))
+        assert better(again, learnt)
 
 
 def test_a_collapse_stops_and_is_not_kept(adaptation: Callable[[list[Found]], Adaptation]) -> None:
