@@ -67,23 +67,26 @@ class ViewChoice:
 
 
 def choose_view(
-    images: Sequence[ImageArray], detector: SizedDetect, batch_size: int = 4, workers: int = 1
+    images: Sequence[ImageArray], detector: SizedDetect, batch_size: int = 4, workers: int = 1, enlarge: bool = True
 ) -> ViewChoice:
     """The fewest tiles beyond which more do not find more people, as far as the detector can tell.
 
     The number of people expected is the sum of the scores from 0.3 on. From the whole frame on, one more tile across
-    is taken as long as `worth_more` says so; frames that the input shows at `ENLARGED_SCALE` need no tiles.
+    is taken as long as `worth_more` says so; frames that two tiles across show larger than at the largest scale stay
+    whole.
 
     Args:
         images: the first frames, of one size; `_LOOKS` of them are looked at.
         detector: finds people.
         batch_size: most pictures of one call of ``detector``.
         workers: calls of it at a time.
+        enlarge: whether tiles may show the frame at up to `ENLARGED_SCALE`, and not `LARGEST_SCALE` alone.
     """
     size = images[0].shape[:2]
     looked = images[:: max(1, len(images) // _LOOKS)][:_LOOKS]
     chosen, cost = view_of(size, 1, 1.0), None
-    usual, most = (most_columns(size, detector.input_size, scale) for scale in (LARGEST_SCALE, ENLARGED_SCALE))
+    usual = most_columns(size, detector.input_size)
+    most = most_columns(size, detector.input_size, ENLARGED_SCALE) if enlarge else usual
     if most == 1 or detector.input_size is None:
         return ViewChoice(chosen, None, {})
     people: dict[int, float] = {}
@@ -97,8 +100,7 @@ def choose_view(
             chosen, cost = view, taken
         elif people[chosen.columns] >= _SOMEBODY:
             break
-    # Where only enlarged tiles could be taken, the whole frame is as good as taken without trying.
-    return ViewChoice(chosen, cost if max(usual, chosen.columns) > 1 else None, people)
+    return ViewChoice(chosen, cost, people)
 
 
 def worth_more(people: float, with_more: float, enlarged: bool) -> bool:
@@ -126,6 +128,7 @@ class ViewLooks:
         changes: 0-based frame, counted from the first one seen, from which each view was taken.
         frames: seen so far.
         due: frame of the next look; None where none is needed any more.
+        enlarge: see `choose_view`.
     """
 
     frame_rate: float
@@ -134,6 +137,7 @@ class ViewLooks:
     changes: list[tuple[int, ViewChoice]] = field(default_factory=list)
     frames: int = 0
     due: float | None = 0.0
+    enlarge: bool = True
     _wait: float = _FIRST_WAIT
 
     def take(
@@ -142,7 +146,8 @@ class ViewLooks:
         """The view of ``images``, the next ones of the video, after a look where one is due."""
         if self.choice is None or (self.due is not None and self.frames >= self.due):
             # The first frames lie side by side; later ones are looked at one by one.
-            self._add(choose_view(images if self.choice is None else images[:1], detector, batch_size, workers))
+            looked = images if self.choice is None else images[:1]
+            self._add(choose_view(looked, detector, batch_size, workers, self.enlarge))
         assert self.choice is not None
         self.frames += len(images)
         return self.choice
@@ -175,6 +180,8 @@ class ViewedDetector:
         wanted: tiles across and down (None: as many as cover the frame), see `parse_view`; by default chosen by looks.
         batch_size: most pictures of one call of ``detector``.
         frame_rate: frames a second, by which the looks are spread.
+        enlarge: see `choose_view`. One that has learnt its camera knows people as large as they are there, and never
+            sees them larger.
 
     Attributes:
         looks: at the frames of each height and width.
@@ -186,7 +193,9 @@ class ViewedDetector:
         wanted: tuple[int, int | None] | None = None,
         batch_size: int = 4,
         frame_rate: float = 25.0,
+        enlarge: bool = True,
     ) -> None:
+        self.enlarge = enlarge and not (isinstance(detector, Detector) and detector.calibrated)
         self.detector, self.wanted, self.batch_size, self.frame_rate = detector, wanted, batch_size, frame_rate
         self.looks: dict[tuple[int, ...], ViewLooks] = {}
 
@@ -204,7 +213,7 @@ class ViewedDetector:
         """The view for ``images``, the next ones of a video, which are counted; see `prepared`."""
         size = images[0].shape[:2]
         if size not in self.looks:
-            self.looks[size] = ViewLooks(self.frame_rate)
+            self.looks[size] = ViewLooks(self.frame_rate, enlarge=self.enlarge)
             if self.wanted is not None:
                 choice = self._as_wanted(self.wanted, images[0])
                 self.looks[size] = ViewLooks(self.frame_rate, choice, changes=[(0, choice)], due=None)
@@ -254,7 +263,7 @@ def _timed(detector: TiledDetector, images: Sequence[ImageArray]) -> tuple[list[
 
 
 def most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None, largest: float = LARGEST_SCALE) -> int:
-    """Most tiles across at which the input shows the frame at no more than ``largest``; 1 where any show more.
+    """Most tiles across at which the input shows the frame at no more than ``largest``; 1 where two show more.
 
     Args:
         size: height and width of the frame, pixels.

@@ -78,7 +78,8 @@ def find(watched: Watched, models: Models, score_threshold: float, view: str, th
 
     given = models.detector
     looking = open_detector(given, LOWEST_SCORE, threads=1) if isinstance(given, Path) else given
-    detector = ViewedDetector(looking, parse_view(view), frame_rate=watched.frame_rate)
+    # What is learnt is to know people as large as this camera shows them, so nothing is enlarged.
+    detector = ViewedDetector(looking, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
     describe = open_appearance(models.appearance or shipped("appearance_people"), 1)
     camera = StandingCamera()
     inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=threads)

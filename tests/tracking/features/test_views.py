@@ -126,24 +126,36 @@ def test_a_frame_that_the_input_shows_large_is_not_cut():
     assert len(choose_view([frame_with([(10, 10, 20, 50)])], anything).view) == 1
 
 
-LARGE, TINY = [(2, 10, 8, 40), (10, 10, 16, 40), (18, 10, 24, 40)], [(x, 20, x + 2, 24) for x in (30, 36, 42, 48, 54)]
+LARGE = [(x, 10, x + 4, 40) for x in (2, 8, 14, 20, 26)]
+TINY = [(x, 20, x + 2, 24) for x in (36, 42, 48, 54)]
+# The input shows the whole frame 1.3 times as large, and two tiles across 2.4 times.
+LOW = (45, 60)
 
 
 @pytest.mark.parametrize(
     ("people", "columns"),
     [
         (LARGE[:1] + TINY[:3], 2),  # four for one
+        (LARGE[:3] + TINY[:2], 2),  # five for three
+        (LARGE + TINY[:2], 1),  # seven for five are few for what it costs
         (LARGE[:1] + TINY[:1], 1),  # twice as many, but only one more
-        (LARGE[:3] + TINY[:1], 1),  # one more, but few for what it costs
         (TINY, 1),  # nobody to tell that this is a place with people
     ],
 )
 def test_a_frame_is_enlarged_in_tiles_where_these_find_clearly_more(people, columns):
-    # The whole frame is shown 1.3 times as large, two tiles across 2.4 times.
-    choice = choose_view([frame_with(people, size=(45, 60))], MarkDetector())
+    choice = choose_view([frame_with(people, size=LOW)], MarkDetector())
     assert choice.view.columns == columns
     # One more is tried than is taken, if anybody is there.
     assert list(choice.people) == ([1] if people == TINY else list(range(1, columns + 2)))
+    assert re.fullmatch(r"(the whole frame|5 tiles a frame), about \d+ ms a frame", str(choice))
+
+
+def test_enlarged_tiles_come_with_somebody_and_can_be_ruled_out():
+    empty, crowd = frame_with([], size=LOW), frame_with(LARGE[:1] + TINY[:3], size=LOW)
+    columns, viewed = seen([empty] * 3 + [crowd] * 5)
+    assert columns == [1] * 3 + [2] * 5
+    assert re.fullmatch(r"the whole frame, .*, from frame 4 on 5 tiles a frame, about \d+ ms a frame", viewed.summary)
+    assert ViewedDetector(MarkDetector(), enlarge=False).prepare([crowd]).view.columns == 1
 
 
 SMALL = [(30, 30, 36, 50), (200, 150, 206, 172), (100, 100, 106, 121)]

@@ -128,7 +128,8 @@ class DroneModels:
             raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
         paths: dict[str, Path | None] = {"detections": _file(finding.detections), "tracks": tracks}
         given = None if tracks is None else read_given_tracks(tracks, source)
-        detect = finding.detect(source, "detector_drone") if given is None else as_detections(given)[0]
+        # Who is seen from a drone is small to begin with: enlarged tiles find people in every bush.
+        detect = finding.detect(source, "detector_drone", enlarge=False) if given is None else as_detections(given)[0]
         if not isinstance(detect, list):
             paths["detector"] = _detector_file(finding.detector)
         looked = shipped("appearance_people") if appearance is None else appearance
