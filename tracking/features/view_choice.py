@@ -184,6 +184,7 @@ class ViewedDetector:
             sees them larger.
 
     Attributes:
+        enlarge: as given, but never for such a one.
         looks: at the frames of each height and width.
     """
 

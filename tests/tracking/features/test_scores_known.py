@@ -40,6 +40,11 @@ def test_scores_of_an_own_camera_are_probabilities(own_camera: Path) -> None:
         assert scores_are_probabilities(given)
 
 
+def test_a_detector_that_has_learnt_its_camera_is_shown_nothing_enlarged(own_camera: Path) -> None:
+    for path, enlarge in ((shipped("detector_street"), True), (own_camera, False)):
+        assert ViewedDetector(open_detector(path, threads=1)).enlarge is enlarge
+
+
 def test_of_any_other_detector_nobody_knows() -> None:
     for given in (None, lambda image: image):
         assert not knows_scores(given)

@@ -13,6 +13,7 @@ from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks.exported import Detect
 from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike, as_describer
+from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
 from tsuiseki.tracking.pipelines.drone.observations import Observers
 from tsuiseki.tracking.pipelines.people.finding import NONE, GivenDetections, people_detect
@@ -128,8 +129,10 @@ class DroneModels:
             raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
         paths: dict[str, Path | None] = {"detections": _file(finding.detections), "tracks": tracks}
         given = None if tracks is None else read_given_tracks(tracks, source)
-        # Who is seen from a drone is small to begin with: enlarged tiles find people in every bush.
-        detect = finding.detect(source, "detector_drone", enlarge=False) if given is None else as_detections(given)[0]
+        detect = finding.detect(source, "detector_drone") if given is None else as_detections(given)[0]
+        if isinstance(detect, ViewedDetector):
+            # Who is seen from a drone is small to begin with: enlarged tiles find people in every bush.
+            detect.enlarge = False
         if not isinstance(detect, list):
             paths["detector"] = _detector_file(finding.detector)
         looked = shipped("appearance_people") if appearance is None else appearance

@@ -91,16 +91,13 @@ class FindingOptions(Detecting):
     def _file(self, default: str) -> Path:
         return shipped(default) if self.detector is None else shipped_or_file("detector", self.detector)
 
-    def detect(
-        self, source: Source, default: str, threads: int | None = None, enlarge: bool = True
-    ) -> Detect | list[Detections]:
+    def detect(self, source: Source, default: str, threads: int | None = None) -> Detect | list[Detections]:
         """The given detections, or what finds people.
 
         Args:
             source: the video.
             default: name of the shipped detector to take where none is given.
             threads: of one call of the detector; by default all that the user gives.
-            enlarge: whether `view` ``auto`` may take tiles that enlarge the frame; see `choose_view`.
         """
         from tsuiseki.tracking.features.networks.exported import open_detector
         from tsuiseki.tracking.features.view_choice import ViewedDetector
@@ -112,11 +109,7 @@ class FindingOptions(Detecting):
             return people_detect(source, self.detections, None, Path(), score_range=self.score_range)
         path, threads = self._file(default), self.threads if threads is None else threads
         found = open_detector(path, self.score_threshold, threads=threads, options=self.detector_options)
-        return (
-            found
-            if wanted == (1, None)
-            else ViewedDetector(found, wanted, frame_rate=source.frame_rate, enlarge=enlarge)
-        )
+        return found if wanted == (1, None) else ViewedDetector(found, wanted, frame_rate=source.frame_rate)
 
 
 def check_score_range(score_range: tuple[float, float] | None) -> None:

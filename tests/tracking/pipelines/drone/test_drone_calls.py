@@ -11,6 +11,7 @@ import pytest
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.pipelines.drone.models import DroneModels, Finding
 from tsuiseki.tracking.pipelines.drone.tracking import track_drone
@@ -64,6 +65,9 @@ def test_a_bare_word_names_a_shipped_detector(flight: Path) -> None:
         for given in ("drone", None)
     )
     assert named.key == default.key
+    detect = default.observers.detect
+    assert isinstance(detect, ViewedDetector)
+    assert not detect.enlarge
     other = DroneModels.choose(source, "flow", Finding(detector="street", threads=1), "none", bridging=None)
     assert other.key["detector"] != default.key["detector"]
     with pytest.raises(RequestError, match="of the shipped ceiling, drone, "):
