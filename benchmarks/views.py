@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-import cv2
 import numpy as np
 from detection_accuracy import LOWEST_SCORE, labelled, recall_by_height, video_in
 
@@ -31,6 +30,7 @@ from tsuiseki.tracking.features.networks.exported import open_detector
 from tsuiseki.tracking.features.view_choice import ENLARGED_SCALE, LARGEST_SCALE, WORTH, most_columns, worth_more
 from tsuiseki.tracking.features.views import TiledDetector, view_of
 from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.preprocessing import stretched
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
@@ -114,8 +114,8 @@ def shrunk(
     """The pictures as a camera of ``width`` pixels across would have seen them."""
     for image, truth in pictures:
         scale = width / image.shape[1]
-        small = cv2.resize(image, (width, round(image.shape[0] * scale)), interpolation=cv2.INTER_AREA)
-        yield np.asarray(small, dtype=np.uint8), LabelledBoxes(truth.boxes * scale, truth.ignored)
+        small, _ = stretched(image, round(image.shape[0] * scale), width)
+        yield small, LabelledBoxes(truth.boxes * scale, truth.ignored)
 
 
 def look(image: ImageArray, truth: LabelledBoxes, path: str) -> Looked:
@@ -148,7 +148,7 @@ def rules() -> dict[str, Callable[[Looked], int]]:
         **{f"grows by {n:g}": lambda each, n=n: grows(each, n) for n in (WORTH, 1.25)},  # type: ignore[misc]
         **{f"smallest at {n} pixels": lambda each, n=n: smallest(each, n) for n in (25, 35, 50)},  # type: ignore[misc]
         **{f"{s:g} of those confirmed": lambda each, s=s: confirmed(each, s) for s in (0.7, 0.8, 0.9)},  # type: ignore[misc]
-        "all that show more": lambda each: max(usual(each).found),
+        "all that show more": lambda each: max(not_enlarged(each).found),
     }
 
 
@@ -173,7 +173,7 @@ def _grown(each: Looked, worth: Callable[[float, float, int], bool]) -> int:
     return chosen
 
 
-def usual(each: Looked) -> Looked:
+def not_enlarged(each: Looked) -> Looked:
     """The picture without tiles that show it larger than at `LARGEST_SCALE`."""
     return replace(
         each, found={c: found for c, found in each.found.items() if c == 1 or each.scales[c] <= LARGEST_SCALE}
@@ -182,7 +182,7 @@ def usual(each: Looked) -> Looked:
 
 def smallest(each: Looked, pixels: float) -> int:
     """The fewest tiles that show nine tenths of those found at two numbers with ``pixels`` of the input."""
-    each = usual(each)
+    each = not_enlarged(each)
     heights = [_heights(_twice(each.found, columns)) for columns in each.found]
     every = max(heights, key=len)
     if not len(every):
@@ -193,7 +193,7 @@ def smallest(each: Looked, pixels: float) -> int:
 
 def confirmed(each: Looked, share: float) -> int:
     """The fewest tiles with a ``share`` of the most people that are found at two neighbouring numbers of tiles."""
-    each = usual(each)
+    each = not_enlarged(each)
     counts = {columns: _expected(_twice(each.found, columns)) for columns in each.found}
     return next(columns for columns, count in counts.items() if count >= share * max(counts.values()))
 
@@ -205,7 +205,7 @@ def best(each: Looked) -> int:
         precision, recall = rates([each], [columns])
         return 2 * precision * recall / max(precision + recall, 1e-9)
 
-    return max(usual(each).found, key=harmony)
+    return max(not_enlarged(each).found, key=harmony)
 
 
 def _twice(found: Found, columns: int) -> Detections:

@@ -196,7 +196,7 @@ class ViewedDetector:
         frame_rate: float = 25.0,
         enlarge: bool = True,
     ) -> None:
-        self.enlarge = enlarge and not (isinstance(detector, Detector) and detector.calibrated)
+        self.enlarge = enlarge and not scores_are_probabilities(detector)
         self.detector, self.wanted, self.batch_size, self.frame_rate = detector, wanted, batch_size, frame_rate
         self.looks: dict[tuple[int, ...], ViewLooks] = {}
 
