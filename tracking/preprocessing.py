@@ -48,6 +48,13 @@ def letterbox(
     return np.asarray(padded, dtype=np.uint8), (new_width / columns, new_height / rows)
 
 
+def enlarged(image: ImageArray, height: int, width: int) -> ImageArray:
+    """``image`` at ``height`` times ``width`` pixels, bicubic: less coarse than what networks get of small images."""
+    if image.shape[:2] == (height, width):
+        return image
+    return np.asarray(cv2.resize(image, (int(width), int(height)), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+
+
 def crop_boxes(image: ImageArray, boxes: FloatArray, height: int, width: int) -> ImageArray:
     """``(N, height, width, 3)`` crops of ``(N, 4)`` boxes, stretched; outside the image its border is repeated."""
     crops = np.empty((len(boxes), height, width, 3), dtype=np.uint8)

@@ -18,7 +18,7 @@ from tsuiseki.tracking.frame_range import parse_frames
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.features.view_choice import SizedDetect
+    from tsuiseki.tracking.features.networks.exported import SizedDetect
     from tsuiseki.trainers.adapt.camera import Camera
     from tsuiseki.trainers.adapt.kept_round import Round
     from tsuiseki.trainers.adapt.rounds import Adaptation

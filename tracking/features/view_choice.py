@@ -9,18 +9,15 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
-from tsuiseki.tracking.features.networks.exported import Detect, Detector
-from tsuiseki.tracking.features.views import EVERY_TILE, MOST_COLUMNS, TiledDetector, View, view_of
+from tsuiseki.tracking.features.networks.exported import Detector, SizedDetect
+from tsuiseki.tracking.features.views import EVERY_TILE, LARGEST_SCALE, MOST_COLUMNS, TiledDetector, View, view_of
 from tsuiseki.tracking.types import Detections, ImageArray
 
-# Up to this many pixels of the input for one of the frame, more tiles are worth their time where they find `WORTH`
-# times the people.
-LARGEST_SCALE = 1.7
+# Up to `LARGEST_SCALE` more tiles are worth their time where they find this many times the people.
 WORTH = 1.1
-# Beyond, a tile shows no more than the frame does, but as large as the detector knows people: there tiles must find
-# this many times the people, and at least so many more.
+# Beyond, up to this many pixels of the input for one of the frame, tiles must find so many times the people, and at
+# least so many more.
 ENLARGED_SCALE = 4.0
 WORTH_ENLARGED = 1.5
 MORE_ENLARGED = 1.0
@@ -31,14 +28,6 @@ _SOMEBODY = 0.5
 # Seconds from one look to the next, twice as many each time: at first while nobody was seen, at least once somebody
 # was, and at most.
 _FIRST_WAIT, _SPREAD, _LONGEST_WAIT = 0.15, 1.0, 60.0
-
-
-class SizedDetect(Detect, Protocol):
-    """A detector that knows the size of its input."""
-
-    @property
-    def input_size(self) -> tuple[int, int] | None:
-        """Height and width, pixels; None where it takes any."""
 
 
 @dataclass(frozen=True)

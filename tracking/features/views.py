@@ -17,12 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detect
+from tsuiseki.tracking.features.networks.exported import SizedDetect
 from tsuiseki.tracking.geometry import areas, intersections, suppress
+from tsuiseki.tracking.preprocessing import enlarged
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray
 
 # Share of a tile that the next one sees again: someone half as wide as a tile is whole in one of them.
 OVERLAP = 0.2
+# A tile that the input shows with more pixels than this for one of the frame tells no more than the frame does, but
+# shows people as large as the detector knows them; it is enlarged smoothly.
+LARGEST_SCALE = 1.7
 # Most tiles across that are ever asked for.
 MOST_COLUMNS = 8
 # The view of as many tiles as show more than fewer.
@@ -101,28 +105,52 @@ class TiledDetector:
         iou_threshold: of two boxes of different tiles that are taken for one person.
         batch_size: most pictures of one call of ``detector``.
         workers: calls of ``detector`` at a time; the result is the same with any number.
+
+    Attributes:
+        sizes: ``(T, 2)`` height and width at which ``detector`` gets the tiles: that of its input where this shows them
+            larger than at `LARGEST_SCALE`, as its own way to enlarge is coarser; else, and for the whole frame, as
+            they are.
     """
 
     def __init__(
-        self, detector: Detect, view: View, iou_threshold: float = 0.5, batch_size: int = 4, workers: int = 1
+        self, detector: SizedDetect, view: View, iou_threshold: float = 0.5, batch_size: int = 4, workers: int = 1
     ) -> None:
         self.detector, self.view = detector, view
+        self.sizes = _shown_sizes(view, detector.input_size)
         self.iou_threshold, self.batch_size, self.workers = iou_threshold, batch_size, workers
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the view's size, without doubles at the seams."""
-        pictures = [image[y1:y2, x1:x2] for image in images for x1, y1, x2, y2 in self.view.tiles.tolist()]
-        batches = [pictures[start : start + self.batch_size] for start in range(0, len(pictures), self.batch_size)]
+        count = len(self.view)
+        tiles = [(image, n) for image in images for n in range(count)]
+        batches = [tiles[start : start + self.batch_size] for start in range(0, len(tiles), self.batch_size)]
         if self.workers == 1 or len(batches) == 1:
-            parts = [self.detector.detect(batch) for batch in batches]
+            parts = [self._detect(batch) for batch in batches]
         else:
             with ThreadPoolExecutor(self.workers, "tsuiseki") as pool:
-                parts = list(pool.map(self.detector.detect, batches))
+                parts = list(pool.map(self._detect, batches))
         found = list(itertools.chain.from_iterable(parts))
-        count = len(self.view)
         return [
             merge(found[n * count : (n + 1) * count], self.view.tiles, self.iou_threshold) for n in range(len(images))
         ]
+
+    def _detect(self, tiles: Sequence[tuple[ImageArray, int]]) -> list[Detections]:
+        """People in each of the numbered tiles of images, in pixels of the tile."""
+        corners, sizes = self.view.tiles, self.sizes
+        pictures = [
+            enlarged(image[y1:y2, x1:x2], *sizes[n]) for image, n in tiles for x1, y1, x2, y2 in [corners[n].tolist()]
+        ]
+        scales = [np.tile(sizes[n][::-1] / (corners[n, 2:] - corners[n, :2]), 2) for _, n in tiles]
+        found = self.detector.detect(pictures)
+        return [Detections(seen.boxes / scale, seen.scores) for seen, scale in zip(found, scales, strict=True)]
+
+
+def _shown_sizes(view: View, wanted: tuple[int, int] | None) -> IntArray:
+    sizes = (view.tiles[:, 2:] - view.tiles[:, :2])[:, ::-1]
+    if wanted is not None:
+        scales = (np.array(wanted) / sizes[1:]).min(axis=1, keepdims=True)
+        sizes[1:] = np.where(scales > LARGEST_SCALE, (sizes[1:] * scales).round(), sizes[1:])
+    return sizes
 
 
 def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0.5) -> Detections:

@@ -9,8 +9,8 @@ from pathlib import Path
 from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED
 from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
-from tsuiseki.tracking.features.networks.exported import open_appearance, open_detector
-from tsuiseki.tracking.features.view_choice import SizedDetect, ViewedDetector, knows_scores
+from tsuiseki.tracking.features.networks.exported import SizedDetect, open_appearance, open_detector
+from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.pipelines.people.finding import PeopleInputs
 from tsuiseki.tracking.pipelines.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.view_choice import SizedDetect
+from tsuiseki.tracking.features.networks.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.pipelines.people.finding import NONE
 from tsuiseki.tracking.types import Detections

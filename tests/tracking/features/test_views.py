@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,10 +15,11 @@ from tsuiseki.tracking.features.views import TiledDetector, parse_view, view_of
 from tsuiseki.tracking.types import Detections, Frame
 
 INPUT = (60, 80)
+BRIGHT = 200
 
 
 class MarkDetector:
-    """Finds rectangles of one grey level each, if they are high enough once the picture is shrunk to the input."""
+    """Finds bright rectangles apart, if they are high enough once the picture is shrunk to the input."""
 
     input_size: tuple[int, int] | None = INPUT
 
@@ -31,19 +33,15 @@ class MarkDetector:
 
     def _found(self, image):
         scale = min(INPUT[0] / image.shape[0], INPUT[1] / image.shape[1])
-        boxes = []
-        for level in np.unique(image[..., 0])[1:]:
-            rows, columns = np.nonzero(image[..., 0] == level)
-            box = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
-            if (box[3] - box[1]) * scale >= self.smallest:
-                boxes.append(box)
+        _, _, marks, _ = cv2.connectedComponentsWithStats(np.uint8(image[..., 0] > BRIGHT // 2), connectivity=4)
+        boxes = [[x, y, x + wide, y + high] for x, y, wide, high, _ in marks[1:] if high * scale >= self.smallest]
         return Detections(np.array(boxes, dtype=float).reshape(-1, 4), np.full(len(boxes), 0.9))
 
 
 def frame_with(boxes, size=(240, 320)):
     image = np.zeros((*size, 3), np.uint8)
-    for level, (x1, y1, x2, y2) in enumerate(boxes, start=1):
-        image[y1:y2, x1:x2] = 3 * level
+    for x1, y1, x2, y2 in boxes:
+        image[y1:y2, x1:x2] = BRIGHT
     return image
 
 
@@ -105,6 +103,37 @@ def test_small_people_are_found_in_tiles_only_and_calls_are_batched():
     found = TiledDetector(marks, view_of((240, 320), 2, 4 / 3), batch_size=4).detect([image, image])
     assert [len(d) for d in found] == [2, 2]
     assert marks.calls == [4, 4, 2]
+
+
+class MiddleDetector:
+    """Finds one person in the middle half of each picture, and keeps what it saw."""
+
+    def __init__(self, input_size):
+        self.input_size = input_size
+        self.seen = []
+
+    def detect(self, images):
+        self.seen += images
+        shares = np.array([0.25, 0.25, 0.75, 0.75])
+        return [Detections((shares * np.tile(i.shape[1::-1], 2))[None], np.array([0.9])) for i in images]
+
+
+def test_tiles_that_the_input_shows_large_are_enlarged_smoothly():
+    image = np.random.default_rng(0).integers(0, 256, (63, 85, 3), dtype=np.uint8)
+    view = view_of(image.shape[:2], 2, 4 / 3)
+    x1, y1, x2, y2 = view.tiles[1]
+    for input_size, enlarged in (((54, 72), False), ((240, 320), True), (None, False)):
+        detector = MiddleDetector(input_size)
+        found = TiledDetector(detector, view).detect([image])[0]
+        np.testing.assert_array_equal(detector.seen[0], image)  # the whole frame stays as it is
+        tile = image[y1:y2, x1:x2]
+        if enlarged:
+            assert detector.seen[1].shape == (238, 320, 3)
+            tile = cv2.resize(tile, (320, 238), interpolation=cv2.INTER_CUBIC)
+        np.testing.assert_array_equal(detector.seen[1], tile)
+        sizes = np.tile(view.tiles[:, 2:] - view.tiles[:, :2], 2)
+        middles = view.tiles[:, [0, 1, 0, 1]] + sizes * [0.25, 0.25, 0.75, 0.75]
+        np.testing.assert_allclose(sorted(found.boxes.tolist()), sorted(middles.tolist()))
 
 
 @pytest.mark.parametrize(("height", "columns"), [(40, 1), (20, 2), (14, 3)])

@@ -32,6 +32,14 @@ class Detect(Protocol):
         """One `Detections` an image."""
 
 
+class SizedDetect(Detect, Protocol):
+    """A detector that knows the size of its input."""
+
+    @property
+    def input_size(self) -> tuple[int, int] | None:
+        """Height and width, pixels; None where it takes any."""
+
+
 @runtime_checkable
 class ChoosingDetect(Detect, Protocol):
     """A detector that chooses, while the video comes, how to look at it."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Literal, TypeAlias
 
 from tsuiseki.tracking.cameras.person_model import FloorCamera
-from tsuiseki.tracking.features.networks.exported import Detect
+from tsuiseki.tracking.features.networks.exported import Detect, SizedDetect
 from tsuiseki.tracking.features.unrolled import UnrolledDetector, UnrollingSettings
-from tsuiseki.tracking.features.view_choice import SizedDetect
 
 CeilingLook: TypeAlias = Literal["unrolled", "image"]
 # The shipped detector for each way of looking.
