@@ -219,14 +219,18 @@ class DetectionData(lightning.LightningDataModule):
                 continue
             width, height = source.size or (self.size[1], self.size[0])
             print(f"generating {source.generate} pictures into {folder}", flush=True)
-            if source.things and source.scene not in ("varied", "sparse", "aerial", "near"):
-                raise RequestError(f"{folder}: expected `things` with varied scenes and the like, got {source.scene}")
+            if source.scene in ("varied", "sparse", "aerial", "near"):
+                stock = (source.sprites, source.photographs, source.scene, source.town, source.things)
+                write_varied_images(folder, source.generate, (width, height), source.seed, *stock)
+                continue
+            given = [name for name in ("sprites", "photographs", "town", "things") if getattr(source, name)]
+            if given:
+                raise RequestError(
+                    f"{folder}: expected `{given[0]}` with a varied, sparse, aerial or near scene, got {source.scene}"
+                )
             if source.scene == "drone":
                 settings = DroneSceneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
                 write_drone_images(folder, source.generate, settings, source.seed)
-            elif source.scene in ("varied", "sparse", "aerial", "near"):
-                stock = (source.sprites, source.photographs, source.scene, source.town, source.things)
-                write_varied_images(folder, source.generate, (width, height), source.seed, *stock)
             elif source.scene == "ceiling":
                 write_panorama_images(folder, source.generate, PanoramaPictures(width, height), source.seed)
             else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -119,10 +120,15 @@ def test_shares_say_where_examples_come_from(walker: Path) -> None:
     assert module.training.shares.tolist() == [0.75, 0.25]
 
 
-def test_things_are_refused_for_scenes_that_have_none(tmp_path: Path) -> None:
-    source = Source(str(tmp_path / "generated"), generate=1, scene="street", things=True)
+@pytest.mark.parametrize(
+    ("scene", "given"),
+    [("street", {"things": True}), ("drone", {"town": True}), ("ceiling", {"sprites": "people"})],
+)
+def test_what_a_scene_does_not_show_is_refused(tmp_path: Path, scene: Any, given: dict[str, Any]) -> None:
+    source = Source(str(tmp_path / "generated"), generate=1, scene=scene, **given)
     module = DetectionData([source], [source], height=48, width=64)
-    with pytest.raises(RequestError, match="expected `things` with varied scenes and the like, got street"):
+    (name,) = given
+    with pytest.raises(RequestError, match=f"expected `{name}` with a varied, .* or near scene, got {scene}"):
         module.prepare_data()
 
 
