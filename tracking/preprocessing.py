@@ -52,7 +52,7 @@ def enlarged(image: ImageArray, height: int, width: int) -> ImageArray:
     """``image`` at ``height`` times ``width`` pixels, bicubic: less coarse than what networks get of small images."""
     if image.shape[:2] == (height, width):
         return image
-    return np.asarray(cv2.resize(image, (int(width), int(height)), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
 
 
 def crop_boxes(image: ImageArray, boxes: FloatArray, height: int, width: int) -> ImageArray:

@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -136,13 +136,14 @@ class TiledDetector:
 
     def _detect(self, tiles: Sequence[tuple[ImageArray, int]]) -> list[Detections]:
         """People in each of the numbered tiles of images, in pixels of the tile."""
-        corners, sizes = self.view.tiles, self.sizes
-        pictures = [
-            enlarged(image[y1:y2, x1:x2], *sizes[n]) for image, n in tiles for x1, y1, x2, y2 in [corners[n].tolist()]
-        ]
-        scales = [np.tile(sizes[n][::-1] / (corners[n, 2:] - corners[n, :2]), 2) for _, n in tiles]
+        pictures, scales = [], []
+        for image, n in tiles:
+            x1, y1, x2, y2 = self.view.tiles[n].tolist()
+            height, width = self.sizes[n].tolist()
+            pictures.append(enlarged(image[y1:y2, x1:x2], height, width))
+            scales.append(np.tile([width / (x2 - x1), height / (y2 - y1)], 2))
         found = self.detector.detect(pictures)
-        return [Detections(seen.boxes / scale, seen.scores) for seen, scale in zip(found, scales, strict=True)]
+        return [replace(seen, boxes=seen.boxes / scale) for seen, scale in zip(found, scales, strict=True)]
 
 
 def _shown_sizes(view: View, wanted: tuple[int, int] | None) -> IntArray:
