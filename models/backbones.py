@@ -10,14 +10,23 @@ from torch import Tensor, nn
 from torchvision.models.vgg import cfgs, make_layers
 
 TrunkName = Literal[
-    "mobilenet_v3_small", "mobilenet_v3_large", "resnet18", "resnet50", "resnet101", "wide_resnet50", "vgg16"
+    "mobilenet_v3_small",
+    "mobilenet_v3_large",
+    "mobilenet_v3_large_075",
+    "resnet18",
+    "resnet50",
+    "resnet101",
+    "wide_resnet50",
+    "vgg16",
 ]
 TRUNK_STRIDES = (8, 16, 32)
 
 # torchvision's MobileNetV3 averages batch statistics with momentum 0.01, which needs thousands of steps to settle.
 FROM_SCRATCH_MOMENTUM = 0.1
 
-_TORCHVISION_NAMES = {"wide_resnet50": "wide_resnet50_2"}
+_TORCHVISION_NAMES = {"wide_resnet50": "wide_resnet50_2", "mobilenet_v3_large_075": "mobilenet_v3_large"}
+# Three quarters of the channels (Howard et al. 2019, 6.1): half the products, and no ImageNet weights at torchvision.
+_WIDTHS = {"mobilenet_v3_large_075": 0.75}
 
 
 class Trunk(nn.Module):
@@ -60,11 +69,13 @@ def build_trunk(name: TrunkName, weights: Literal["imagenet"] | None = None) -> 
     """The trunk called ``name``, from scratch or with torchvision's ImageNet weights.
 
     Raises:
-        ValueError: there is no such trunk.
+        ValueError: there is no such trunk, or there are no such weights of it.
         ConnectionError: the weights are not on this machine and cannot be downloaded.
     """
     if name not in get_args(TrunkName):
         raise ValueError(f"expected a trunk of {', '.join(get_args(TrunkName))}; got {name!r}")
+    if name in _WIDTHS and weights is not None:
+        raise ValueError(f"there are no ImageNet weights of {name}; start from scratch with weights: null")
     if name == "vgg16" and weights is None:
         return _sequential_trunk(vgg16_layers(), (23, 30), (512, 512, 512))
     model = _classifier(name, weights)
@@ -72,6 +83,8 @@ def build_trunk(name: TrunkName, weights: Literal["imagenet"] | None = None) -> 
         trunk = _sequential_trunk(model.features, (4, 9), (24, 48, 576), fine=(2, 16))
     elif name == "mobilenet_v3_large":
         trunk = _sequential_trunk(model.features, (7, 13), (40, 112, 960), fine=(4, 24))
+    elif name == "mobilenet_v3_large_075":
+        trunk = _sequential_trunk(model.features, (7, 13), (32, 88, 720), fine=(4, 24))
     elif name == "vgg16":
         trunk = _sequential_trunk(model.features, (23, 30), (512, 512, 512))
     else:
@@ -113,8 +126,9 @@ def _sequential_trunk(
 def _classifier(name: str, weights: Literal["imagenet"] | None) -> Any:
     torchvision_name = _TORCHVISION_NAMES.get(name, name)
     enum = None if weights is None else "DEFAULT"
+    width = {"width_mult": _WIDTHS[name]} if name in _WIDTHS else {}
     try:
-        return torchvision.models.get_model(torchvision_name, weights=enum)
+        return torchvision.models.get_model(torchvision_name, weights=enum, **width)
     except (OSError, RuntimeError) as error:
         # An unreachable server is an OSError, a download that breaks off fails its checksum with a RuntimeError.
         raise ConnectionError(

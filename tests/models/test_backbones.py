@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import get_args
 from urllib.error import URLError
 
 import pytest
@@ -12,9 +13,7 @@ from torch import nn
 from tsuiseki.models.backbones import TrunkName, build_trunk
 
 
-@pytest.mark.parametrize(
-    "name", ["mobilenet_v3_small", "mobilenet_v3_large", "resnet18", "resnet50", "resnet101", "wide_resnet50", "vgg16"]
-)
+@pytest.mark.parametrize("name", get_args(TrunkName))
 def test_every_trunk_has_the_maps_it_promises(name: TrunkName) -> None:
     with torch.device("meta"):
         trunk = build_trunk(name)
@@ -40,6 +39,15 @@ def test_no_connection_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> N
     with pytest.raises(ConnectionError, match=r"ImageNet weights of resnet18.*no route to host") as caught:
         build_trunk("resnet18", "imagenet")
     assert "\n" not in str(caught.value)
+
+
+def test_a_narrower_trunk_has_its_finest_map_and_no_weights_to_start_from() -> None:
+    trunk = build_trunk("mobilenet_v3_large_075")
+    fine, _ = trunk.with_fine(torch.zeros(1, 3, 64, 96))
+    assert trunk.fine is not None
+    assert tuple(fine.shape) == (1, trunk.fine[1], 16, 24)
+    with pytest.raises(ValueError, match="no ImageNet weights of mobilenet_v3_large_075"):
+        build_trunk("mobilenet_v3_large_075", "imagenet")
 
 
 def test_an_unknown_trunk_lists_the_known() -> None:
