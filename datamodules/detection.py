@@ -201,6 +201,8 @@ class DetectionData(lightning.LightningDataModule):
         super().__init__()
         if not train or not val:
             raise RequestError("expected at least one labelled folder in data.train and in data.val")
+        for source in [*train, *val]:
+            _refuse_what_the_scene_does_not_show(source)
         self.sources = {"train": train, "val": val}
         self.card = ModelCard("detector", "", input_height=height, input_width=width, resize=resize)
         self.size = (height, width)
@@ -219,18 +221,12 @@ class DetectionData(lightning.LightningDataModule):
                 continue
             width, height = source.size or (self.size[1], self.size[0])
             print(f"generating {source.generate} pictures into {folder}", flush=True)
-            if source.scene in ("varied", "sparse", "aerial", "near"):
-                stock = (source.sprites, source.photographs, source.scene, source.town, source.things)
-                write_varied_images(folder, source.generate, (width, height), source.seed, *stock)
-                continue
-            given = [name for name in ("sprites", "photographs", "town", "things") if getattr(source, name)]
-            if given:
-                raise RequestError(
-                    f"{folder}: expected `{given[0]}` with a varied, sparse, aerial or near scene, got {source.scene}"
-                )
             if source.scene == "drone":
                 settings = DroneSceneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
                 write_drone_images(folder, source.generate, settings, source.seed)
+            elif source.scene in ("varied", "sparse", "aerial", "near"):
+                stock = (source.sprites, source.photographs, source.scene, source.town, source.things)
+                write_varied_images(folder, source.generate, (width, height), source.seed, *stock)
             elif source.scene == "ceiling":
                 write_panorama_images(folder, source.generate, PanoramaPictures(width, height), source.seed)
             else:
@@ -279,6 +275,14 @@ def collate(examples: list[Example]) -> DetectionBatch:
         labels[n, : len(example.boxes)] = np.where(example.ignored, IGNORED, PERSON)
     images = torch.from_numpy(np.stack([e.image for e in examples]))
     return DetectionBatch(images, torch.from_numpy(boxes), torch.from_numpy(labels))
+
+
+def _refuse_what_the_scene_does_not_show(source: Source) -> None:
+    given = [name for name in ("sprites", "photographs", "town", "things") if getattr(source, name)]
+    if given and source.scene in ("street", "drone", "ceiling"):
+        raise RequestError(
+            f"{source.folder}: expected `{given[0]}` with a varied, sparse, aerial or near scene, got {source.scene}"
+        )
 
 
 def _one_thread(worker: int) -> None:

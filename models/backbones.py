@@ -25,7 +25,7 @@ TRUNK_STRIDES = (8, 16, 32)
 FROM_SCRATCH_MOMENTUM = 0.1
 
 _TORCHVISION_NAMES = {"wide_resnet50": "wide_resnet50_2", "mobilenet_v3_large_075": "mobilenet_v3_large"}
-# Three quarters of the channels (Howard et al. 2019, 6.1): half the products, and no ImageNet weights at torchvision.
+# Three quarters of the channels (Howard et al. 2019, 6.1): two thirds of the products, no weights at torchvision.
 _WIDTHS = {"mobilenet_v3_large_075": 0.75}
 
 

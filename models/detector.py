@@ -113,7 +113,9 @@ class TopDown(nn.Module):
         self.fine: nn.Sequential | None = None
         if fine:
             if trunk.fine is None:
-                raise ValueError("expected a trunk called mobilenet_v3_…, which has a map of stride 4")
+                raise ValueError(
+                    "expected mobilenet_v3_small, mobilenet_v3_large or mobilenet_v3_large_075, with a map of stride 4"
+                )
             self.fine = Conv2dNormActivation(
                 trunk.fine[1], width, kernel_size=2, stride=2, padding=0, activation_layer=None
             )

@@ -126,10 +126,9 @@ def test_shares_say_where_examples_come_from(walker: Path) -> None:
 )
 def test_what_a_scene_does_not_show_is_refused(tmp_path: Path, scene: Any, given: dict[str, Any]) -> None:
     source = Source(str(tmp_path / "generated"), generate=1, scene=scene, **given)
-    module = DetectionData([source], [source], height=48, width=64)
     (name,) = given
     with pytest.raises(RequestError, match=f"expected `{name}` with a varied, .* or near scene, got {scene}"):
-        module.prepare_data()
+        DetectionData([source], [source], height=48, width=64)
 
 
 def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) -> None:

@@ -25,7 +25,8 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArra
 # Share of a tile that the next one sees again: someone half as wide as a tile is whole in one of them.
 OVERLAP = 0.2
 # A tile that the input shows with more pixels than this for one of the frame tells no more than the frame does, but
-# shows people as large as the detector knows them; it is enlarged smoothly.
+# shows people as large as the detector knows them. Up to here `tiles` goes, and `auto` for a tenth more people; beyond,
+# it is the enlarging that tells, so it is done smoothly.
 LARGEST_SCALE = 1.7
 # Most tiles across that are ever asked for.
 MOST_COLUMNS = 8

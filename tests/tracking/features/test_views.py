@@ -118,22 +118,33 @@ class MiddleDetector:
         return [Detections((shares * np.tile(i.shape[1::-1], 2))[None], np.array([0.9])) for i in images]
 
 
-def test_tiles_that_the_input_shows_large_are_enlarged_smoothly():
+# Tiles of 47 x 35 pixels, and of 33 x 63 where three stand side by side.
+@pytest.mark.parametrize(
+    ("across", "input_size", "shape"),
+    [
+        ((2, None), (54, 72), None),
+        ((2, None), (59, 80), None),
+        ((2, None), (60, 81), (60, 81)),
+        ((2, None), (240, 320), (238, 320)),
+        ((2, None), None, None),
+        ((3, 1), (240, 320), (240, 126)),
+        ((3, 1), (100, 320), None),
+    ],
+)
+def test_tiles_that_the_input_shows_large_are_enlarged_smoothly(across, input_size, shape):
     image = np.random.default_rng(0).integers(0, 256, (63, 85, 3), dtype=np.uint8)
-    view = view_of(image.shape[:2], 2, 4 / 3)
+    view = view_of(image.shape[:2], across[0], 4 / 3, across[1])
+    detector = MiddleDetector(input_size)
+    found = TiledDetector(detector, view).detect([image])[0]
+    np.testing.assert_array_equal(detector.seen[0], image)  # the whole frame stays as it is
     x1, y1, x2, y2 = view.tiles[1]
-    for input_size, enlarged in (((54, 72), False), ((240, 320), True), (None, False)):
-        detector = MiddleDetector(input_size)
-        found = TiledDetector(detector, view).detect([image])[0]
-        np.testing.assert_array_equal(detector.seen[0], image)  # the whole frame stays as it is
-        tile = image[y1:y2, x1:x2]
-        if enlarged:
-            assert detector.seen[1].shape == (238, 320, 3)
-            tile = cv2.resize(tile, (320, 238), interpolation=cv2.INTER_CUBIC)
-        np.testing.assert_array_equal(detector.seen[1], tile)
-        sizes = np.tile(view.tiles[:, 2:] - view.tiles[:, :2], 2)
-        middles = view.tiles[:, [0, 1, 0, 1]] + sizes * [0.25, 0.25, 0.75, 0.75]
-        np.testing.assert_allclose(sorted(found.boxes.tolist()), sorted(middles.tolist()))
+    tile = image[y1:y2, x1:x2]
+    if shape is not None:
+        tile = cv2.resize(tile, shape[::-1], interpolation=cv2.INTER_CUBIC)
+    np.testing.assert_array_equal(detector.seen[1], tile)
+    sizes = np.tile(view.tiles[:, 2:] - view.tiles[:, :2], 2)
+    middles = view.tiles[:, [0, 1, 0, 1]] + sizes * [0.25, 0.25, 0.75, 0.75]
+    np.testing.assert_allclose(sorted(found.boxes.tolist()), sorted(middles.tolist()))
 
 
 @pytest.mark.parametrize(("height", "columns"), [(40, 1), (20, 2), (14, 3)])
