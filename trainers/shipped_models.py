@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import shlex
 import sys
+from functools import partial
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
@@ -29,8 +31,8 @@ COMMANDS = (
     "train affinity --folders {work}/streets --detector {models}/detector_street.onnx --skips 1,2,3 "
     "--appearance {models}/appearance_people.onnx --out {models}/affinity_people.onnx",
 )
-# {assets}: bodies and clothes; {pictures}, {sparse}, {towns}, {sparse_towns}: what is rendered of them, as `data.train`
-# and `data.val` take it.
+# {assets}: bodies and clothes; {pictures}, {sparse}, {towns}, {sparse_towns}, {crisp}, {many}: what is rendered of
+# them, as `data.train` and `data.val` take it.
 RENDERED_COMMANDS = (
     "simulate sprites --assets {assets} --out {work}/sprites",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered "
@@ -48,6 +50,14 @@ RENDERED_COMMANDS = (
     "export detector --checkpoint {work}/towns/checkpoints/epoch=3.ckpt "
     "--blend {work}/rendered.onnx --float16 --height 672 --width 896 --calibrate {work}/rendered-sparse "
     "--out {models}/detector_figures.onnx --training-data 'rendered people'",
+    "train detector --config {configs}/detector_rendered.yaml --out {work}/people --model.start null "
+    "--model.trunk mobilenet_v3_large_075 --model.height 256 --model.width 320 --trainer.max_epochs 12 "
+    "--data.examples_per_epoch 1280 --model.learning_rate 0.002 --data.train {crisp} --data.val {sparse}",
+    "train detector --config {configs}/detector_people.yaml --out {work}/people-2 "
+    "--model.start {work}/people/checkpoints/last.ckpt --model.teacher {models}/detector_figures.onnx "
+    "--data.train {many} --data.val {sparse}",
+    "export detector --checkpoint {work}/people-2/checkpoints/last.ckpt --float16 --height 480 --width 640 "
+    "--calibrate {work}/rendered-sparse --out {models}/detector_people.onnx --training-data 'rendered people'",
 )
 
 
@@ -80,28 +90,54 @@ def make_models(folder: Path, assets: Path | None = None) -> dict[str, Path]:
 def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
     """The words of the commands for models in ``folder``, with people rendered of ``assets`` if there are any."""
     work = folder / "training"
+    rendered = partial(_rendered, work, assets)
+    small = rendered("towns-900", 900, 121, town=True)
+    large = rendered("towns-1280x960", 640, 321, town=True, size=(1280, 960))
+    many = [
+        rendered("things-varied", 1300, 777, town=True, things=True) | {"share": 0.35},
+        small | {"share": 0.25},
+        large | {"share": 0.2},
+        rendered("things-near", 450, 221, "near", town=True, things=True) | {"share": 0.08},
+        {"folder": str(work / "drawn"), "generate": 700, "seed": 11, "size": [640, 480], "share": 0.12},
+    ]
+    pictures = {
+        "pictures": [rendered("rendered-pictures", 1900, 21)],
+        "sparse": [rendered("rendered-sparse", 80, 41, "sparse")],
+        "towns": [rendered("towns-pictures", 1400, 121, town=True)],
+        "sparse_towns": [rendered("towns-sparse", 80, 141, "sparse", town=True)],
+        "crisp": [small | {"share": 0.6}, large | {"share": 0.4}],
+        "many": many,
+    }
     places = {
         "configs": str(resources.files("tsuiseki.configs")),
         "work": str(work),
         "models": str(folder),
         "assets": str(assets),
-        "pictures": _rendered(work / "rendered-pictures", assets, "varied", 1900, 21),
-        "sparse": _rendered(work / "rendered-sparse", assets, "sparse", 80, 41),
-        "towns": _rendered(work / "towns-pictures", assets, "varied", 1400, 121, town=True),
-        "sparse_towns": _rendered(work / "towns-sparse", assets, "sparse", 80, 141, town=True),
-    }
+    } | {name: json.dumps(footage) for name, footage in pictures.items()}
     quoted = {name: shlex.quote(place) for name, place in places.items()}
     wanted = COMMANDS if assets is None else COMMANDS + RENDERED_COMMANDS
     return [shlex.split(command.format(**quoted)) for command in wanted]
 
 
-def _rendered(folder: Path, assets: Path | None, scene: str, count: int, seed: int, town: bool = False) -> str:
-    """Footage of rendered people as `train detector` takes it, before photographs where there are some."""
-    footage = {"folder": str(folder), "generate": count, "scene": scene, "seed": seed, "size": [640, 480]}
-    footage |= {"sprites": str(folder.parent / "sprites")} | ({"town": True} if town else {})
+def _rendered(
+    work: Path,
+    assets: Path | None,
+    name: str,
+    count: int,
+    seed: int,
+    scene: str = "varied",
+    town: bool = False,
+    things: bool = False,
+    size: tuple[int, int] = (640, 480),
+) -> dict[str, Any]:
+    """Footage of rendered people as `train detector` takes it, before and among photographs where there are some."""
+    footage: dict[str, Any] = {"folder": str(work / name), "generate": count, "scene": scene, "seed": seed}
+    footage |= {"size": list(size), "sprites": str(work / "sprites")} | ({"town": True} if town else {})
     if assets is not None and _photographs(assets):
         footage["photographs"] = str(assets / "photographs")
-    return json.dumps([footage])
+        if things and (assets / "photographs" / "things").is_dir():
+            footage["things"] = True
+    return footage
 
 
 def _photographs(assets: Path) -> bool:
