@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import shlex
 import sys
-from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import yaml
 
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
@@ -32,7 +33,7 @@ COMMANDS = (
     "--appearance {models}/appearance_people.onnx --out {models}/affinity_people.onnx",
 )
 # {assets}: bodies and clothes; {pictures}, {sparse}, {towns}, {sparse_towns}, {crisp}, {many}: what is rendered of
-# them, as `data.train` and `data.val` take it.
+# them, as `data.train` and `data.val` of the configurations name it.
 RENDERED_COMMANDS = (
     "simulate sprites --assets {assets} --out {work}/sprites",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered "
@@ -43,12 +44,12 @@ RENDERED_COMMANDS = (
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-3 "
     "--model.start {work}/rendered-2/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
     "--trainer.max_epochs 14 --data.seed 9",
-    "export detector --checkpoint {work}/rendered-3/checkpoints/last.ckpt --float16 --calibrate {work}/rendered-sparse "
-    "--out {work}/rendered.onnx",
+    "export detector --checkpoint {work}/rendered-3/checkpoints/last.ckpt --float16 "
+    "--calibrate {work}/rendered-640x480-sparse --out {work}/rendered.onnx",
     "train detector --config {configs}/detector_towns.yaml --out {work}/towns --model.start {work}/rendered.onnx "
     "--data.train {towns} --data.val {sparse_towns}",
     "export detector --checkpoint {work}/towns/checkpoints/epoch=3.ckpt "
-    "--blend {work}/rendered.onnx --float16 --height 672 --width 896 --calibrate {work}/rendered-sparse "
+    "--blend {work}/rendered.onnx --float16 --height 672 --width 896 --calibrate {work}/rendered-640x480-sparse "
     "--out {models}/detector_figures.onnx --training-data 'rendered people'",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/people --model.start null "
     "--model.trunk mobilenet_v3_large_075 --model.height 256 --model.width 320 --trainer.max_epochs 12 "
@@ -57,7 +58,7 @@ RENDERED_COMMANDS = (
     "--model.start {work}/people/checkpoints/last.ckpt --model.teacher {models}/detector_figures.onnx "
     "--data.train {many} --data.val {sparse}",
     "export detector --checkpoint {work}/people-2/checkpoints/last.ckpt --float16 --height 480 --width 640 "
-    "--calibrate {work}/rendered-sparse --out {models}/detector_people.onnx --training-data 'rendered people'",
+    "--calibrate {work}/rendered-640x480-sparse --out {models}/detector_people.onnx --training-data 'rendered people'",
 )
 
 
@@ -90,22 +91,13 @@ def make_models(folder: Path, assets: Path | None = None) -> dict[str, Path]:
 def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
     """The words of the commands for models in ``folder``, with people rendered of ``assets`` if there are any."""
     work = folder / "training"
-    rendered = partial(_rendered, work, assets)
-    small = rendered("towns-900", 900, 121, town=True)
-    large = rendered("towns-1280x960", 640, 321, town=True, size=(1280, 960))
-    many = [
-        rendered("things-varied", 1300, 777, town=True, things=True) | {"share": 0.35},
-        small | {"share": 0.25},
-        large | {"share": 0.2},
-        rendered("things-near", 450, 221, "near", town=True, things=True) | {"share": 0.08},
-        {"folder": str(work / "drawn"), "generate": 700, "seed": 11, "size": [640, 480], "share": 0.12},
-    ]
+    many = _footage("detector_people", "train", work, assets)
     pictures = {
-        "pictures": [rendered("rendered-pictures", 1900, 21)],
-        "sparse": [rendered("rendered-sparse", 80, 41, "sparse")],
-        "towns": [rendered("towns-pictures", 1400, 121, town=True)],
-        "sparse_towns": [rendered("towns-sparse", 80, 141, "sparse", town=True)],
-        "crisp": [small | {"share": 0.6}, large | {"share": 0.4}],
+        "pictures": _footage("detector_rendered", "train", work, assets),
+        "sparse": _footage("detector_rendered", "val", work, assets),
+        "towns": _footage("detector_towns", "train", work, assets),
+        "sparse_towns": _footage("detector_towns", "val", work, assets),
+        "crisp": [source | {"share": share} for source, share in zip(many[1:3], (0.6, 0.4), strict=True)],
         "many": many,
     }
     places = {
@@ -119,25 +111,19 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
     return [shlex.split(command.format(**quoted)) for command in wanted]
 
 
-def _rendered(
-    work: Path,
-    assets: Path | None,
-    name: str,
-    count: int,
-    seed: int,
-    scene: str = "varied",
-    town: bool = False,
-    things: bool = False,
-    size: tuple[int, int] = (640, 480),
-) -> dict[str, Any]:
-    """Footage of rendered people as `train detector` takes it, before and among photographs where there are some."""
-    footage: dict[str, Any] = {"folder": str(work / name), "generate": count, "scene": scene, "seed": seed}
-    footage |= {"size": list(size), "sprites": str(work / "sprites")} | ({"town": True} if town else {})
-    if assets is not None and _photographs(assets):
-        footage["photographs"] = str(assets / "photographs")
-        if things and (assets / "photographs" / "things").is_dir():
-            footage["things"] = True
-    return footage
+def _footage(config: str, part: Literal["train", "val"], work: Path, assets: Path | None) -> list[dict[str, Any]]:
+    """``data.train`` or ``data.val`` of a configuration, its folders in ``work``, photographs where there are some."""
+    photographs = None if assets is None or not _photographs(assets) else assets / "photographs"
+    sources: list[dict[str, Any]]
+    sources = yaml.safe_load((resources.files("tsuiseki.configs") / f"{config}.yaml").read_text())["data"][part]
+    for source in sources:
+        for what in {"folder", "sprites"} & source.keys():
+            source[what] = str(work / Path(source[what]).name)
+        if "photographs" in source:
+            source["photographs"] = "" if photographs is None else str(photographs)
+        if "things" in source:
+            source["things"] = photographs is not None and (photographs / "things").is_dir()
+    return sources
 
 
 def _photographs(assets: Path) -> bool:
