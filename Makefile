@@ -27,7 +27,7 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/mypy benchmarks
+	$(BIN)/mypy --package benchmarks
 
 wheel: $(VENV)/.dev
 	$(BIN)/python .ci/check_wheel.py

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import platform
-import resource
-import sys
-from importlib.metadata import PackageNotFoundError, version
-
 import numpy as np
 
 from tsuiseki.tracking.types import Detections, FloatArray
@@ -81,20 +76,3 @@ def acting_look_alikes(
         blurred = rng.random((len(seen), 1)) < 0.3
         said.append(np.where(blurred, rng.beta(0.5, 2, clear.shape), clear))
     return video, said
-
-
-def machine(*packages: str) -> str:
-    """One line that says what the figures were measured on."""
-    found = []
-    for package in packages:
-        try:
-            found.append(f"{package} {version(package)}")
-        except PackageNotFoundError:
-            found.append(f"{package} not installed")
-    return f"{platform.machine()} {platform.system()}, Python {platform.python_version()}, {', '.join(found)}"
-
-
-def peak_memory() -> float:
-    """Most memory this process has held so far, in GB."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9

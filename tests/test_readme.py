@@ -19,7 +19,9 @@ def test_files_that_a_page_links_to_exist(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_configurations_and_benchmarks_that_a_page_names_exist(page: Path) -> None:
-    named = re.findall(r"\b((?:configs|benchmarks)/[\w.]+\.(?:yaml|py))", page.read_text(encoding="utf-8"))
+    named = re.findall(r"\b((?:configs|benchmarks)/[\w./]+\.(?:yaml|py))", page.read_text(encoding="utf-8"))
+    modules = re.findall(r"python -m (benchmarks(?:\.\w+)+)", page.read_text(encoding="utf-8"))
+    named += [module.replace(".", "/") + ".py" for module in modules]
     assert [name for name in named if not (REPOSITORY / name).exists()] == []
 
 

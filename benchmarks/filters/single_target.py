@@ -1,6 +1,6 @@
 """Milliseconds of CPU a frame of the trackers of one target, one thread, as ratios to OpenCV-contrib in one run.
 
-    python benchmarks/single.py --data ../shared/data --peer /path/to/venv/bin/python
+    python -m benchmarks.filters.single_target --data ../shared/data --peer /path/to/venv/bin/python
 
 The peer's environment holds `opencv-contrib-python-headless`; without `--peer` only ratios to KCF are printed. Rounds
 are interleaved (ours, peer, ours, peer, ...) and the median of each is taken; the image is decoded before the clock
@@ -35,7 +35,7 @@ from tsuiseki.tracking.trackers.single.methods import make_tracker
 from tsuiseki.tracking.types import ImageArray
 
 SEQUENCES = ("otb/Crossing", "otb/DragonBaby", "vot/bag", "uav/person12", "uav-more/group2")
-PEER_SCRIPT = Path(__file__).with_name("single_peer.py")
+PEER_SCRIPT = Path(__file__).with_name("opencv_peer.py")
 OURS: dict[str, Callable[[], SingleTracker]] = {
     "KCF fixed": lambda: KcfTracker(kcf.THESIS),
     "KCF scale search": lambda: KcfTracker(kcf.KcfSettings()),

@@ -1,6 +1,6 @@
 """What `tsuiseki track drone` costs: milliseconds a stage, and linking with actions against linking without.
 
-    OMP_NUM_THREADS=1 python benchmarks/drone.py [--people 10] [--frames 300] [--repeat 5]
+    OMP_NUM_THREADS=1 python -m benchmarks.drone.pipeline [--people 10] [--frames 300] [--repeat 5]
 
 Stages are CPU milliseconds of one thread for a 1280x720 frame with so many people, the least of the repeats. Linking,
 networks apart, is timed over all frames, the methods taking turns.
@@ -18,8 +18,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from walkers import acting_look_alikes, machine, walking_people
 
+from benchmarks.machine import machine
+from benchmarks.walkers import acting_look_alikes, walking_people
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.features.motion.camera_motion import camera_motion
@@ -29,7 +30,7 @@ from tsuiseki.tracking.pipelines.drone.tracking import METHODS, suited
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 
-WEIGHTS = Path(__file__).resolve().parent.parent / "tracking" / "weights"
+WEIGHTS = Path(__file__).resolve().parents[2] / "tracking" / "weights"
 ACTIONS = 12
 # Bounds of people's boxes in the frames that the stages are timed on, pixels.
 SMALLEST, LARGEST = 30, 90

@@ -3,7 +3,7 @@
 Both run in turn on one thread and are timed by the processor's clock, so that what else the machine does touches both
 alike; the figure to look at is the ratio. A frame weighs all particles twice, and the bare fetch
 is that of both times. Run
-`OMP_NUM_THREADS=1 python benchmarks/sphere.py`.
+`OMP_NUM_THREADS=1 python -m benchmarks.filters.sphere`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A whole frame of the tracker of bodies against the bare OpenCV calls that it cannot do without, on one thread.
 
-    OMP_NUM_THREADS=1 python benchmarks/deformable.py
+    OMP_NUM_THREADS=1 python -m benchmarks.bodies.deformable
 
 The peer is what any reader of section 3.1 would call on a 640x480 image: conversion to HSV, colour range, Canny,
 distance transform; it smooths nothing and tracks nothing. Frames of the two are interleaved in one run; times are CPU

@@ -1,6 +1,6 @@
 """What it is worth that bodies know of each other: fish followed together and each on its own, from the same edges.
 
-    OMP_NUM_THREADS=1 python benchmarks/neighbours.py [--clips 4] [--particles 500]
+    OMP_NUM_THREADS=1 python -m benchmarks.bodies.neighbours [--clips 4] [--particles 500]
 
 Generated clips of five fish, which cross often; the wide random walk of the paper's learning run, and motion learnt
 from the exact states of another clip. A fish is followed to the end when its centre never leaves the silhouette.

@@ -1,6 +1,6 @@
 """Frames a second of the online trackers on given detections, against a peer in the same run.
 
-    python benchmarks/association.py [--frames 5500] [--people 7] [--repeat 5] [--sequence FOLDER ...]
+    python -m benchmarks.association.online [--frames 5500] [--people 7] [--repeat 5] [--sequence FOLDER ...]
 
 The peers are those of roboflow's ``trackers``; ``pip install trackers`` brings them, and without it only our own
 trackers are timed. The detections are those of walking people, or of MOTChallenge folders given with ``--sequence``
@@ -18,8 +18,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from walkers import machine, walking_people
-
+from benchmarks.machine import machine
+from benchmarks.walkers import walking_people
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.trackers.base import PeopleTracker

@@ -1,4 +1,4 @@
-"""Two drawn animals that meet, for `benchmarks/animals.py`: how they walk, and what became of their identities."""
+"""Two drawn animals that meet, for `animals.py`: how they walk, and what became of their identities."""
 
 from __future__ import annotations
 

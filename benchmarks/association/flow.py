@@ -1,7 +1,7 @@
 """Seconds and memory of the flow: preparing detections, pricing links, solving, and the whole tracker.
 
-    python benchmarks/flow.py [--frames 1000] [--people 10] [--repeat 5] [--features] [--decide_every 20] [--near 0.6]
-                             [--delay 1]
+    python -m benchmarks.association.flow [--frames 1000] [--people 10] [--repeat 5] [--features]
+        [--decide_every 20] [--near 0.6] [--delay 1]
 
 ``build`` finds and prices the links and makes the first network, ``solve`` is our call, and ``bare`` is what the peer,
 OR-tools' cost-scaling push-relabel (`pip install ortools`), takes for the same network once it has it. With
@@ -22,8 +22,9 @@ from typing import TypeVar
 
 import numpy as np
 from ortools.graph.python import min_cost_flow
-from walkers import machine, peak_memory, walking_people
 
+from benchmarks.machine import machine, peak_memory
+from benchmarks.walkers import walking_people
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.association.flow.network_flow import FlowGraph, scaled
 from tsuiseki.tracking.association.flow.seen import Seen

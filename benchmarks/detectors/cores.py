@@ -1,6 +1,6 @@
 """What a second core brings `tsuiseki track people`: whole commands, start and report included, on one core and on all.
 
-    python benchmarks/cores.py SOURCE [--frames 1-300] [--repeat 3] [--threads 1 0] [--pin]
+    python -m benchmarks.detectors.cores SOURCE [--frames 1-300] [--repeat 3] [--threads 1 0] [--pin]
 
 The commands take turns, so that a machine that slows down slows all of them. Told are the wall-clock and CPU seconds of
 the fastest turn, the ratio of the wall-clock times in each turn, how many processes wanted a core, the seconds of each
@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from walkers import machine
+from benchmarks.machine import machine
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 All are moved alike, as silhouettes usually lie; in the last column each goes half of the way to its own, where that is
 told.
 
-    python benchmarks/adapt_boxes.py SEQUENCE [SEQUENCE ...] [--frames FIRST-LAST] [--pictures 60] [--detector FILE]
+    python -m benchmarks.detectors.adapt_boxes SEQUENCE [SEQUENCE ...] [--frames FIRST-LAST] [--pictures 60]
+        [--detector FILE]
 
 A fixed camera's sequence folders with img1/ and gt/gt.txt. Detections from a score of 0.5 on are matched to labels from
 an IoU of 0.3 on; printed are their mean IoU and the share from an IoU of 0.75 on.

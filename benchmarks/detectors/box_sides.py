@@ -1,8 +1,8 @@
 """Where boxes lie beside the labels, and what average precision would be if some sides were the labels'.
 
-    python benchmarks/box_sides.py --data ../shared/data [--detector FILE] [--every N] [--only NAME ...]
+    python -m benchmarks.detectors.box_sides --data ../shared/data [--detector FILE] [--every N] [--only NAME ...]
 
-The sequences are those of `detection_accuracy.py`. Offsets are what was found minus what is labelled, in heights of
+The sequences are those of `accuracy.py`. Offsets are what was found minus what is labelled, in heights of
 the person: the median and half of the middle half's width, over detections that score 0.3 or more and overlap a label
 by 0.4 or more. In the second line each detection near a label takes the sides named from it; scores stay.
 """
@@ -14,8 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from detection_accuracy import LOWEST_SCORE, sequences
 
+from benchmarks.detectors.accuracy import LOWEST_SCORE, sequences
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.features.networks.exported import open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector

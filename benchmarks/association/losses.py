@@ -1,6 +1,6 @@
 """Where a result loses: its scores as they are, and with places, identities, false boxes or misses put right by labels.
 
-    python benchmarks/losses.py SEQUENCE RESULT [--frames 301-400]
+    python -m benchmarks.association.losses SEQUENCE RESULT [--frames 301-400]
 
 A box of the result is of the labelled person that it is matched to in its frame (one to one, from IoU 0.5 on). A false
 box is told by what it lies on: beside a missed person (IoU from 0.2 on), on people who have their box already (IoU from

@@ -1,8 +1,9 @@
 """What a teacher's lessons gain by the mean over the mirror image: its average precision with and without it.
 
-    python benchmarks/flipped_teacher.py --data ../shared/data [--teacher FILE] [--pictures FOLDER] [--only NAME ...]
+    python -m benchmarks.detectors.flipped_teacher --data ../shared/data [--teacher FILE]
+        [--pictures FOLDER] [--only NAME ...]
 
-On the sequences of `detection_accuracy.py` and on labelled pictures in `--pictures`; whole frames fitted into 640x480.
+On the sequences of `accuracy.py` and on labelled pictures in `--pictures`; whole frames fitted into 640x480.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from detection_accuracy import sequences
 
+from benchmarks.detectors.accuracy import sequences
 from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.models.distillation import SoftTargets
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections

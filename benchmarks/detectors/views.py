@@ -1,6 +1,6 @@
 """Small people in large frames: what tiles find, by the height of the person, and which rule chooses them best.
 
-    python benchmarks/views.py [--data ../shared/data] [--detector FILE] [--only NAME ...]
+    python -m benchmarks.detectors.views [--data ../shared/data] [--detector FILE] [--only NAME ...]
 
 Pictures: generated streets in HD (1920x1080) and 4K (3840x2160) seen from 5 to 15 m, with people of 24 to 200 pixels,
 of two ranges of seeds; the two halves of MOT17-13's video, also shrunk to 640 and 826 pixels across; the stills of
@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from detection_accuracy import LOWEST_SCORE, labelled, recall_by_height, video_in
 
+from benchmarks.detectors.accuracy import LOWEST_SCORE, labelled, recall_by_height, video_in
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.features.networks.exported import open_detector

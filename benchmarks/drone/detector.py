@@ -1,6 +1,6 @@
 """Recall of exported drone detectors: on labelled clips, and of the one labelled person of a UAV123 sequence.
 
-    python benchmarks/drone_detector.py --detector tracking/weights/detector_drone.onnx [--clips DIR …]
+    python -m benchmarks.drone.detector --detector tracking/weights/detector_drone.onnx [--clips DIR …]
         [--uav ../shared/data/sot/uav/person12] [--frames 102-201] [--every 1] [--bridging] [--write-mot DIR]
 
 Clips are MOTChallenge sequences; people of whom less than 40 % shows are left out. In a sequence of UAV123 everybody

@@ -1,6 +1,6 @@
 """Milliseconds a step of the finite-set filters beside Stone Soup's SMC-PHD filter at equal particle numbers.
 
-    OMP_NUM_THREADS=1 python benchmarks/phd.py --data ../shared/data [--steps 20]
+    OMP_NUM_THREADS=1 python -m benchmarks.filters.phd --data ../shared/data [--steps 20]
 
 Stone Soup (`pip install stonesoup`) is looked for in this environment; run it with a Python that has both, or give the
 site-packages of another with PYTHONPATH. Blocks of ten scans are interleaved on the same measurements, in one run and

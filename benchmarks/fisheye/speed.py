@@ -1,6 +1,6 @@
 """The four speeds that people under a fisheye camera ask for, by the processor's clock on one thread.
 
-Run `OMP_NUM_THREADS=1 python benchmarks/fisheye.py`.
+Run `OMP_NUM_THREADS=1 python -m benchmarks.fisheye.speed`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """How well exported appearance networks tell labelled people apart, against clothing-colour histograms.
 
-    python benchmarks/appearance_transfer.py ../shared/data/mot/PETS09-S2L1-first MODEL.onnx ... --frames 301 400
+    python -m benchmarks.association.appearance_transfer ../shared/data/mot/PETS09-S2L1-first MODEL.onnx ... \
+        --frames 301 400
 
 Every labelled box is a query against all others of the stretch, without those of the same person less than
 ``--apart`` frames away; the last column is the chance that a pair of the same person up to ``--window`` frames apart

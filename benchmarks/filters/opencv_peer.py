@@ -1,6 +1,6 @@
-"""One pass of an OpenCV-contrib tracker, for `benchmarks/single.py`; runs in an environment of its own.
+"""One pass of an OpenCV-contrib tracker, for `benchmarks/filters/single_target.py`; runs in an environment of its own.
 
-    python benchmarks/single_peer.py CSRT images.txt x,y,w,h
+    python -m benchmarks.filters.opencv_peer CSRT images.txt x,y,w,h
 
 Prints the milliseconds of CPU a frame, one thread.
 """

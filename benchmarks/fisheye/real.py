@@ -8,7 +8,7 @@
 3. The detector on the same pictures: AP50 of upright boxes, and of the rotated boxes looked up for them.
 4. The ten frames tracked, by the given boxes and by the detector's, as `--method hungarian` and `flow` do.
 
-    OMP_NUM_THREADS=1 python benchmarks/fisheye_real.py --data ../shared/data/fisheye
+    OMP_NUM_THREADS=1 python -m benchmarks.fisheye.real --data ../shared/data/fisheye
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Animals that enter, leave and touch, on drawn films: OMP_NUM_THREADS=1 python benchmarks/animals.py [FILMS].
+"""Animals that enter, leave and touch, on drawn films: OMP_NUM_THREADS=1 python -m benchmarks.bodies.animals [FILMS].
 
 In each film of 100 frames two animals of unlike sizes walk about for all of it, one walks in over the border and one
 out. Printed are the frames by which an entry or an exit is reported late or early, counted from the moment when half of
@@ -8,7 +8,7 @@ Then one of four animals is larger than the others, or a film begins in the midd
 with as many tracks as animals.
 
 Then two animals meet, of unlike or the same size: they cross, touch and part, or rest side by side for 40 frames and
-part (`benchmarks/animal_contacts.py`).
+part (`benchmarks/bodies/contacts.py`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from animal_contacts import MEETINGS, Contact, meeting, told
-from walkers import machine
 
+from benchmarks.bodies.contacts import MEETINGS, Contact, meeting, told
+from benchmarks.machine import machine
 from tsuiseki.tracking.pipelines.bodies.animals import track_animals
 from tsuiseki.tracking.types import FloatArray, ImageArray
 

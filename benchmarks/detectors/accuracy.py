@@ -1,6 +1,6 @@
 """How well a detector finds people: average precision, precision and recall by the height of the person.
 
-    python benchmarks/detection_accuracy.py --data ../shared/data [--detector FILE] [--view auto] [--only NAME ...]
+    python -m benchmarks.detectors.accuracy --data ../shared/data [--detector FILE] [--view auto] [--only NAME ...]
                                             [--ground]
 
 Real sequences that no shipped detector has seen: PETS09-S2L1 (frames 1-300 and 301-400), four stills of MOT17-02, the

@@ -1,6 +1,6 @@
 """How near the tracker keeps to a ball that squashes: random walk and learnt proposals at equal numbers of particles.
 
-    OMP_NUM_THREADS=1 python benchmarks/ball.py
+    OMP_NUM_THREADS=1 python -m benchmarks.bodies.ball
 
 Motion is learnt from a wide 3,000-particle run over one clip, and again from that clip's exact states; the others are
 tested on. Errors are means over clips, seeds and frames.

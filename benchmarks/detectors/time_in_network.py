@@ -1,6 +1,6 @@
 """Where the time of the detection stage goes: the share spent inside onnxruntime.
 
-    python benchmarks/detection.py [--detector FILE] [--frames 60] [--size 640 480]
+    python -m benchmarks.detectors.time_in_network [--detector FILE] [--frames 60] [--size 640 480]
 
 Generated frames of a street go through `Detector.detect`; the session's own time is taken around its call.
 """
@@ -12,8 +12,7 @@ import itertools
 import time
 from typing import Any
 
-from walkers import machine
-
+from benchmarks.machine import machine
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, street_frames
 from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped

@@ -2,7 +2,7 @@
 
 Upright boxes of the people of whom three tenths or more are to be seen, in every fifth second of both cameras:
 
-    OMP_NUM_THREADS=1 python benchmarks/fisheye_rooms.py --calibration calib_results.txt
+    OMP_NUM_THREADS=1 python -m benchmarks.fisheye.rooms --calibration calib_results.txt
 """
 
 from __future__ import annotations

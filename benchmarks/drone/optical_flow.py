@@ -1,6 +1,6 @@
 """End-point error and CPU time of the optical flows on generated pairs whose flow is known.
 
-    python benchmarks/optical_flow.py [--peer PYTHON] [--sizes 320x240,640x480,224x224] [--pairs 3] [--repeat 1]
+    python -m benchmarks.drone.optical_flow [--peer PYTHON] [--sizes 320x240,640x480,224x224] [--pairs 3] [--repeat 1]
 
 ``--peer`` is the Python of an environment with OpenCV contrib, whose DualTVL1 then takes turns with ours, on the same
 pairs with one thread. ``pairs`` are drawn for each size and each of three strengths of motion; seeds are from 1000 on,
@@ -21,8 +21,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from walkers import machine
 
+from benchmarks.machine import machine
 from tsuiseki.datamodules.scenes.drone.flow_pairs import FlowPair, end_point_error, random_flow_pair
 from tsuiseki.tracking.features.motion.optical_flow import FLOW_METHODS, dis_flow, optical_flow
 from tsuiseki.tracking.features.motion.tv_l1 import TvL1Settings, tv_l1
