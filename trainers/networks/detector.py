@@ -8,7 +8,7 @@ from typing import Literal
 import lightning
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
-from torch import Tensor
+from torch import Tensor, nn
 from torch.optim import SGD, AdamW, Optimizer
 from torchvision.ops import batched_nms
 
@@ -84,6 +84,8 @@ class DetectorTraining(lightning.LightningModule):
         warmup_steps: of linear rise.
         final_share: of the learning rate that the cosine decay ends with.
         box_weight: of the box loss against the class loss; 2 suits complete IoU.
+        features_rate: learning rate of all but the heads, as a share of ``learning_rate``; a small one keeps what the
+            starting weights know of other places.
     """
 
     def __init__(
@@ -109,6 +111,7 @@ class DetectorTraining(lightning.LightningModule):
         warmup_steps: int = 200,
         final_share: float = 0.01,
         box_weight: float = 1.0,
+        features_rate: float = 1.0,
     ) -> None:
         super().__init__()
         self.save_hyperparameters()
@@ -130,6 +133,7 @@ class DetectorTraining(lightning.LightningModule):
         self.weight_decay = weight_decay
         self.warmup_steps = warmup_steps
         self.final_share = final_share
+        self.features_rate = features_rate
         self.register_buffer("mean", 255 * torch.tensor(self.card.mean).view(1, 3, 1, 1), persistent=False)
         self.register_buffer("std", 255 * torch.tensor(self.card.std).view(1, 3, 1, 1), persistent=False)
         self._truth: list[LabelledBoxes] = []
@@ -195,6 +199,11 @@ class DetectorTraining(lightning.LightningModule):
 
     def _optimiser(self) -> Optimizer:
         groups = decay_groups(self.network, self.weight_decay)
+        if self.features_rate != 1:
+            slower = {"lr": self.features_rate * self.learning_rate}
+            heads = nn.ModuleList([self.network.class_heads, self.network.box_heads])
+            groups = [{**group, **slower} for group in decay_groups(self.network.features, self.weight_decay)]
+            groups += decay_groups(heads, self.weight_decay)
         if self.optimiser == "sgd":
             return SGD(groups, lr=self.learning_rate, momentum=0.9, nesterov=True)
         return AdamW(groups, lr=self.learning_rate)

@@ -6,6 +6,7 @@ import itertools
 import json
 import signal
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import lightning
@@ -198,3 +199,25 @@ def test_normalisation_is_that_of_the_card() -> None:
     mean, std = (torch.tensor(v).view(1, 3, 1, 1) for v in (module.card.mean, module.card.std))
     expected = module.network(((image.permute(0, 3, 1, 2) / 255) - mean) / std)
     assert torch.allclose(module(image)[0], expected[0], atol=1e-5)
+
+
+@pytest.mark.parametrize("optimiser", ["adamw", "sgd"])
+@pytest.mark.parametrize("rate", [0.0, 0.25, 1.0])
+def test_features_learn_at_their_own_rate(rate: float, optimiser: Literal["adamw", "sgd"]) -> None:
+    module = DetectorTraining(
+        trunk="mobilenet_v3_small",
+        height=64,
+        width=64,
+        anchors=[[(12, 28)], [(20, 50)], [(30, 60)]],
+        channels=16,
+        optimiser=optimiser,
+        learning_rate=0.01,
+        features_rate=rate,
+    )
+    groups = module._optimiser().param_groups
+    rates = {id(p): group["lr"] for group in groups for p in group["params"]}
+    network = module.network
+    heads = [*network.class_heads.parameters(), *network.box_heads.parameters()]
+    assert len(rates) == len(list(network.parameters()))
+    assert {rates[id(p)] for p in heads} == {0.01}
+    assert {rates[id(p)] for p in network.features.parameters()} == {0.01 * rate}
