@@ -77,9 +77,11 @@ def _write_acting_clip(folder: Path, seed: int, frames: int = 22, people: int = 
 
 
 def pytest_configure() -> None:
-    """Where tests run in the background interrupts are ignored, and those that send one would fail."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    """In the background, and under `nohup`, such signals are ignored, and tests that send one would fail."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL, signal.SIGTERM: signal.SIG_DFL}
+    for number, handler in usual.items():
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
