@@ -236,8 +236,7 @@ class AssociationTraining(lightning.LightningModule):
         groups = decay_groups(costs, self.weight_decay)
         for part, share in parts:
             if part is not None:
-                slower = {"lr": self.learning_rate * share}
-                groups += [{**group, **slower} for group in decay_groups(part, self.weight_decay)]
+                groups += decay_groups(part, self.weight_decay, self.learning_rate * share)
         return groups
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:

@@ -198,11 +198,11 @@ class DetectorTraining(lightning.LightningModule):
         return scheduled(self._optimiser(), self.trainer, self.warmup_steps, self.final_share)
 
     def _optimiser(self) -> Optimizer:
-        groups = decay_groups(self.network, self.weight_decay)
-        if self.features_rate != 1:
-            slower = {"lr": self.features_rate * self.learning_rate}
+        if self.features_rate == 1:
+            groups = decay_groups(self.network, self.weight_decay)
+        else:
             heads = nn.ModuleList([self.network.class_heads, self.network.box_heads])
-            groups = [{**group, **slower} for group in decay_groups(self.network.features, self.weight_decay)]
+            groups = decay_groups(self.network.features, self.weight_decay, self.learning_rate * self.features_rate)
             groups += decay_groups(heads, self.weight_decay)
         if self.optimiser == "sgd":
             return SGD(groups, lr=self.learning_rate, momentum=0.9, nesterov=True)

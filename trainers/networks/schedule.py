@@ -12,12 +12,19 @@ from torch.optim import Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
 
-def decay_groups(module: nn.Module, weight_decay: float) -> list[dict[str, Any]]:
-    """The trained parameters in two groups: matrices and kernels, which decay, and the others, which do not."""
+def decay_groups(module: nn.Module, weight_decay: float, learning_rate: float | None = None) -> list[dict[str, Any]]:
+    """The trained parameters in two groups: matrices and kernels, which decay, and the others, which do not.
+
+    Args:
+        module: whose parameters.
+        weight_decay: of the first group.
+        learning_rate: of both; None is the optimiser's.
+    """
     trained = [p for p in module.parameters() if p.requires_grad]
+    own: dict[str, Any] = {} if learning_rate is None else {"lr": learning_rate}
     return [
-        {"params": [p for p in trained if p.ndim > 1], "weight_decay": weight_decay},
-        {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0},
+        {"params": [p for p in trained if p.ndim > 1], "weight_decay": weight_decay, **own},
+        {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0, **own},
     ]
 
 
