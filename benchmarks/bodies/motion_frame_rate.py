@@ -1,6 +1,6 @@
 """Whether motion learnt at one frame rate holds at another: deviations as scaled, over those that are learnt there.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.association.motion_frame_rate [--clips 6]
+    OMP_NUM_THREADS=1 python -m benchmarks.bodies.motion_frame_rate [--clips 6]
 
 Exact states of generated fish, 10 s a clip, at 15, 30 and 60 frames a second; nothing is drawn or tracked. 1.00 is a
 deviation that was predicted right.

@@ -1,7 +1,7 @@
 """How well a detector finds people: average precision, precision and recall by the height of the person.
 
     python -m benchmarks.detectors.accuracy --data ../shared/data [--detector FILE] [--view auto] [--only NAME ...]
-                                            [--ground]
+        [--ground]
 
 Real sequences that no shipped detector has seen: PETS09-S2L1 (frames 1-300 and 301-400), four stills of MOT17-02, the
 video of MOT17-13, and generated streets of other seeds than those of training (`--streets 0` leaves them out). TUD has
