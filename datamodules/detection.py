@@ -222,10 +222,12 @@ class DetectionData(lightning.LightningDataModule):
             width, height = source.size or (self.size[1], self.size[0])
             print(f"generating {source.generate} pictures into {folder}", flush=True)
             if source.scene == "drone":
-                settings = DroneSceneSettings(width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL)
+                settings = DroneSceneSettings(
+                    width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL, sun=source.sun
+                )
                 write_drone_images(folder, source.generate, settings, source.seed)
             elif source.scene in ("varied", "sparse", "aerial", "near"):
-                stock = (source.sprites, source.photographs, source.scene, source.town, source.things)
+                stock = (source.sprites, source.photographs, source.scene, source.town, source.things, source.sun)
                 write_varied_images(folder, source.generate, (width, height), source.seed, *stock)
             elif source.scene == "ceiling":
                 write_panorama_images(folder, source.generate, PanoramaPictures(width, height), source.seed)
@@ -283,6 +285,12 @@ def _refuse_what_the_scene_does_not_show(source: Source) -> None:
         raise RequestError(
             f"{source.folder}: expected `{given[0]}` with a varied, sparse, aerial or near scene, got {source.scene}"
         )
+    if source.sun and source.scene in ("street", "ceiling"):
+        raise RequestError(
+            f"{source.folder}: expected `sun` with a varied, sparse, aerial, near or drone scene, got {source.scene}"
+        )
+    if not 0 <= source.sun <= 1:
+        raise RequestError(f"{source.folder}: expected `sun` as a share in [0, 1], got {source.sun}")
 
 
 def _one_thread(worker: int) -> None:

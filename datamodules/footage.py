@@ -40,6 +40,7 @@ class Source:
             out ``things/`` to stand on them.
         town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
         things: and photographed things, which the folder of photographs must hold.
+        sun: share of the pictures in a hard sun, in [0, 1]; of all scenes but streets and rooms.
         seed: of those.
         size: their width and height, pixels; by default those of the input.
     """
@@ -55,6 +56,7 @@ class Source:
     photographs: str = ""
     town: bool = False
     things: bool = False
+    sun: float = 0.0
     seed: int = 0
     size: tuple[int, int] | None = None
 

@@ -64,6 +64,7 @@ def write_varied_images(
     scene: Literal["varied", "sparse", "aerial", "near"] = "varied",
     town: bool = False,
     things: bool = False,
+    sun: float = 0.0,
 ) -> None:
     """Render ``count`` pictures of `varied_settings`, sparse, aerial or near ones; else as `write_scene_images`.
 
@@ -77,6 +78,7 @@ def write_varied_images(
         scene: which of the four.
         town: among things of a town, too.
         things: among photographed things, too.
+        sun: share of them in a hard sun, in [0, 1].
 
     Raises:
         RequestError: fewer than one picture, the folder holds files, there is nothing in the other folders, or things
@@ -86,7 +88,7 @@ def write_varied_images(
     if things and not (stock.photographs and stock.photographs.paths["things"]):
         where = f"in {photographs}/things" if photographs else "with `things`"
         raise RequestError(f"expected photographs of things {where}, got none")
-    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, scene, town, things))
+    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, scene, town, things, sun))
 
 
 def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, seed: int) -> None:
@@ -148,6 +150,7 @@ def _varied_picture(
     scene: str,
     town: bool,
     things: bool,
+    sun: float,
     folder: Path,
     numbers: range,
 ) -> list[Labels]:
@@ -158,6 +161,7 @@ def _varied_picture(
         settings = varied_settings(rng, *size) if scene == "varied" else _OF_SCENE[scene](*size)
         settings = replace(settings, town=TOWN) if town else settings
         settings = replace(settings, things=THINGS) if things else settings
+        settings = replace(settings, sun=sun)
         labels.append(_saved(folder, number, *random_training_scene(rng, settings, stock)))
     return labels
 

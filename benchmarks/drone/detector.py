@@ -2,12 +2,14 @@
 
     python -m benchmarks.drone.detector --detector tracking/weights/detector_drone.onnx [--clips DIR …]
         [--uav ../shared/data/sot/uav/person12] [--frames 102-201] [--every 1] [--bridging] [--write-mot DIR]
+        [--precision 0.75]
 
 Clips are MOTChallenge sequences; people of whom less than 40 % shows are left out. In a sequence of UAV123 everybody
 but the labelled person is unknown, so detections beside it need not be wrong. A person is found where a detection has
 an IoU of 0.5 or more with the label; with ``--bridging`` also where a correlation filter that began at a detection
 has one, on consecutive frames. ``--write-mot`` makes a MOTChallenge sequence of those frames, with links to the
-images, to fine-tune on.
+images, to fine-tune on. ``--precision`` looks for the least score, by hundredths, at which the mean precision on the
+clips is so high, and prints the mean recall there.
 """
 
 from __future__ import annotations
@@ -27,11 +29,12 @@ from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.pipelines.drone.observations import Observers, observe
 from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
-from tsuiseki.tracking.types import BoolArray, Frame
+from tsuiseki.tracking.types import BoolArray, FloatArray, Frame
 from tsuiseki.tracking.types.labels import GroundTruth
 
 VISIBLE, OVERLAP = 0.4, 0.5
 THRESHOLDS = (0.1, 0.3, 0.5)
+SCORES = np.arange(10, 100) / 100
 
 
 def main() -> None:
@@ -44,6 +47,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--bridging", action="store_true")
     parser.add_argument("--write-mot", type=Path)
+    parser.add_argument("--precision", type=float)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     first, last = map(int, arguments.frames.split("-"))
@@ -56,6 +60,8 @@ def main() -> None:
         samples[arguments.uav.name] = uav_images(arguments.uav)[first - 1 : last]
     for name, images in samples.items():
         report(name, arguments.detector, images[:: arguments.every], BridgingSettings() if arguments.bridging else None)
+    if arguments.precision is not None:
+        at_precision(arguments.detector, [i[:: arguments.every] for i in samples.values()], arguments.precision)
 
 
 def uav_images(folder: Path) -> list[LabelledImage]:
@@ -109,6 +115,33 @@ def report(name: str, detector: Path, images: list[LabelledImage], bridging: Bri
             f"{len(images)} frames, {total / max(len(images), 1):.1f} detections a frame, "
             f"{right / max(total, 1):.3f} of them on somebody labelled"
         )
+
+
+def at_precision(detector: Path, clips: list[list[LabelledImage]], wanted: float) -> None:
+    """Print the mean recall where the mean precision is ``wanted``."""
+    network = Detector(detector, float(SCORES[0]), threads=1)
+    found = [scored(network, images) for images in clips]
+    for score in SCORES:
+        recalls = [(hit_by >= score).mean() for _, _, hit_by in found]
+        precisions = [right[scores >= score].mean() for scores, right, _ in found]
+        if np.mean(precisions) >= wanted:
+            recall, precision = np.mean(recalls), np.mean(precisions)
+            print(f"{len(clips)} clips, score >= {score:.2f}: mean recall {recall:.3f}, mean precision {precision:.3f}")
+            return
+    print(f"{len(clips)} clips: a mean precision of {wanted} is not reached at any score")
+
+
+def scored(detector: Detector, images: list[LabelledImage]) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Scores ``(N,)`` of detections, whether each is on somebody, and of each person the best score on him or 0."""
+    scores, right, hit_by = [], [], []
+    for sample in images:
+        (kept,) = detector.detect([read_image(sample.path)])
+        counted = ~sample.ignored & (sample.visibility >= VISIBLE)
+        overlapping: BoolArray = iou_matrix(kept.boxes, sample.boxes) >= OVERLAP
+        scores.append(kept.scores)
+        right.append(overlapping.any(axis=1))
+        hit_by.append((overlapping * kept.scores[:, None]).max(axis=0, initial=0.0)[counted])
+    return np.concatenate(scores), np.concatenate(right), np.concatenate(hit_by)
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ from tsuiseki.tracking.pipelines.drone.models import DroneMethod
 from tsuiseki.tracking.pipelines.drone.tracking import METHODS, suited
 from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped
 
 WEIGHTS = Path(__file__).resolve().parents[2] / "tracking" / "weights"
 ACTIONS = 12
@@ -57,9 +58,8 @@ def stages(people: int, repeat: int) -> dict[str, float]:
     recogniser = ActionRecogniser(names, threads=1)
     appearance = Appearance(WEIGHTS / "appearance_people.onnx", threads=1)
     steps: dict[str, Callable[[], Any]] = {}
-    if (WEIGHTS / "detector_drone.onnx").is_file():
-        detector = Detector(WEIGHTS / "detector_drone.onnx", threads=1)
-        steps["detect"] = lambda: detector.detect([image])
+    detector = Detector(shipped(DRONE_DETECTOR), threads=1)
+    steps["detect"] = lambda: detector.detect([image])
     steps |= {
         "camera motion": lambda: camera_motion(before, image, people=boxes),
         "optical flow": lambda: recogniser.flow([before, image]),

@@ -131,6 +131,30 @@ def test_what_a_scene_does_not_show_is_refused(tmp_path: Path, scene: Any, given
         DetectionData([source], [source], height=48, width=64)
 
 
+@pytest.mark.parametrize("scene", ["street", "ceiling"])
+def test_no_sun_shines_where_the_scene_has_none(tmp_path: Path, scene: Any) -> None:
+    source = Source(str(tmp_path / "generated"), generate=1, scene=scene, sun=0.5)
+    with pytest.raises(RequestError, match=f"expected `sun` with a varied, .* or drone scene, got {scene}"):
+        DetectionData([source], [source], height=48, width=64)
+
+
+def test_the_share_of_sun_is_one(tmp_path: Path) -> None:
+    source = Source(str(tmp_path / "generated"), generate=1, scene="drone", sun=1.5)
+    with pytest.raises(RequestError, match=r"expected `sun` as a share in \[0, 1\], got 1.5"):
+        DetectionData([source], [source], height=48, width=64)
+
+
+@pytest.mark.parametrize("scene", ["varied", "drone"])
+def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Path, scene: Any) -> None:
+    for name, sun in (("without", 0.0), ("with", 1.0)):
+        source = Source(str(tmp_path / name), generate=2, scene=scene, size=(96, 64), seed=2, sun=sun)
+        DetectionData([source], [source], height=64, width=96).prepare_data()
+    without, sunny = (read_ground_truth(tmp_path / name / "gt" / "gt.txt") for name in ("without", "with"))
+    np.testing.assert_array_equal(without.boxes, sunny.boxes)
+    image = "img1/000001.jpg"
+    assert (tmp_path / "without" / image).read_bytes() != (tmp_path / "with" / image).read_bytes()
+
+
 def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) -> None:
     folder = tmp_path / "generated"
     source = Source(str(folder), generate=3, seed=5)

@@ -10,6 +10,8 @@ from tsuiseki.tracking.errors import RequestError
 FOLDER = Path(__file__).resolve().parent
 # The detector of people that is taken where none is given.
 PEOPLE_DETECTOR = "detector_figures"
+# The same of people under a drone.
+DRONE_DETECTOR = "detector_drone"
 
 
 def shipped(name: str) -> Path:

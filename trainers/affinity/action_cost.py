@@ -41,7 +41,7 @@ from tsuiseki.tracking.trackers.drone import DroneSettings
 from tsuiseki.tracking.trackers.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.tracking.weights import shipped, shipped_or_file
+from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
 from tsuiseki.trainers.affinity.affinity_samples import NOBODY, match_boxes
 
 
@@ -171,7 +171,7 @@ def fit_action_costs(
         out: YAML file to write.
         actions: exported action streams, separated by commas; by default the shipped ones.
         appearance: exported appearance network; by default the shipped one.
-        detector: exported detector, or the name of a shipped one; by default drone.
+        detector: exported detector, or the name of a shipped one; by default that of `track drone`.
         cache: folder that keeps what the networks say.
         scored: sequences, or folders of them, that the costs are to be scored on; refused where one of them is fitted
             to, by its labels, wherever it lies.
@@ -185,7 +185,7 @@ def fit_action_costs(
     check_apart(sequences, [s for folder in scored or [] for s in find_sequences(folder)])
     streams = actions or [shipped(f"action_drone_{name}") for name in STREAMS]
     appearance = appearance or shipped("appearance_people")
-    detector = shipped("detector_drone") if detector is None else shipped_or_file("detector", detector)
+    detector = shipped(DRONE_DETECTOR) if detector is None else shipped_or_file("detector", detector)
     camera = CameraMotionSettings()
     observers = Observers(Detector(detector), Appearance(appearance), ActionRecogniser(streams), camera)
     key = {str(n): file_digest(path) for n, path in enumerate([*streams, appearance, detector])} | {

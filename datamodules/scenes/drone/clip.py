@@ -22,7 +22,7 @@ from tsuiseki.datamodules.scenes.render.degrade import random_degradation, senso
 from tsuiseki.datamodules.scenes.render.ground import random_ground
 from tsuiseki.datamodules.scenes.render.insertion import draw_things
 from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing
-from tsuiseki.datamodules.scenes.render.shading import Light, random_light
+from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
 from tsuiseki.datamodules.scenes.street.clutter import bush, crate
 from tsuiseki.datamodules.scenes.street.staging import reach_of
 from tsuiseki.datamodules.scenes.street.street import FrameTruth
@@ -55,6 +55,7 @@ class DroneSceneSettings:
         tilt: (flattest, steepest) view under the horizon, degrees.
         focal: (shortest, longest) focal length in widths of the image.
         look_alikes: probability of being dressed much like somebody else.
+        sun: probability of a clip in a hard sun.
         clutter: bushes and boxes that stand about.
         shutter: share of the time between two frames for which the shutter is open, and motion blurs.
         blur: standard deviation of the lens's blur, pixels.
@@ -73,6 +74,7 @@ class DroneSceneSettings:
     tilt: tuple[float, float] = (45.0, 90.0)
     focal: tuple[float, float] = (1.0, 2.0)
     look_alikes: float = 0.3
+    sun: float = 0.0
     clutter: int = 4
     shutter: float = 0.5
     blur: float = 0.6
@@ -81,13 +83,13 @@ class DroneSceneSettings:
     samples: int = 2
 
     def __post_init__(self) -> None:
-        shares = (self.look_alikes, self.shutter)
+        shares = (self.look_alikes, self.sun, self.shutter)
         own = (
             (self.camera in MOTIONS, f"a camera of {', '.join(MOTIONS)}", self.camera),
             (3 <= self.altitude[0] <= self.altitude[1], "altitude as (lowest, highest) from 3 m", self.altitude),
             (45 <= self.tilt[0] <= self.tilt[1] <= 90, "tilt as (flattest, steepest) within 45-90", self.tilt),
             (0 < self.focal[0] <= self.focal[1], "focal as (shortest, longest)", self.focal),
-            (all(0 <= share <= 1 for share in shares), "look_alikes and shutter in [0, 1]", shares),
+            (all(0 <= share <= 1 for share in shares), "look_alikes, sun and shutter in [0, 1]", shares),
             (self.clutter >= 0, "no negative clutter", self.clutter),
         )
         check_settings("drone", self, 64, own)
@@ -128,7 +130,11 @@ def plan_flight(settings: DroneSceneSettings, seed: int) -> Flight:
     gathering = gather(
         rng, settings.people, settings.frames, settings.frame_rate, arena, obstacles, settings.look_alikes
     )
-    light = _exposed(random_light(rng), float(np.exp(rng.normal(0, 0.2))))
+    # A generator of its own: the rest of a clip does not depend on the sun.
+    light, of_sun = random_light(rng), np.random.default_rng([seed, 8])
+    if of_sun.random() < settings.sun:
+        light = hard_sun(of_sun)
+    light = _exposed(light, float(np.exp(rng.normal(0, 0.2))))
     ground = map_ground(random_ground(rng), cameras, light)
     how = random_degradation(rng, 0.6)
     shape = settings.height + MARGIN, settings.width + MARGIN

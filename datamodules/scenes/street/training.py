@@ -16,7 +16,7 @@ from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.render.night import by_night
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
-from tsuiseki.datamodules.scenes.render.shading import random_light
+from tsuiseki.datamodules.scenes.render.shading import hard_sun, random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.street.pictured import pictured_things
 from tsuiseki.datamodules.scenes.street.staging import (
@@ -40,6 +40,8 @@ LARGEST = 0.12
 TOWN = (2, 18)
 # Photographed things in one picture with such.
 THINGS = (0, 12)
+# A hard sun's shadows have edges sharper by so much.
+SHARPER = 0.35
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ class TrainingSettings:
         samples: rays along each side of a pixel.
         beside: share of the people who stand or walk close to another.
         night: chance of a picture by night.
+        sun: chance of a hard sun, in [0, 1]: one side of everything is dark, and so are its sharp shadows.
         rendered: share of the people who are shown as sprites, where there is a library of them.
         photographs: chance that a photograph lies on the ground, and 0.3 times as large one that a whole view is one,
             where there are photographs.
@@ -92,6 +95,7 @@ class TrainingSettings:
     samples: int = 2
     beside: float = 0.3
     night: float = 0.0
+    sun: float = 0.0
     rendered: float = 0.9
     photographs: float = 0.6
     facades: float = 0.5
@@ -108,6 +112,8 @@ class TrainingSettings:
                 "training scenes: expected at least 32x32 pixels, samples 1-8 and no negative degradation, "
                 f"got {self.width}x{self.height}, {self.samples} and {self.degradation}"
             )
+        if not 0 <= self.sun <= 1:
+            raise RequestError(f"training scenes: expected sun as a chance in [0, 1], got {self.sun}")
 
 
 def varied_settings(rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
@@ -193,11 +199,13 @@ def random_training_scene(
     """
     settings = TrainingSettings() if settings is None else settings
     camera, spots = _camera_with_spots(rng, settings)
-    light = random_light(rng)
+    # Generators of their own: the rest of a picture depends neither on what there is in stock nor on the sun.
+    of_people, of_photographs, of_town, of_things, of_sun = rng.spawn(5)
+    light, sunny = random_light(rng), of_sun.random() < settings.sun
+    if sunny:
+        light = hard_sun(of_sun)
     ground, sunlit = draw_ground(random_ground(rng), camera, light)
     people = _people(rng, spots)
-    # Generators of their own: the rest of a picture does not depend on what there is in stock.
-    of_people, of_photographs, of_town, of_things = rng.spawn(4)
     if stock.sprites is not None:
         people = [
             _rendered(of_people, thing, spot, camera, stock.sprites, settings)
@@ -224,7 +232,8 @@ def random_training_scene(
         count = int(of_things.integers(settings.things[0], settings.things[1] + 1))
         static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
     picture = empty_picture(ground, settings.samples)
-    picture, _ = darken(picture, static + people, camera, light, sunlit, float(rng.uniform(0.5, 2.5)))
+    softness = float(rng.uniform(0.5, 2.5)) * (SHARPER if sunny else 1.0)
+    picture, _ = darken(picture, static + people, camera, light, sunlit, softness)
     # One pass: static things and people hide each other alike.
     picture, sightings = compose(picture, people + static, camera, light)
     # Without nights no number is drawn: pictures of earlier seeds stay as they were.

@@ -11,6 +11,7 @@ from tsuiseki.datamodules.scenes.people.look import look_alike, random_look
 from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, degrade
 from tsuiseki.datamodules.scenes.render.night import by_night
+from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene, varied_settings
 from tsuiseki.tracking.errors import RequestError
 
@@ -138,3 +139,27 @@ def test_a_night_is_darker_less_even_and_has_the_same_people() -> None:
     assert light.min() >= 0
     assert np.median(light) < 1
     assert light.mean(axis=2).std() > 0.1
+
+
+def test_a_hard_sun_leaves_less_light_in_shadows_than_other_days() -> None:
+    def left(light: Light) -> float:
+        """The share of the light on level ground that a shadow keeps."""
+        return float((light.sky / (light.sky + light.sun * light.direction[2])).mean())
+
+    lights = [[make(np.random.default_rng(seed)) for seed in range(200)] for make in (hard_sun, random_light)]
+    hard, soft = ([left(light) for light in some] for some in lights)
+    assert min(hard) > 0.08
+    assert max(hard) < 0.27 < np.quantile(soft, 0.05)
+
+
+def test_a_hard_sun_changes_the_light_and_nothing_else() -> None:
+    plain, sunny = (
+        random_training_scene(np.random.default_rng(4), replace(SMALL, degradation=0.0, sun=sun)) for sun in (0.0, 1.0)
+    )
+    np.testing.assert_array_equal(plain[1], sunny[1])
+    assert np.abs(plain[0].astype(int) - sunny[0]).mean() > 3
+
+
+def test_a_chance_of_sun_is_one() -> None:
+    with pytest.raises(RequestError, match=r"sun as a chance in \[0, 1\], got 1.2"):
+        replace(SMALL, sun=1.2)

@@ -19,6 +19,7 @@ def drone(
     altitude: tuple[float, float] = (10.0, 45.0),
     tilt: tuple[float, float] = (45.0, 90.0),
     look_alikes: float = 0.3,
+    sun: float = 0.0,
     layout: Literal["mot", "okutama"] = "mot",
 ) -> int:
     """Make a clip of people who act under a drone, with a box, an id and one or two actions each in every frame.
@@ -30,6 +31,7 @@ def drone(
         altitude: lowest and highest, metres.
         tilt: flattest and steepest view under the horizon, degrees.
         look_alikes: share of people dressed much like somebody else.
+        sun: probability of a hard sun, in which one side of everybody is dark; else anything from overcast to mild.
         layout: mot is a MOTChallenge sequence with gt/actions.txt as Okutama-Action's; okutama is that data set's own.
     """
     from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
@@ -42,6 +44,7 @@ def drone(
         altitude=altitude,
         tilt=tilt,
         look_alikes=look_alikes,
+        sun=sun,
     )
     return fill(
         output, clip.told, lambda folder: write_drone(folder, settings, output.seed, watch=clip.watch, layout=layout)

@@ -21,7 +21,7 @@ from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
 from tsuiseki.tracking.trackers.people.given_tracks import as_detections, read_given_tracks
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.video import Source
-from tsuiseki.tracking.weights import shipped, shipped_or_file
+from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
 
 DroneMethod = Literal["flow", "flow-saf", "flow-maf"]
 
@@ -129,7 +129,7 @@ class DroneModels:
             raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
         paths: dict[str, Path | None] = {"detections": _file(finding.detections), "tracks": tracks}
         given = None if tracks is None else read_given_tracks(tracks, source)
-        detect = finding.detect(source, "detector_drone") if given is None else as_detections(given)[0]
+        detect = finding.detect(source, DRONE_DETECTOR) if given is None else as_detections(given)[0]
         if isinstance(detect, ViewedDetector):
             # Who is seen from a drone is small to begin with: enlarged tiles find people in every bush.
             detect.enlarge = False
@@ -168,7 +168,7 @@ def _file(given: object) -> Path | None:
 def _detector_file(given: DetectorLike | None) -> Path | None:
     """The file of the detector: the shipped one by default, or that of a shipped one's name; None of a function."""
     if given is None:
-        return shipped("detector_drone")
+        return shipped(DRONE_DETECTOR)
     file = _file(given)
     return None if file is None else shipped_or_file("detector", file)
 

@@ -92,7 +92,8 @@ def reproduce(
         full: 5 sets of 10 clips of 600 frames, whatever the three options above say.
         actions: exported action streams, separated by commas; by default the shipped ones.
         appearance: exported appearance network; by default the shipped one.
-        detector: exported detector, or the name of a shipped one; by default drone.
+        detector: exported detector, or the name of a shipped one; by default drone, with which the settings of the
+            methods that are compared were chosen.
         simulated_detections: draw faulty detections from the labels instead.
 
     Raises:

@@ -68,6 +68,17 @@ def test_the_same_seed_makes_the_same_clip(clip):
     assert np.abs(image.astype(int) - other).mean() > 5
 
 
+def test_a_hard_sun_changes_the_light_and_nothing_else():
+    plain, sunny = (plan_flight(replace(SMALL, sun=sun), 3) for sun in (0.0, 1.0))
+    shade, light = (
+        f.light.sky.mean() / (f.light.sky + f.light.sun * f.light.direction[2]).mean() for f in (plain, sunny)
+    )
+    assert light < 0.35 < shade
+    before, after = (draw_flight(flight, 4) for flight in (plain, sunny))
+    np.testing.assert_array_equal(before[1].people.boxes, after[1].people.boxes)
+    assert np.abs(before[0].astype(int) - after[0]).mean() > 1
+
+
 def test_everybody_in_view_is_visible_in_its_box():
     settings = replace(SMALL, people=1, clutter=0, noise=0.0, shutter=0.0, camera="still", blur=0.0)
     flight = plan_flight(settings, 5)
@@ -163,7 +174,7 @@ def test_clusters_do_not_touch_and_hold_everything_in_view():
 
 
 @pytest.mark.parametrize(
-    "change", [{"altitude": (1.0, 20.0)}, {"tilt": (20.0, 60.0)}, {"people": 0}, {"width": 10}, {"jpeg": 0}]
+    "change", [{"altitude": (1.0, 20.0)}, {"tilt": (20.0, 60.0)}, {"people": 0}, {"width": 10}, {"jpeg": 0}, {"sun": 2}]
 )
 def test_settings_out_of_range_are_refused(change):
     with pytest.raises(RequestError, match="drone clip: expected"):
