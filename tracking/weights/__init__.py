@@ -11,7 +11,7 @@ FOLDER = Path(__file__).resolve().parent
 # The detector of people that is taken where none is given.
 PEOPLE_DETECTOR = "detector_figures"
 # The same of people under a drone.
-DRONE_DETECTOR = "detector_drone"
+DRONE_DETECTOR = "detector_drone_larger"
 
 
 def shipped(name: str) -> Path:
