@@ -62,7 +62,7 @@ def test_a_bare_word_names_a_shipped_detector(flight: Path) -> None:
     source = open_source(flight)
     named, default = (
         DroneModels.choose(source, "flow", Finding(detector=given, threads=1), "none", bridging=None)
-        for given in ("drone", None)
+        for given in ("drone_larger", None)
     )
     assert named.key == default.key
     detect = default.observers.detect
