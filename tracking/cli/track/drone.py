@@ -37,7 +37,7 @@ def drone(
     Args:
         method: flow links by place, motion and appearance; flow-saf also by actions of single frames; flow-maf averages
             actions along the tracks, links again and repeats.
-        detector: detector as ONNX, or the name of a shipped one; by default drone. One of other projects is
+        detector: detector as ONNX, or the name of a shipped one; by default drone_larger. One of other projects is
             recognised as by track people.
         actions: exported action streams, separated by commas; by default the four shipped ones. Not used by
             method flow, which names no actions but along given --tracks.
