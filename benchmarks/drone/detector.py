@@ -29,7 +29,7 @@ from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.pipelines.drone.observations import Observers, observe
 from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
-from tsuiseki.tracking.types import BoolArray, FloatArray, Frame
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame
 from tsuiseki.tracking.types.labels import GroundTruth
 
 VISIBLE, OVERLAP = 0.4, 0.5
@@ -49,6 +49,8 @@ def main() -> None:
     parser.add_argument("--write-mot", type=Path)
     parser.add_argument("--precision", type=float)
     arguments = parser.parse_args()
+    if arguments.bridging and arguments.precision is not None:
+        parser.error("expected --precision without --bridging: it measures detections alone; give one of them")
     cv2.setNumThreads(1)
     first, last = map(int, arguments.frames.split("-"))
     if arguments.write_mot is not None:
@@ -104,8 +106,7 @@ def report(name: str, detector: Path, images: list[LabelledImage], bridging: Bri
         people = hits = total = right = 0
         for sample, seen in zip(images, observe(frames, observers), strict=True):
             kept = seen.detections
-            counted = ~sample.ignored & (sample.visibility >= VISIBLE)
-            overlapping: BoolArray = iou_matrix(kept.boxes, sample.boxes) >= OVERLAP
+            counted, overlapping = compare(kept, sample)
             people += int(counted.sum())
             hits += int(overlapping[:, counted].any(axis=0).sum())
             total += len(kept)
@@ -115,6 +116,12 @@ def report(name: str, detector: Path, images: list[LabelledImage], bridging: Bri
             f"{len(images)} frames, {total / max(len(images), 1):.1f} detections a frame, "
             f"{right / max(total, 1):.3f} of them on somebody labelled"
         )
+
+
+def compare(found: Detections, sample: LabelledImage) -> tuple[BoolArray, BoolArray]:
+    """Which labels count ``(M,)``, and which detections lie on which labels ``(N, M)``."""
+    overlapping: BoolArray = iou_matrix(found.boxes, sample.boxes) >= OVERLAP
+    return ~sample.ignored & (sample.visibility >= VISIBLE), overlapping
 
 
 def at_precision(detector: Path, clips: list[list[LabelledImage]], wanted: float) -> None:
@@ -136,8 +143,7 @@ def scored(detector: Detector, images: list[LabelledImage]) -> tuple[FloatArray,
     scores, right, hit_by = [], [], []
     for sample in images:
         (kept,) = detector.detect([read_image(sample.path)])
-        counted = ~sample.ignored & (sample.visibility >= VISIBLE)
-        overlapping: BoolArray = iou_matrix(kept.boxes, sample.boxes) >= OVERLAP
+        counted, overlapping = compare(kept, sample)
         scores.append(kept.scores)
         right.append(overlapping.any(axis=1))
         hit_by.append((overlapping * kept.scores[:, None]).max(axis=0, initial=0.0)[counted])

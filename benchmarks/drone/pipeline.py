@@ -57,10 +57,9 @@ def stages(people: int, repeat: int) -> dict[str, float]:
     names = [WEIGHTS / f"action_drone_{name}.onnx" for name in STREAMS]
     recogniser = ActionRecogniser(names, threads=1)
     appearance = Appearance(WEIGHTS / "appearance_people.onnx", threads=1)
-    steps: dict[str, Callable[[], Any]] = {}
     detector = Detector(shipped(DRONE_DETECTOR), threads=1)
-    steps["detect"] = lambda: detector.detect([image])
-    steps |= {
+    steps: dict[str, Callable[[], Any]] = {
+        "detect": lambda: detector.detect([image]),
         "camera motion": lambda: camera_motion(before, image, people=boxes),
         "optical flow": lambda: recogniser.flow([before, image]),
         "actions, four streams, with flow": lambda: recogniser.recognise([before, image], boxes),

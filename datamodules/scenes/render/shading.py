@@ -27,7 +27,7 @@ from tsuiseki.datamodules.scenes.render.solids import (
     Solids,
     inner_normals,
 )
-from tsuiseki.tracking.types import BoolArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 NOISE_SIZE = 256
 
@@ -65,13 +65,12 @@ class Light:
 def random_light(rng: np.random.Generator) -> Light:
     """Anything between an overcast day and a low bright sun."""
     azimuth, elevation = rng.uniform(0, 2 * np.pi), rng.uniform(0.35, 1.35)
-    direction = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     clear = rng.uniform(0, 1) ** 1.3
     warm = rng.uniform(-0.06, 0.10)
     sun = clear * rng.uniform(0.6, 1.1) * np.array([1 + warm, 1, 1 - warm])
     sky = (1 - 0.6 * clear) * rng.uniform(0.75, 1.1) * np.array([1 - 0.4 * warm, 1, 1 + 0.6 * warm])
     bounce = sky * rng.uniform(0.35, 0.65)
-    return Light(*(np.asarray(v, dtype=np.float32) for v in (direction, sun, sky, bounce)))
+    return _light(azimuth, elevation, sun, sky, bounce)
 
 
 def hard_sun(rng: np.random.Generator) -> Light:
@@ -81,13 +80,19 @@ def hard_sun(rng: np.random.Generator) -> Light:
     than themselves, and one side of them is as dark.
     """
     azimuth, elevation = rng.uniform(0, 2 * np.pi), rng.uniform(0.45, 1.35)
-    direction = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     height = np.sin(elevation)
     warm, blue = rng.uniform(0, 0.1), rng.uniform(0, 0.25)
     sun = rng.uniform(0.9, 1.3) * np.array([1 + warm, 1, 1 - warm])
     sky = rng.uniform(0.12, 0.3) * height * np.array([1 - blue, 1, 1 + blue])
     bounce = (sun * height + sky) * rng.uniform(0.1, 0.25)
-    return Light(*(np.asarray(v, dtype=np.float32) for v in (direction, sun, sky, bounce)))
+    return _light(azimuth, elevation, sun, sky, bounce)
+
+
+def _light(azimuth: float, elevation: float, sun: FloatArray, sky: FloatArray, ground: FloatArray) -> Light:
+    """The light of a sun in that direction, radians."""
+    across = np.cos(elevation)
+    direction = np.array([np.cos(azimuth) * across, np.sin(azimuth) * across, np.sin(elevation)])
+    return Light(*(np.asarray(v, dtype=np.float32) for v in (direction, sun, sky, ground)))
 
 
 def shade(
