@@ -227,8 +227,8 @@ class DetectionData(lightning.LightningDataModule):
                 )
                 write_drone_images(folder, source.generate, settings, source.seed)
             elif source.scene in ("varied", "sparse", "aerial", "near"):
-                stock = (source.sprites, source.photographs, source.scene, source.town, source.things, source.sun)
-                write_varied_images(folder, source.generate, (width, height), source.seed, *stock)
+                shown = (source.sprites, source.photographs, source.scene, source.town, source.things, source.sun)
+                write_varied_images(folder, source.generate, (width, height), source.seed, *shown, source.steady)
             elif source.scene == "ceiling":
                 write_panorama_images(folder, source.generate, PanoramaPictures(width, height), source.seed)
             else:
@@ -280,7 +280,7 @@ def collate(examples: list[Example]) -> DetectionBatch:
 
 
 def _refuse_what_the_scene_does_not_show(source: Source) -> None:
-    given = [name for name in ("sprites", "photographs", "town", "things") if getattr(source, name)]
+    given = [name for name in ("sprites", "photographs", "town", "things", "steady") if getattr(source, name)]
     if given and source.scene in ("street", "drone", "ceiling"):
         raise RequestError(
             f"{source.folder}: expected `{given[0]}` with a varied, sparse, aerial or near scene, got {source.scene}"
@@ -289,6 +289,8 @@ def _refuse_what_the_scene_does_not_show(source: Source) -> None:
         raise RequestError(
             f"{source.folder}: expected `sun` with a varied, sparse, aerial, near or drone scene, got {source.scene}"
         )
+    if source.steady and not source.sprites:
+        raise RequestError(f"{source.folder}: expected `sprites` with `steady`, whose boxes it is about, got none")
     if not 0 <= source.sun <= 1:
         raise RequestError(f"{source.folder}: expected `sun` as a share in [0, 1], got {source.sun}")
 

@@ -41,6 +41,7 @@ class Source:
         town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
         things: and photographed things, which the folder of photographs must hold.
         sun: share of the pictures in a hard sun, in [0, 1]; of all scenes but streets and rooms.
+        steady: their rendered people have steady boxes, as wide as in a whole walk on average, as people label videos.
         seed: of those.
         size: their width and height, pixels; by default those of the input.
     """
@@ -57,6 +58,7 @@ class Source:
     town: bool = False
     things: bool = False
     sun: float = 0.0
+    steady: bool = False
     seed: int = 0
     size: tuple[int, int] | None = None
 

@@ -65,6 +65,7 @@ def write_varied_images(
     town: bool = False,
     things: bool = False,
     sun: float = 0.0,
+    steady: bool = False,
 ) -> None:
     """Render ``count`` pictures of `varied_settings`, sparse, aerial or near ones; else as `write_scene_images`.
 
@@ -79,6 +80,7 @@ def write_varied_images(
         town: among things of a town, too.
         things: among photographed things, too.
         sun: share of them in a hard sun, in [0, 1].
+        steady: boxes of rendered people are steady, see `TrainingSettings`.
 
     Raises:
         RequestError: fewer than one picture, the folder holds files, there is nothing in the other folders, or things
@@ -88,7 +90,8 @@ def write_varied_images(
     if things and not (stock.photographs and stock.photographs.paths["things"]):
         where = f"in {photographs}/things" if photographs else "with `things`"
         raise RequestError(f"expected photographs of things {where}, got none")
-    _write(folder, count, size, partial(_varied_picture, size, seed, sprites, photographs, scene, town, things, sun))
+    how = (size, seed, sprites, photographs, scene, town, things, sun, steady)
+    _write(folder, count, size, partial(_varied_picture, *how))
 
 
 def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, seed: int) -> None:
@@ -151,6 +154,7 @@ def _varied_picture(
     town: bool,
     things: bool,
     sun: float,
+    steady: bool,
     folder: Path,
     numbers: range,
 ) -> list[Labels]:
@@ -161,7 +165,7 @@ def _varied_picture(
         settings = varied_settings(rng, *size) if scene == "varied" else _OF_SCENE[scene](*size)
         settings = replace(settings, town=TOWN) if town else settings
         settings = replace(settings, things=THINGS) if things else settings
-        settings = replace(settings, sun=sun)
+        settings = replace(settings, sun=sun, steady=steady)
         labels.append(_saved(folder, number, *random_training_scene(rng, settings, stock)))
     return labels
 

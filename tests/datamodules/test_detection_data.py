@@ -122,7 +122,12 @@ def test_shares_say_where_examples_come_from(walker: Path) -> None:
 
 @pytest.mark.parametrize(
     ("scene", "given"),
-    [("street", {"things": True}), ("drone", {"town": True}), ("ceiling", {"sprites": "people"})],
+    [
+        ("street", {"things": True}),
+        ("drone", {"town": True}),
+        ("ceiling", {"sprites": "people"}),
+        ("drone", {"steady": True}),
+    ],
 )
 def test_what_a_scene_does_not_show_is_refused(tmp_path: Path, scene: Any, given: dict[str, Any]) -> None:
     source = Source(str(tmp_path / "generated"), generate=1, scene=scene, **given)
@@ -141,6 +146,12 @@ def test_no_sun_shines_where_the_scene_has_none(tmp_path: Path, scene: Any) -> N
 def test_the_share_of_sun_is_one(tmp_path: Path) -> None:
     source = Source(str(tmp_path / "generated"), generate=1, scene="drone", sun=1.5)
     with pytest.raises(RequestError, match=r"expected `sun` as a share in \[0, 1\], got 1.5"):
+        DetectionData([source], [source], height=48, width=64)
+
+
+def test_steady_boxes_are_of_rendered_people(tmp_path: Path) -> None:
+    source = Source(str(tmp_path / "generated"), generate=1, scene="varied", steady=True)
+    with pytest.raises(RequestError, match="expected `sprites` with `steady`, whose boxes it is about, got none"):
         DetectionData([source], [source], height=48, width=64)
 
 

@@ -19,7 +19,7 @@ from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.types import FloatArray
 
 _INDEX = "sprites.csv"
-_COLUMNS = ("file", "feet_x", "feet_y", "head_x", "head_y", "height", "tilt")
+_COLUMNS = ("file", "feet_x", "feet_y", "head_x", "head_y", "height", "tilt", "left", "right")
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,8 @@ class SpriteLibrary:
             )
         with index.open() as file:
             self._rows = list(csv.DictReader(file))
+        if self._rows and (missing := [c for c in _COLUMNS if c not in self._rows[0]]):
+            raise RequestError(f"{index}: expected columns {', '.join(_COLUMNS)}, got none {missing[0]}; make it anew")
         self.tilts = np.array([float(row["tilt"]) for row in self._rows])
 
     def __len__(self) -> int:
@@ -94,6 +96,7 @@ class SpriteLibrary:
             np.array(values[2:4]),
             values[4],
             values[5],
+            np.array(values[6:8]),
         )
 
     def near(self, rng: np.random.Generator, tilt: float) -> Sprite:
@@ -161,5 +164,5 @@ def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, perso
         cv2.imwrite(f"{name}.png", np.dstack([sprite.albedo[..., ::-1], opacity]))
         shifted = (sprite.normal.astype(np.int16) + 128).astype(np.uint8)
         cv2.imwrite(f"{name}.normal.png", shifted[..., ::-1])
-        rows.append(np.array([*sprite.feet, *sprite.head, sprite.height, sprite.tilt]))
+        rows.append(np.array([*sprite.feet, *sprite.head, sprite.height, sprite.tilt, *sprite.steady]))
     return rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -19,6 +19,9 @@ from tsuiseki.datamodules.scenes.people.sprites import view_from
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+# Phases of a walk, and every which vertex, that a steady box is the mean of.
+_PHASES, _EVERY = 8, 4
+
 
 @dataclass(frozen=True)
 class Sprite:
@@ -32,6 +35,8 @@ class Sprite:
         head: ``(2,)`` pixels of the point ``height`` above it.
         height: metres.
         tilt: how far down the camera looked, radians.
+        steady: ``(2,)`` pixels from the left border of the left and right side of a box that is as wide, and lies
+            where, the silhouettes of the whole walk are and do on average; those of the silhouette of who stands.
     """
 
     albedo: ImageArray
@@ -41,6 +46,7 @@ class Sprite:
     head: FloatArray
     height: float
     tilt: float
+    steady: FloatArray
 
 
 def random_sprites(
@@ -55,21 +61,46 @@ def random_sprites(
     sprites = []
     for _ in range(views):
         build = Build(figure.height)
-        walk = rng.random() < 0.75
-        pose = (
-            walking(build, manner, float(rng.random()), float(rng.uniform(0.4, 1.45)))
-            if walk
-            else standing(rng, manner)
-        )
-        skeleton = place(build, pose, np.zeros(2), float(rng.uniform(0, 2 * np.pi)))
+        if rng.random() < 0.75:
+            phase, speed = float(rng.random()), float(rng.uniform(0.4, 1.45))
+            pose = walking(build, manner, phase, speed)
+            cycle = [walking(build, manner, k / _PHASES, speed) for k in range(_PHASES)]
+        else:
+            pose, cycle = standing(rng, manner), []
+        heading = float(rng.uniform(0, 2 * np.pi))
         tilt = float(tilts[0] + (tilts[1] - tilts[0]) * rng.beta(1.3, 1.9))
-        sprites.append(render_figure(figure, skeleton, tilt, height_px, float(rng.uniform(6, 35))))
+        camera = view_from(tilt, height_px, figure.height, float(rng.uniform(6, 35)))
+        skeleton, *others = (place(build, each, np.zeros(2), heading) for each in (pose, *cycle))
+        sprite = render_figure(figure, skeleton, camera, tilt)
+        sprites.append(replace(sprite, steady=steady_sides(figure, skeleton, others, camera, sprite)))
     return sprites
 
 
-def render_figure(figure: Figure, skeleton: Skeleton, tilt: float, height_px: float, distance: float) -> Sprite:
-    """``figure`` in the pose of ``skeleton`` before a camera ``distance`` metres away, ``tilt`` radians up."""
-    camera = view_from(tilt, height_px, figure.height, distance)
+def steady_sides(
+    figure: Figure, skeleton: Skeleton, walk: list[Skeleton], camera: PinholeCamera, sprite: Sprite
+) -> FloatArray:
+    """``(2,)`` columns of ``sprite``, ``figure`` in the pose of ``skeleton``: the mean sides in the poses of ``walk``.
+
+    Those of the silhouette where there are none.
+    """
+    if not walk:
+        return sprite.steady
+    moved = np.mean([_sides(figure, other, camera) for other in walk], axis=0) - _sides(figure, skeleton, camera)
+    return np.asarray(sprite.steady + moved)
+
+
+def _sides(figure: Figure, skeleton: Skeleton, camera: PinholeCamera) -> FloatArray:
+    """``(2,)`` columns of the left and right end of ``figure`` in a pose, about: of some of its vertices."""
+    few = [replace(m, vertices=m.vertices[::_EVERY], weights=m.weights[::_EVERY]) for m in figure.meshes]
+    columns = camera.project(np.concatenate(posed(replace(figure, meshes=few), skeleton)))[0][:, 0]
+    return np.array([columns.min(), columns.max()])
+
+
+def render_figure(figure: Figure, skeleton: Skeleton, camera: PinholeCamera, tilt: float) -> Sprite:
+    """``figure`` in the pose of ``skeleton`` before ``camera``, which looks down by ``tilt`` radians.
+
+    The steady sides are those of the silhouette.
+    """
     vertices = posed(figure, skeleton)
     parts = [_fragments(mesh, points, camera) for mesh, points in zip(figure.meshes, vertices, strict=True)]
     owner = np.concatenate([np.full(len(p.pixel), k) for k, p in enumerate(parts)])
@@ -91,17 +122,11 @@ def render_figure(figure: Figure, skeleton: Skeleton, tilt: float, height_px: fl
         label[rows, columns] = mesh.labels[triangle]
         normal[rows, columns] = np.round(127 * _normals(mesh, points, triangle, own.where, camera)).astype(np.int8)
     ends, _ = camera.project(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, figure.height]]))
-    return _cut(Sprite(albedo, normal, label, ends[0], ends[1], figure.height, tilt))
-
-
-def _cut(sprite: Sprite) -> Sprite:
-    rows, columns = np.flatnonzero(sprite.label.any(axis=1)), np.flatnonzero(sprite.label.any(axis=0))
+    rows, columns = np.flatnonzero(label.any(axis=1)), np.flatnonzero(label.any(axis=0))
     at = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-    corner = np.array([columns[0], rows[0]])
-    return Sprite(
-        sprite.albedo[at], sprite.normal[at], sprite.label[at],
-        sprite.feet - corner, sprite.head - corner, sprite.height, sprite.tilt,
-    )  # fmt: skip
+    feet, head = ends - [columns[0], rows[0]]
+    sides = np.array([0.0, columns[-1] + 1.0 - columns[0]])
+    return Sprite(albedo[at], normal[at], label[at], feet, head, figure.height, tilt, sides)
 
 
 def _fragments(mesh: Mesh, points: FloatArray, camera: PinholeCamera) -> Fragments:
@@ -145,5 +170,5 @@ def smaller(sprite: Sprite, factor: float) -> Sprite:
     grown = np.array(size) / sprite.label.shape[::-1]
     return Sprite(
         np.clip(albedo, 0, 255).astype(np.uint8), normal.astype(np.int8), label,
-        sprite.feet * grown, sprite.head * grown, sprite.height, sprite.tilt,
+        sprite.feet * grown, sprite.head * grown, sprite.height, sprite.tilt, sprite.steady * grown[0],
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -63,6 +63,15 @@ class Standing:
             return None
         return Layer(int(left), int(top), distance, np.zeros(distance.shape, np.int16)), shown
 
+    def steady_sides(self, camera: RayCamera) -> FloatArray:
+        """``(2,)`` pixels: the left and right side of the steady box in the picture, see `Sprite`."""
+        foot, head = np.array([*self.spot, 0.0]), np.array([*self.spot, self.sprite.height])
+        ends, _ = camera.project(np.stack([foot, head]))
+        affine = _similarity(self.sprite.feet, self.sprite.head, ends[0], ends[1])
+        row = (self.sprite.feet[1] + self.sprite.head[1]) / 2
+        sides = np.array([[self.sprite.steady[0], row], [self.sprite.steady[1], row]])
+        return np.asarray(sides @ affine[0, :2] + affine[0, 2])
+
     def shade(self, shown: Sprite, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
         """Linear colours ``(n, 3)`` of the subpixels of the window where ``seen`` is True, row by row."""
         away = self.spot - camera.position[:2]
@@ -95,7 +104,7 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     at = sprite.label == SKIN
     albedo[at] = np.clip(albedo[at] * np.float32(np.exp(rng.normal(0, 0.12))), 0, 255).astype(np.uint8)
     if rng.random() < 0.5:
-        return Sprite(albedo, sprite.normal, sprite.label, sprite.feet, sprite.head, sprite.height, sprite.tilt)
+        return replace(sprite, albedo=albedo)
     width = sprite.label.shape[1]
     normal = sprite.normal[:, ::-1].copy()
     normal[..., 1] *= -1
@@ -104,6 +113,7 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     return Sprite(
         np.ascontiguousarray(albedo[:, ::-1]), normal, np.ascontiguousarray(sprite.label[:, ::-1]),
         offset + flip * sprite.feet, offset + flip * sprite.head, sprite.height, sprite.tilt,
+        width - sprite.steady[::-1],
     )  # fmt: skip
 
 
@@ -128,5 +138,5 @@ def _warped(sprite: Sprite, affine: FloatArray, size: tuple[int, int]) -> Sprite
     ]
     return Sprite(
         np.asarray(parts[0], np.uint8), parts[1].astype(np.int8), np.asarray(parts[2], np.uint8),
-        sprite.feet, sprite.head, sprite.height, sprite.tilt,
+        sprite.feet, sprite.head, sprite.height, sprite.tilt, sprite.steady,
     )  # fmt: skip

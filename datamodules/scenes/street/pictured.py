@@ -64,8 +64,8 @@ def _as_sprite(rng: np.random.Generator, picture: ImageArray) -> Sprite:
     albedo = np.where(label[..., None] > 0, np.clip(small[..., :3] * gain, 0, 255), 0).astype(np.uint8)
     normal = np.broadcast_to(np.array(_FACING, np.int8), albedo.shape)
     height = float(np.exp(rng.uniform(np.log(_LOWEST), np.log(_HIGHEST))))
-    middle = wide / 2
-    return Sprite(albedo, normal, label, np.array([middle, tall]), np.array([middle, 0.0]), height, 0.0)
+    middle, sides = wide / 2, np.array([0.0, wide])
+    return Sprite(albedo, normal, label, np.array([middle, tall]), np.array([middle, 0.0]), height, 0.0, sides)
 
 
 def _board(sprite: Sprite, spot: FloatArray, camera: PinholeCamera) -> Solids:

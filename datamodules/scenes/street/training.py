@@ -83,6 +83,8 @@ class TrainingSettings:
         town: (fewest, most) things of a town that are nobody: traffic lights, signs, bicycles and the like; where
             there may be any, walls with doors and shop windows too.
         things: (fewest, most) photographed things that are nobody; where there may be any, there must be photographs.
+        steady: boxes of rendered people are as wide, and lie where, those of their whole walk are and do on average, as
+            people label videos; else each box is the silhouette's, which swings with the legs.
     """
 
     width: int = 640
@@ -101,6 +103,7 @@ class TrainingSettings:
     facades: float = 0.5
     town: tuple[int, int] = (0, 0)
     things: tuple[int, int] = (0, 0)
+    steady: bool = False
 
     def __post_init__(self) -> None:
         for name in ("people", "person_height", "clutter", "camera_height", "town", "things"):
@@ -192,7 +195,7 @@ def random_training_scene(
 
     Returns:
         The image ``(H, W, 3)`` uint8 RGB, the boxes ``(N, 4)`` in pixels of the whole silhouettes, hidden parts
-        included, clipped to the image, and the visibilities ``(N,)`` in (0, 1].
+        included, or steady ones, clipped to the image, and the visibilities ``(N,)`` in (0, 1].
 
     Raises:
         RequestError: things are wanted, and there are no photographs of any.
@@ -240,8 +243,19 @@ def random_training_scene(
     colour = by_night(picture.colour, rng) if settings.night and rng.random() < settings.night else picture.colour
     how = random_degradation(rng, settings.degradation)
     image = degrade(colour, replace(how, exposure=how.exposure * automatic_exposure(colour)), rng)
-    boxes, visibility = seen_boxes(sightings[: len(people)], settings.width, settings.height)
+    sightings = sightings[: len(people)]
+    if settings.steady:
+        sightings = [_steadied(s, thing, camera) for s, thing in zip(sightings, people, strict=True)]
+    boxes, visibility = seen_boxes(sightings, settings.width, settings.height)
     return image, boxes, visibility
+
+
+def _steadied(sighting: Sighting | None, thing: Thing, camera: PinholeCamera) -> Sighting | None:
+    """The sighting of somebody rendered with the sides of the steady box."""
+    if sighting is None or not isinstance(thing.cutout, Standing):
+        return sighting
+    left, right = thing.cutout.steady_sides(camera)
+    return replace(sighting, box=np.array([left, sighting.box[1], right, sighting.box[3]]))
 
 
 def seen_boxes(sightings: list[Sighting | None], width: int, height: int) -> tuple[FloatArray, FloatArray]:

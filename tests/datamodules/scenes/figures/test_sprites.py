@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,10 +9,14 @@ import pytest
 
 from tsuiseki.datamodules import scene_images
 from tsuiseki.datamodules.scenes.figures.assets import Assets
+from tsuiseki.datamodules.scenes.figures.figure import random_figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
 from tsuiseki.datamodules.scenes.figures.mesh import SKIN, UPPER
-from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites, smaller
+from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites, render_figure, smaller, steady_sides
 from tsuiseki.datamodules.scenes.figures.standing import Standing, dressed, tilt_of
+from tsuiseki.datamodules.scenes.people.body import Build, place
+from tsuiseki.datamodules.scenes.people.gait import random_manner, walking
+from tsuiseki.datamodules.scenes.people.sprites import view_from
 from tsuiseki.datamodules.scenes.render.raster import silhouette_box
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.street.training import Stock, TrainingSettings, random_training_scene
@@ -36,6 +41,7 @@ def block(height: int = 40, width: int = 16) -> Sprite:
         np.array([width / 2, 0.0]),
         1.75,
         0.2,
+        np.array([0.0, float(width)]),
     )
 
 
@@ -60,6 +66,62 @@ def test_a_rendered_person_is_as_tall_as_asked_and_faces_the_camera(assets: Asse
         towards = np.array([-np.cos(sprite.tilt), 0.0, np.sin(sprite.tilt)])
         assert (sprite.normal[there] @ towards > -0.35 * 127).all()
         assert {SKIN} < set(np.unique(sprite.label[there]))
+
+
+def test_a_steady_box_is_the_mean_of_a_walk(assets: Assets) -> None:
+    rng = np.random.default_rng(8)
+    figure, manner = random_figure(rng, assets), random_manner(rng)
+    build = Build(figure.height)
+    camera = view_from(0.1, 200, figure.height, 15.0)
+    # From the side, where legs and arms swing across.
+    poses = [walking(build, manner, phase, 1.2) for phase in np.arange(8) / 8]
+    skeletons = [place(build, pose, np.zeros(2), np.pi / 2) for pose in poses]
+    seen = [render_figure(figure, skeleton, camera, 0.1) for skeleton in skeletons]
+    about_feet = np.array([s.steady - s.feet[0] for s in seen])
+    np.testing.assert_allclose([np.ptp(s.steady) for s in seen], [s.label.shape[1] for s in seen])
+    assert np.ptp(about_feet[:, 1] - about_feet[:, 0]) > 20
+    steady = [steady_sides(figure, skeletons[n], skeletons, camera, seen[n]) - seen[n].feet[0] for n in (0, 3)]
+    for sides in steady:
+        # Some vertices stand for all: a pixel or two.
+        np.testing.assert_allclose(sides, about_feet.mean(axis=0), atol=2)
+
+
+def test_who_walks_has_a_steady_box_and_who_stands_that_of_the_silhouette(assets: Assets) -> None:
+    sprites = [s for n in range(12) for s in random_sprites(np.random.default_rng(n), assets, 1, 96, (0.0, 0.3))]
+    apart = [np.abs(s.steady - [0, s.label.shape[1]]).max() for s in sprites]
+    assert 0 < sum(a == 0 for a in apart) < len(sprites) / 2
+    assert max(apart) > 4
+    assert all(-48 < s.steady[0] < s.steady[1] < s.label.shape[1] + 48 for s in sprites)
+
+
+def test_steady_sides_stand_where_the_person_does() -> None:
+    sprite = replace(block(), steady=np.array([-4.0, 12.0]))
+    spot = np.array([1.0, 14.0])
+    ends, _ = CAMERA.project(np.array([[*spot, 0.0], [*spot, 1.75]]))
+    scale = np.linalg.norm(ends[1] - ends[0]) / 40
+    middle = ends[:, 0].mean()
+    left, right = Standing(sprite, spot).steady_sides(CAMERA)
+    assert (left, right) == pytest.approx((middle - 12 * scale, middle + 4 * scale), abs=0.2)
+    np.testing.assert_allclose(smaller(sprite, 0.5).steady, [-2, 6])
+
+
+def test_pictures_with_steady_boxes_are_the_same_pictures(library: Path) -> None:
+    settings = TrainingSettings(160, 120, people=(4, 4), clutter=(2, 2), rendered=1.0)
+    stock = Stock(SpriteLibrary(library))
+    shown, boxes, visibility = random_training_scene(np.random.default_rng(9), settings, stock)
+    again, steady, as_visible = random_training_scene(np.random.default_rng(9), replace(settings, steady=True), stock)
+    np.testing.assert_array_equal(shown, again)
+    np.testing.assert_array_equal(visibility, as_visible)
+    np.testing.assert_array_equal(boxes[:, [1, 3]], steady[:, [1, 3]])
+    moved = np.abs(boxes - steady)[:, [0, 2]].max(axis=1)
+    assert 0 < moved.max() < 0.3 * (boxes[:, 3] - boxes[:, 1]).max()
+
+
+def test_a_library_without_steady_sides_is_refused(library: Path, tmp_path: Path) -> None:
+    rows = (library / "sprites.csv").read_text().splitlines()
+    (tmp_path / "sprites.csv").write_text("\n".join(",".join(row.split(",")[:-2]) for row in rows))
+    with pytest.raises(RequestError, match=r"expected columns file, .*, got none left; make it anew"):
+        SpriteLibrary(tmp_path)
 
 
 def test_smaller_keeps_colour_and_shape() -> None:
@@ -108,6 +170,7 @@ def test_clothes_change_and_shapes_do_not(assets: Assets) -> None:
         if not straight:
             np.testing.assert_array_equal(other.normal[:, ::-1, 1], -sprite.normal[..., 1])
             assert other.feet[0] == pytest.approx(sprite.label.shape[1] - sprite.feet[0])
+            np.testing.assert_allclose(other.steady, sprite.label.shape[1] - sprite.steady[::-1])
     assert len({tuple(o.albedo[o.label == UPPER].mean(axis=0).round()) for o in looks}) > 6
 
 
@@ -120,6 +183,7 @@ def test_a_library_comes_back_as_it_was_rendered(assets_folder: Path, library: P
         a, b = first.sprite(n), second.sprite(n)
         np.testing.assert_array_equal(a.albedo, b.albedo)
         np.testing.assert_array_equal(a.normal, b.normal)
+    np.testing.assert_allclose(first.sprite(2).steady, sprites[0].steady, atol=1e-3)
     np.testing.assert_array_equal(first.sprite(2).albedo, sprites[0].albedo)
     np.testing.assert_array_equal(first.sprite(2).label, sprites[0].label)
     np.testing.assert_array_equal(first.sprite(2).normal, sprites[0].normal)
