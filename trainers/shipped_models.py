@@ -32,8 +32,8 @@ COMMANDS = (
     "train affinity --folders {work}/streets --detector {models}/detector_street.onnx --skips 1,2,3 "
     "--appearance {models}/appearance_people.onnx --out {models}/affinity_people.onnx",
 )
-# {assets}: bodies and clothes; {pictures}, {sparse}, {towns}, {sparse_towns}, {crisp}, {many}: what is rendered of
-# them, as `data.train` and `data.val` of the configurations name it.
+# {assets}: bodies and clothes; {pictures}, {sparse}, {towns}, {sparse_towns}, {crisp}, {many}, {sunlit}, {silhouettes}:
+# what is rendered of them, as `data.train` and `data.val` of the configurations name it.
 RENDERED_COMMANDS = (
     "simulate sprites --assets {assets} --out {work}/sprites",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered "
@@ -58,7 +58,16 @@ RENDERED_COMMANDS = (
     "--model.start {work}/people/checkpoints/last.ckpt --model.teacher {models}/detector_figures.onnx "
     "--data.train {many} --data.val {sparse}",
     "export detector --checkpoint {work}/people-2/checkpoints/last.ckpt --float16 --height 480 --width 640 "
-    "--calibrate {work}/rendered-640x480-sparse --out {models}/detector_people.onnx --training-data 'rendered people'",
+    "--calibrate {work}/rendered-640x480-sparse --out {work}/people-2.onnx",
+    "train detector --config {configs}/detector_people_sunlit.yaml --out {work}/people-silhouettes "
+    "--model.start {work}/people-2.onnx --data.train {silhouettes} --data.val {sparse}",
+    "export detector --checkpoint {work}/people-silhouettes/checkpoints/last.ckpt --float16 --height 480 --width 640 "
+    "--calibrate {work}/rendered-640x480-sparse --out {work}/people-silhouettes.onnx",
+    "train detector --config {configs}/detector_people_sunlit.yaml --out {work}/people-3 "
+    "--model.start {work}/people-2.onnx --data.train {sunlit} --data.val {sparse}",
+    "export detector --checkpoint {work}/people-3/checkpoints/last.ckpt --blend {work}/people-silhouettes.onnx "
+    "--float16 --height 480 --width 640 --calibrate {work}/rendered-640x480-sparse "
+    "--out {models}/detector_people.onnx --training-data 'rendered people'",
 )
 
 
@@ -92,6 +101,7 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
     """The words of the commands for models in ``folder``, with people rendered of ``assets`` if there are any."""
     work = folder / "training"
     many = _footage("detector_people", "train", work, assets)
+    sunlit = _footage("detector_people_sunlit", "train", work, assets)
     pictures = {
         "pictures": _footage("detector_rendered", "train", work, assets),
         "sparse": _footage("detector_rendered", "val", work, assets),
@@ -99,6 +109,8 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
         "sparse_towns": _footage("detector_towns", "val", work, assets),
         "crisp": [source | {"share": share} for source, share in zip(many[1:3], (0.6, 0.4), strict=True)],
         "many": many,
+        "sunlit": sunlit,
+        "silhouettes": [source | {"steady": False, "folder": _unsteady(source["folder"])} for source in sunlit],
     }
     places = {
         "configs": str(resources.files("tsuiseki.configs")),
@@ -124,6 +136,10 @@ def _footage(config: str, part: Literal["train", "val"], work: Path, assets: Pat
         if "things" in source:
             source["things"] = photographs is not None and (photographs / "things").is_dir()
     return sources
+
+
+def _unsteady(folder: str) -> str:
+    return str(Path(folder).with_name(Path(folder).name.removeprefix("steady-")))
 
 
 def _photographs(assets: Path) -> bool:
