@@ -19,13 +19,13 @@ import numpy as np
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, draw_street, plan_street
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import Sequence, read_sequence
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 SMALLEST = 40.0
 STREETS, FRAMES = 3, 100
 
 # Of a track: frame numbers (N,) and boxes (N, 4).
-Track = tuple[np.ndarray[tuple[int], np.dtype[np.int64]], FloatArray]
+Track = tuple[IntArray, FloatArray]
 
 
 def main() -> None:
