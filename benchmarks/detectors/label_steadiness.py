@@ -45,10 +45,8 @@ def main() -> None:
 def labelled_tracks(sequence: Sequence) -> Iterator[Track]:
     """The people who count."""
     truth = read_ground_truth(sequence.ground_truth_path)
-    for number in np.unique(truth.ids[truth.evaluated]):
-        at = np.flatnonzero((truth.ids == number) & truth.evaluated)
-        at = at[np.argsort(truth.frames[at])]
-        yield truth.frames[at], truth.boxes[at]
+    count = truth.evaluated
+    return by_person(truth.ids[count], truth.frames[count], truth.boxes[count])
 
 
 def street_tracks(seed: int) -> Iterator[Track]:
@@ -57,8 +55,15 @@ def street_tracks(seed: int) -> Iterator[Track]:
     seen = [draw_street(street, number)[1] for number in range(FRAMES)]
     ids, boxes = np.concatenate([s.ids for s in seen]), np.concatenate([s.boxes for s in seen])
     frames = np.repeat(np.arange(FRAMES), [len(s.ids) for s in seen])
+    return by_person(ids, frames, boxes)
+
+
+def by_person(ids: IntArray, frames: IntArray, boxes: FloatArray) -> Iterator[Track]:
+    """The track of each id, in the order of its frames."""
     for number in np.unique(ids):
-        yield frames[ids == number], boxes[ids == number]
+        at = np.flatnonzero(ids == number)
+        at = at[np.argsort(frames[at])]
+        yield frames[at], boxes[at]
 
 
 def report(name: str, rate: float, tracks: Iterator[Track]) -> None:

@@ -85,14 +85,15 @@ def steady_sides(
     """
     if not walk:
         return sprite.steady
-    moved = np.mean([_sides(figure, other, camera) for other in walk], axis=0) - _sides(figure, skeleton, camera)
+    few = [replace(m, vertices=m.vertices[::_EVERY], weights=m.weights[::_EVERY]) for m in figure.meshes]
+    thin = replace(figure, meshes=few)
+    moved = np.mean([_sides(thin, other, camera) for other in walk], axis=0) - _sides(thin, skeleton, camera)
     return np.asarray(sprite.steady + moved)
 
 
 def _sides(figure: Figure, skeleton: Skeleton, camera: PinholeCamera) -> FloatArray:
-    """``(2,)`` columns of the left and right end of ``figure`` in a pose, about: of some of its vertices."""
-    few = [replace(m, vertices=m.vertices[::_EVERY], weights=m.weights[::_EVERY]) for m in figure.meshes]
-    columns = camera.project(np.concatenate(posed(replace(figure, meshes=few), skeleton)))[0][:, 0]
+    """``(2,)`` columns of the left and right end of ``figure`` in a pose."""
+    columns = camera.project(np.concatenate(posed(figure, skeleton)))[0][:, 0]
     return np.array([columns.min(), columns.max()])
 
 

@@ -37,9 +37,7 @@ class Standing:
 
         None where the person is not wholly before the camera or does not meet the picture.
         """
-        foot = np.array([self.spot[0], self.spot[1], 0.0])
-        head = np.array([self.spot[0], self.spot[1], self.sprite.height])
-        ends, depth = camera.project(np.stack([foot, head]))
+        ends, depth = self._ends(camera)
         if not (np.isfinite(ends).all() and (depth > 0.5).all()):
             return None
         ends = ends * samples
@@ -65,12 +63,15 @@ class Standing:
 
     def steady_sides(self, camera: RayCamera) -> FloatArray:
         """``(2,)`` pixels: the left and right side of the steady box in the picture, see `Sprite`."""
-        foot, head = np.array([*self.spot, 0.0]), np.array([*self.spot, self.sprite.height])
-        ends, _ = camera.project(np.stack([foot, head]))
+        ends, _ = self._ends(camera)
         affine = _similarity(self.sprite.feet, self.sprite.head, ends[0], ends[1])
         row = (self.sprite.feet[1] + self.sprite.head[1]) / 2
         sides = np.array([[self.sprite.steady[0], row], [self.sprite.steady[1], row]])
         return np.asarray(sides @ affine[0, :2] + affine[0, 2])
+
+    def _ends(self, camera: RayCamera) -> tuple[FloatArray, FloatArray]:
+        """Where feet and head are seen, ``(2, 2)`` pixels, and their depths ``(2,)``."""
+        return camera.project(np.array([[*self.spot, 0.0], [*self.spot, self.sprite.height]]))
 
     def shade(self, shown: Sprite, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
         """Linear colours ``(n, 3)`` of the subpixels of the window where ``seen`` is True, row by row."""
