@@ -18,6 +18,7 @@ from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, te
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
 from tsuiseki.datamodules.scene_images import (
+    VariedPictures,
     write_drone_images,
     write_panorama_images,
     write_scene_images,
@@ -221,18 +222,28 @@ class DetectionData(lightning.LightningDataModule):
                 continue
             width, height = source.size or (self.size[1], self.size[0])
             print(f"generating {source.generate} pictures into {folder}", flush=True)
-            if source.scene == "drone":
-                settings = DroneSceneSettings(
-                    width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL, sun=source.sun
-                )
-                write_drone_images(folder, source.generate, settings, source.seed)
-            elif source.scene in ("varied", "sparse", "aerial", "near"):
-                shown = (source.sprites, source.photographs, source.scene, source.town, source.things, source.sun)
-                write_varied_images(folder, source.generate, (width, height), source.seed, *shown, source.steady)
+            if source.scene == "street":
+                write_scene_images(folder, source.generate, TrainingSettings(width, height), source.seed)
             elif source.scene == "ceiling":
                 write_panorama_images(folder, source.generate, PanoramaPictures(width, height), source.seed)
+            elif source.scene == "drone":
+                flight = DroneSceneSettings(
+                    width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL, sun=source.sun
+                )
+                write_drone_images(folder, source.generate, flight, source.seed)
             else:
-                write_scene_images(folder, source.generate, TrainingSettings(width, height), source.seed)
+                pictures = VariedPictures(
+                    width,
+                    height,
+                    source.scene,
+                    source.sprites,
+                    source.photographs,
+                    source.town,
+                    source.things,
+                    source.sun,
+                    source.steady,
+                )
+                write_varied_images(folder, source.generate, pictures, source.seed)
 
     def setup(self, stage: str) -> None:
         """Read the labels, decode what fits into memory, cut people out and render others."""

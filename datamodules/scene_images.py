@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -38,7 +38,13 @@ _QUALITY = 92
 _SEQUENCE = "random-scenes"
 # Pictures of one flight of a drone, and frames between two of them: long enough for other poses and views.
 _PER_FLIGHT, _APART = 6, 45
-_OF_SCENE = {"sparse": sparse_settings, "aerial": aerial_settings, "near": near_settings}
+VariedScene: TypeAlias = Literal["varied", "sparse", "aerial", "near"]
+_OF_SCENE: dict[VariedScene, Callable[[np.random.Generator, int, int], TrainingSettings]] = {
+    "varied": varied_settings,
+    "sparse": lambda _, width, height: sparse_settings(width, height),
+    "aerial": lambda _, width, height: aerial_settings(width, height),
+    "near": lambda _, width, height: near_settings(width, height),
+}
 
 Labels: TypeAlias = tuple[FloatArray, FloatArray]
 
@@ -54,44 +60,56 @@ def write_scene_images(folder: Path, count: int, settings: TrainingSettings, see
     _write(folder, count, (settings.width, settings.height), partial(_street_picture, settings, seed))
 
 
-def write_varied_images(
-    folder: Path,
-    count: int,
-    size: tuple[int, int],
-    seed: int,
-    sprites: str = "",
-    photographs: str = "",
-    scene: Literal["varied", "sparse", "aerial", "near"] = "varied",
-    town: bool = False,
-    things: bool = False,
-    sun: float = 0.0,
-    steady: bool = False,
-) -> None:
-    """Render ``count`` pictures of `varied_settings`, sparse, aerial or near ones; else as `write_scene_images`.
+@dataclass(frozen=True)
+class VariedPictures:
+    """What pictures of people in streets and towns show.
 
-    Args:
-        folder: gets the sequence.
-        count: how many pictures.
-        size: width and height, pixels.
-        seed: of all chance.
+    Attributes:
+        width: pixels.
+        height: pixels.
+        scene: ordinary streets, crowds, views from afar and nobody in turns (`varied_settings`); few people among many
+            things; views from above; or people who fill a good part of the picture.
         sprites: folder of rendered people (`scenes.figures.library`); without one people are drawn.
         photographs: folder of photographs (`scenes.render.photographs`); without one grounds are drawn.
-        scene: which of the four.
         town: among things of a town, too.
         things: among photographed things, too.
         sun: share of them in a hard sun, in [0, 1].
         steady: boxes of rendered people are steady, see `TrainingSettings`.
+    """
+
+    width: int
+    height: int
+    scene: VariedScene = "varied"
+    sprites: str = ""
+    photographs: str = ""
+    town: bool = False
+    things: bool = False
+    sun: float = 0.0
+    steady: bool = False
+
+    def settings(self, rng: np.random.Generator) -> TrainingSettings:
+        """Of one picture."""
+        return replace(
+            _OF_SCENE[self.scene](rng, self.width, self.height),
+            town=TOWN if self.town else (0, 0),
+            things=THINGS if self.things else (0, 0),
+            sun=self.sun,
+            steady=self.steady,
+        )
+
+
+def write_varied_images(folder: Path, count: int, pictures: VariedPictures, seed: int) -> None:
+    """Render ``count`` pictures of people in streets and towns; else as `write_scene_images`.
 
     Raises:
-        RequestError: fewer than one picture, the folder holds files, there is nothing in the other folders, or things
-            are asked for and ``photographs`` has none.
+        RequestError: fewer than one picture, the folder holds files, there is nothing in the folders that ``pictures``
+            names, or things are asked for and there are no photographs of any.
     """
-    stock = _stock(sprites, photographs)
-    if things and not (stock.photographs and stock.photographs.paths["things"]):
-        where = f"in {photographs}/things" if photographs else "with `things`"
+    stock = _stock(pictures.sprites, pictures.photographs)
+    if pictures.things and not (stock.photographs and stock.photographs.paths["things"]):
+        where = f"in {pictures.photographs}/things" if pictures.photographs else "with `things`"
         raise RequestError(f"expected photographs of things {where}, got none")
-    how = (size, seed, sprites, photographs, scene, town, things, sun, steady)
-    _write(folder, count, size, partial(_varied_picture, *how))
+    _write(folder, count, (pictures.width, pictures.height), partial(_varied_picture, pictures, seed))
 
 
 def write_drone_images(folder: Path, count: int, settings: DroneSceneSettings, seed: int) -> None:
@@ -145,28 +163,12 @@ def _stock(sprites: str, photographs: str) -> Stock:
     )
 
 
-def _varied_picture(
-    size: tuple[int, int],
-    seed: int,
-    sprites: str,
-    photographs: str,
-    scene: str,
-    town: bool,
-    things: bool,
-    sun: float,
-    steady: bool,
-    folder: Path,
-    numbers: range,
-) -> list[Labels]:
+def _varied_picture(pictures: VariedPictures, seed: int, folder: Path, numbers: range) -> list[Labels]:
     labels = []
-    stock = _stock(sprites, photographs)
+    stock = _stock(pictures.sprites, pictures.photographs)
     for number in numbers:
         rng = np.random.default_rng([seed, number])
-        settings = varied_settings(rng, *size) if scene == "varied" else _OF_SCENE[scene](*size)
-        settings = replace(settings, town=TOWN) if town else settings
-        settings = replace(settings, things=THINGS) if things else settings
-        settings = replace(settings, sun=sun, steady=steady)
-        labels.append(_saved(folder, number, *random_training_scene(rng, settings, stock)))
+        labels.append(_saved(folder, number, *random_training_scene(rng, pictures.settings(rng), stock)))
     return labels
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules import scene_images
+from tsuiseki.datamodules.scene_images import VariedPictures
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.figure import random_figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
@@ -214,7 +215,7 @@ def test_rendered_people_take_the_places_of_drawn_ones_and_leave_the_rest(librar
 def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scene_images, "on_all_cores", lambda work, items, _: map(work, items))
     folder = tmp_path / "pictures"
-    scene_images.write_varied_images(folder, 3, (96, 72), 1, str(library))
+    scene_images.write_varied_images(folder, 3, VariedPictures(96, 72, sprites=str(library)), 1)
     assert len(list((folder / "img1").iterdir())) == 3
     assert len(read_ground_truth(folder / "gt" / "gt.txt").boxes) > 0
 
@@ -225,7 +226,10 @@ def test_things_are_refused_where_there_are_none(library: Path, tmp_path: Path) 
     for photographs in ("", str(tmp_path / "photographs")):
         with pytest.raises(RequestError, match="expected photographs of things"):
             scene_images.write_varied_images(
-                tmp_path / "pictures", 1, (96, 72), 1, str(library), photographs, things=True
+                tmp_path / "pictures",
+                1,
+                VariedPictures(96, 72, sprites=str(library), photographs=photographs, things=True),
+                1,
             )
     assert not (tmp_path / "pictures").exists()
 
@@ -242,7 +246,7 @@ def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monk
     tilts = {}
     for scene in ("varied", "aerial"):
         asked.clear()
-        scene_images.write_varied_images(tmp_path / scene, 12, (96, 72), 3, str(library), scene=scene)
+        scene_images.write_varied_images(tmp_path / scene, 12, VariedPictures(96, 72, scene, str(library)), 3)
         assert len(read_ground_truth(tmp_path / scene / "gt" / "gt.txt").boxes) > 5
         tilts[scene] = np.degrees(asked)
     assert np.median(tilts["aerial"]) > np.median(tilts["varied"]) + 10
