@@ -15,6 +15,7 @@ from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.frame_range import parse_frames
+from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
@@ -61,8 +62,8 @@ def adapt(
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
             are better.
         frames: learn from this stretch of each only, counted from 1 with both ends, such as 1-300.
-        detector: exported detector to start from; by default the shipped one. A bare word, such as street, names a
-            shipped one.
+        detector: exported detector to start from; by default the shipped detector_figures.onnx, or what track people
+            takes by default where no round is better. A bare word, such as street, names a shipped one.
         teacher: detector of any project that looks first, where the one to start from sees too little.
         appearance: exported appearance network to start from; by default the shipped one.
         view: tiles of a frame, as in track people.
@@ -111,7 +112,8 @@ def adapt(
             camera = open_camera(sources, stretch, work, settings, view)
             for line in _said_of_motion(camera):
                 print(line, flush=True)
-            _run(run, Adaptation(camera, start, work, settings, looking, appearance=appearance))
+            unlearnt = shipped(PEOPLE_DETECTOR) if detector is None else start
+            _run(run, Adaptation(camera, start, work, settings, looking, appearance=appearance), unlearnt)
         except RequestError:
             shutil.rmtree(work, ignore_errors=True)
             raise
@@ -151,10 +153,9 @@ def _teacher(given: Path | None, options: DetectorOptions) -> SizedDetect | None
 
 def _detector(given: Path | None) -> Path:
     from tsuiseki.tracking.onnx import kind_of
-    from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped, shipped_or_file
 
     if given is None:
-        return shipped(PEOPLE_DETECTOR)
+        return shipped(LEARNING_DETECTOR)
     start = shipped_or_file("detector", given)
     if not kind_of(start):
         raise RequestError(
@@ -163,8 +164,8 @@ def _detector(given: Path | None) -> Path:
     return start
 
 
-def _run(run: Run, adaptation: Adaptation) -> None:
-    """All rounds, and the files of the best."""
+def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
+    """All rounds, and the files of the best; the detector ``unlearnt`` where none is better than the start."""
     from tsuiseki.tracking.report.adapted import adapted_page
     from tsuiseki.trainers.adapt.rounds import best_of, rounds
     from tsuiseki.trainers.adapt.summary import summary
@@ -179,18 +180,18 @@ def _run(run: Run, adaptation: Adaptation) -> None:
     run.facts["rounds"] = [asdict(here.scores) for here in finished]
     run.facts["best"] = best.number
     run.facts["links"] = [asdict(here.links) for here in finished]
-    learnt = _learnt(best, adaptation)
+    learnt = _learnt(best, unlearnt)
     for name, file in learnt.items():
         run.write(f"{name}.onnx", partial(shutil.copyfile, file))
     page = adapted_page(summary(adaptation, finished, notes))
     run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-    run.done(_summary(best, finished[0], run.output.out))
+    run.done(_summary(best, finished[0], run.output.out, unlearnt))
     print(f"to use it: {_command(learnt, run.output.out)}")
 
 
-def _learnt(best: Round, adaptation: Adaptation) -> dict[str, Path]:
+def _learnt(best: Round, unlearnt: Path) -> dict[str, Path]:
     """The files of the best round, by the options of `track people` that take them."""
-    files = {"detector": adaptation.start}
+    files = {"detector": unlearnt}
     if best.number and isinstance(best.models.detector, Path):
         files["detector"] = best.models.detector
     # What was given stays where nothing better was learnt.
@@ -232,9 +233,9 @@ def _said_of_links(here: Round) -> str:
     return "".join(said)
 
 
-def _summary(best: Round, start: Round, out: Path) -> str:
+def _summary(best: Round, start: Round, out: Path, unlearnt: Path) -> str:
     if not best.number:
-        return f"no round was better than the start; {out / 'detector.onnx'} is the detector that it began with"
+        return f"no round was better than the start; {out / 'detector.onnx'} is {unlearnt.name}, which learnt nothing"
     return (
         f"round {best.number} is the best, agreement {start.scores.agreement:.3f} -> {best.scores.agreement:.3f}: "
         f"{out / 'detector.onnx'}"

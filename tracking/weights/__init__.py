@@ -9,7 +9,9 @@ from tsuiseki.tracking.errors import RequestError
 
 FOLDER = Path(__file__).resolve().parent
 # The detector of people that is taken where none is given.
-PEOPLE_DETECTOR = "detector_figures"
+PEOPLE_DETECTOR = "detector_people"
+# The one that `adapt` teaches where none is given: it learns more of one place (docs/adapt.md).
+LEARNING_DETECTOR = "detector_figures"
 # The same of people under a drone.
 DRONE_DETECTOR = "detector_drone_larger"
 

@@ -19,6 +19,12 @@ from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.adapt.agreement import RoundScores
+from tsuiseki.trainers.adapt.find import Models
+from tsuiseki.trainers.adapt.kept_round import Round
+from tsuiseki.trainers.adapt.kept_tracks import write_everyone
+from tsuiseki.trainers.adapt.labels import Verdict
+from tsuiseki.trainers.adapt.linking import LinkScores
 from tsuiseki.trainers.adapt.rounds import Adaptation
 
 pytest.importorskip("torch")
@@ -36,6 +42,21 @@ def refused(capsys: pytest.CaptureFixture[str], out: Path, *words: str) -> str:
     assert len(errors) == 1
     assert not out.exists() or not any(out.iterdir())
     return errors[0]
+
+
+def made_up_rounds(adaptation: Adaptation, *agreements: float) -> Iterator[Round]:
+    """Rounds of these agreements with everything that is written of them."""
+    for number, agreement in enumerate(agreements):
+        folder = adaptation.folder(number)
+        (folder / "detector.onnx").write_bytes(str(number).encode())
+        scores = RoundScores(agreement, 5, 4.0, 5.0, 1.0, 0.1)
+        write_everyone(folder / "tracks-0.npz", [street.track_of(0), street.decoy_track()])
+        write_detections(folder / "det-0.txt", [Detections(street.people(0), np.array([0.9, 0.4]))] * 110)
+        verdicts = (Verdict(1, "taken", 110, 0, 0.9, 1.0), Verdict(9, "never moves", 110, 0, 0.9, 0.0))
+        (folder / "appearance.onnx").write_bytes(b"appearance")
+        models = Models(folder / "detector.onnx", folder / "appearance.onnx", folder / "affinity.onnx")
+        links = LinkScores(0.8, 0.9, 0.7, 0.7, 0.6, 0.7) if number else LinkScores()
+        yield Round(number, models, scores, links, (verdicts,), 1, folder)
 
 
 def test_short_videos(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -88,28 +109,8 @@ def test_the_best_round_is_written(
     video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from tsuiseki.trainers.adapt import rounds as module
-    from tsuiseki.trainers.adapt.agreement import RoundScores
-    from tsuiseki.trainers.adapt.find import Models
-    from tsuiseki.trainers.adapt.kept_round import Round
-    from tsuiseki.trainers.adapt.kept_tracks import write_everyone
-    from tsuiseki.trainers.adapt.labels import Verdict
-    from tsuiseki.trainers.adapt.linking import LinkScores
 
-    def fake(adaptation: Adaptation) -> Iterator[Round]:
-        for number, score in enumerate((0.7, 0.8, 0.75)):
-            folder = adaptation.folder(number)
-            (folder / "detector.onnx").write_bytes(str(number).encode())
-            scores = RoundScores(score, 5, 4.0, 5.0, 1.0, 0.1)
-            tracks = [street.track_of(0), street.decoy_track()]
-            write_everyone(folder / "tracks-0.npz", tracks)
-            write_detections(folder / "det-0.txt", [Detections(street.people(0), np.array([0.9, 0.4]))] * 110)
-            verdicts = (Verdict(1, "taken", 110, 0, 0.9, 1.0), Verdict(9, "never moves", 110, 0, 0.9, 0.0))
-            (folder / "appearance.onnx").write_bytes(b"appearance")
-            models = Models(folder / "detector.onnx", folder / "appearance.onnx", folder / "affinity.onnx")
-            links = LinkScores(0.8, 0.9, 0.7, 0.7, 0.6, 0.7) if number else LinkScores()
-            yield Round(number, models, scores, links, (verdicts,), 1, folder)
-
-    monkeypatch.setattr(module, "rounds", fake)
+    monkeypatch.setattr(module, "rounds", lambda adaptation: made_up_rounds(adaptation, 0.7, 0.8, 0.75))
     out = tmp_path / "models"
     assert main(["adapt", str(video), "--out", str(out)]) == 0
     assert (out / "detector.onnx").read_bytes() == b"1"
@@ -182,6 +183,24 @@ def test_the_teacher_is_opened_once_and_what_was_given_is_kept_where_nothing_bet
     assert f"--appearance {tmp_path / 'o' / 'appearance.onnx'} --out DIR" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("words", "kept"), [((), "detector_people"), (("--detector", "street"), "detector_street")])
+def test_what_nothing_was_learnt_in_is_the_default_or_what_was_given(
+    words: tuple[str, ...],
+    kept: str,
+    video: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from tsuiseki.trainers.adapt import rounds as module
+
+    monkeypatch.setattr(module, "rounds", lambda adaptation: made_up_rounds(adaptation, 0.8, 0.7))
+    assert main(["adapt", str(video), *words, "--out", str(tmp_path / "o")]) == 0
+    assert (tmp_path / "o" / "detector.onnx").read_bytes() == shipped(kept).read_bytes()
+    assert f"{kept}.onnx, which learnt nothing" in capsys.readouterr().out
+    assert "no learnt detector is kept" in (tmp_path / "o" / "report.html").read_text()
+
+
 def test_an_appearance_network_that_nothing_can_be_learnt_on(
     video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -211,6 +230,7 @@ def test_a_bare_word_names_a_shipped_detector(
 
     monkeypatch.setattr("tsuiseki.trainers.adapt.rounds.rounds", no_rounds)
     assert refused(capsys, tmp_path / "o", str(video), "--detector", "street") == "tsuiseki: enough"
-    assert starts == [shipped("detector_street")]
+    assert refused(capsys, tmp_path / "o", str(video)) == "tsuiseki: enough"
+    assert starts == [shipped("detector_street"), shipped("detector_figures")]
     line = refused(capsys, tmp_path / "p", str(video), "--detector", "streets")
     assert "one of the shipped ceiling, drone, drone_larger, figures, people, street, got streets" in line

@@ -44,7 +44,7 @@ class PeopleFinding(FindingOptions):
     """Where the detections come from, and who is compared by appearance.
 
     Attributes:
-        detector: detector as ONNX; by default the shipped detector_figures.onnx; a bare word, such as street, names
+        detector: detector as ONNX; by default the shipped detector_people.onnx; a bare word, such as street, names
             another shipped one. One of other projects (YOLO, YOLOX, RT-DETR, RF-DETR, torchvision) is recognised by its
             inputs and outputs.
         view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people, by looks

@@ -85,7 +85,7 @@ def test_what_is_left_out_in_pets_is_nobody(data_folder):
     sequence = data_folder / "mot" / "PETS09-S2L1-first"
     truth = read_ground_truth(sequence / "gt" / "gt.txt")
     source = open_source(sequence, FrameRange(150, 209))
-    detect = ViewedDetector(open_detector(shipped(PEOPLE_DETECTOR), 0.3, threads=1), parse_view("1"))
+    detect = ViewedDetector(open_detector(shipped("detector_figures"), 0.3, threads=1), parse_view("1"))
     before = list(PeopleInputs(source, detect).found())
     ground = ground_of(detect, "auto", source)
     after = [found for _, found in PeopleInputs(source, detect, ground=ground).found()]
