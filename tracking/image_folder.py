@@ -109,7 +109,9 @@ def _images_only(folder: Path) -> tuple[Path, ...]:
     images = list_images(folder)
     if not images:
         suffixes = ", ".join(IMAGE_SUFFIXES)
-        raise RequestError(f"{folder}: expected images ({suffixes}) or a MOTChallenge sequence, found neither")
+        others = sorted(path.name for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+        hint = f", but {others[0]}; give a video by its own path" if others else ""
+        raise RequestError(f"{folder}: expected images ({suffixes}) or a MOTChallenge sequence, found neither{hint}")
     strange = sorted(
         path.name
         for path in set(folder.iterdir()) - set(images)

@@ -145,6 +145,8 @@ def test_what_is_no_video_is_refused(tmp_path: Path, webm: Path, images: Path) -
     refused(tmp_path / "header.webm", "OpenCV can decode")
     refused(tmp_path / "list.m3u8", "playlist")
     refused(tmp_path / "nothing", "found neither")
+    (tmp_path / "nothing" / "monday.mp4").touch()
+    refused(tmp_path / "nothing", "found neither, but monday.mp4; give a video by its own path")
     refused("97", "pictures from webcam 97")
     refused(webm, "within 1-20", "400-500")
     refused(images, "within 1-5", "4-9")
