@@ -236,12 +236,12 @@ class DetectionData(lightning.LightningDataModule):
                     width,
                     height,
                     source.scene,
-                    source.sprites,
-                    source.photographs,
-                    source.town,
-                    source.things,
-                    source.sun,
-                    source.steady,
+                    sprites=source.sprites,
+                    photographs=source.photographs,
+                    town=source.town,
+                    things=source.things,
+                    sun=source.sun,
+                    steady=source.steady,
                 )
                 write_varied_images(folder, source.generate, pictures, source.seed)
 

@@ -67,8 +67,8 @@ class VariedPictures:
     Attributes:
         width: pixels.
         height: pixels.
-        scene: ordinary streets, crowds, views from afar and nobody in turns (`varied_settings`); few people among many
-            things; views from above; or people who fill a good part of the picture.
+        scene: ``varied``: ordinary streets, crowds, views from afar and nobody in turns; ``sparse``: few people among
+            many things; ``aerial``: people from above; ``near``: people who fill a good part of the picture.
         sprites: folder of rendered people (`scenes.figures.library`); without one people are drawn.
         photographs: folder of photographs (`scenes.render.photographs`); without one grounds are drawn.
         town: among things of a town, too.

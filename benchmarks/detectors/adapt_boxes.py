@@ -24,7 +24,7 @@ from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
+from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 from tsuiseki.trainers.adapt.foreground import foreground_of
 from tsuiseki.trainers.adapt.label_boxes import FARTHEST
 from tsuiseki.trainers.adapt.silhouettes import usual_offset
@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("sequences", nargs="+", type=Path)
     parser.add_argument("--frames")
     parser.add_argument("--pictures", type=int, default=60)
-    parser.add_argument("--detector", type=Path, default=shipped(PEOPLE_DETECTOR))
+    parser.add_argument("--detector", type=Path, default=shipped(LEARNING_DETECTOR))
     arguments = parser.parse_args()
     print(
         "sequence, boxes, offset; mean IoU and share from 0.75 on, moved by " + " · ".join(map(str, SHARES)) + ", own"

@@ -62,8 +62,9 @@ def adapt(
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
             are better.
         frames: learn from this stretch of each only, counted from 1 with both ends, such as 1-300.
-        detector: exported detector to start from; by default the shipped detector_figures.onnx, or what track people
-            takes by default where no round is better. A bare word, such as street, names a shipped one.
+        detector: exported detector to start from, which is also left where no round is better; by default
+            detector_figures.onnx starts, and detector_people.onnx is left. A bare word, such as street, names a shipped
+            one.
         teacher: detector of any project that looks first, where the one to start from sees too little.
         appearance: exported appearance network to start from; by default the shipped one.
         view: tiles of a frame, as in track people.
@@ -181,9 +182,11 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     run.facts["best"] = best.number
     run.facts["links"] = [asdict(here.links) for here in finished]
     learnt = _learnt(best, unlearnt)
+    run.facts["start"] = adaptation.start.name
+    run.facts["detector"] = f"learnt in round {best.number}" if best.number else unlearnt.name
     for name, file in learnt.items():
         run.write(f"{name}.onnx", partial(shutil.copyfile, file))
-    page = adapted_page(summary(adaptation, finished, notes))
+    page = adapted_page(summary(adaptation, finished, notes, unlearnt.name))
     run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
     run.done(_summary(best, finished[0], run.output.out, unlearnt))
     print(f"to use it: {_command(learnt, run.output.out)}")

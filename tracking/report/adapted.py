@@ -82,12 +82,13 @@ class AdaptedReport:
     Attributes:
         sources: the videos.
         rounds: the numbers of each, by the names in `HEADINGS`.
-        best: the round that is kept.
+        best: the round that is kept; 0 where none is.
         compared: pictures before and after.
         examples: crops by what they are examples of.
         shown: the round whose detections are compared with those of the start.
         notes: lines about the camera and the end of the rounds.
         links: what tells people apart, by its name, of each round; None where the video could not tell.
+        unlearnt: name of the detector that is left where no round is kept.
     """
 
     sources: Sequence[str]
@@ -98,6 +99,7 @@ class AdaptedReport:
     shown: int
     notes: Sequence[str] = ()
     links: Sequence[Mapping[str, Tried | None]] = ()
+    unlearnt: str = "the start"
 
 
 def adapted_page(report: AdaptedReport) -> str:
@@ -116,7 +118,7 @@ def adapted_page(report: AdaptedReport) -> str:
     kept = (
         f"round {report.best} is kept"
         if report.best
-        else "no round was better than the start: no learnt detector is kept"
+        else f"no round was better than the start: what is left is {report.unlearnt}"
     )
     title = f"A camera learnt from {', '.join(report.sources)}"
     learnt = len(report.rounds) - 1
@@ -135,12 +137,12 @@ def _links(report: AdaptedReport) -> str:
 
 
 def _rows(headings: Sequence[str], rounds: Sequence[Sequence[str]], report: AdaptedReport) -> str:
-    """A table with a row for each round, the best one marked."""
+    """A table with a row for each round, the one that is kept marked."""
     head = "".join(f"<th scope=col>{escape(heading)}</th>" for heading in headings)
     rows = []
     for number, values in enumerate(rounds):
         name = "start" if number == 0 else f"round {number}"
-        mark = ' class="best"' if number == report.best else ""
+        mark = ' class="best"' if 0 < number == report.best else ""
         cells = "".join(f"<td{mark}>{value}</td>" for value in values)
         rows.append(f"<tr><th scope=row>{name}</th>{cells}</tr>")
     return (

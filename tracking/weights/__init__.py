@@ -12,7 +12,7 @@ FOLDER = Path(__file__).resolve().parent
 PEOPLE_DETECTOR = "detector_people"
 # The one that `adapt` teaches where none is given: it learns more of one place (docs/adapt.md).
 LEARNING_DETECTOR = "detector_figures"
-# The same of people under a drone.
+# The detector of people under a drone that is taken where none is given.
 DRONE_DETECTOR = "detector_drone_larger"
 
 

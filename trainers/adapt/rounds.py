@@ -71,8 +71,8 @@ class Adaptation:
 def rounds(adaptation: Adaptation) -> Iterator[Round]:
     """Round 0, which only looks, and those that learn; each as soon as it is finished.
 
-    With a teacher round 0 is what the teacher sees; its agreement is that of the detector that is to learn from it, so
-    that the first round competes with the detector that would be kept otherwise.
+    With a teacher round 0 is what the teacher sees; its agreement is that of the detector that is to learn from it,
+    since that is what the first round competes with.
 
     Raises:
         RequestError: nobody is followed with confidence, or a file is no such model.
@@ -123,7 +123,7 @@ def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Models:
     """The models of round ``number``, from the labels of the one before."""
     folder, camera = adaptation.folder(number), adaptation.camera
     detector = folder / "detector.onnx"
-    # The shipped costs know the scores of the shipped detector, not those that were learnt here.
+    # The shipped costs know the scores of the shipped detectors, not those that were learnt here.
     models = Models(detector, adaptation.appearance, Path(NONE))
     if detector.is_file():
         return models

@@ -29,8 +29,8 @@ _MEANINGS = {
 _FILLED = "Taken as labels where nothing was detected"
 
 
-def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[str]) -> AdaptedReport:
-    """What to show of the rounds that are ``finished``."""
+def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[str], unlearnt: str) -> AdaptedReport:
+    """What to show of the rounds that are ``finished``; ``unlearnt`` names the detector that is left without any."""
     best = best_of(finished)
     # Where nothing was better than the start, the last round shows why.
     shown = best if best.number else finished[-1]
@@ -43,6 +43,7 @@ def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[s
         shown.number,
         notes,
         [_tried(here.links) for here in finished],
+        unlearnt,
     )
 
 

@@ -183,8 +183,12 @@ def test_the_teacher_is_opened_once_and_what_was_given_is_kept_where_nothing_bet
     assert f"--appearance {tmp_path / 'o' / 'appearance.onnx'} --out DIR" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("words", "kept"), [((), "detector_people"), (("--detector", "street"), "detector_street")])
-def test_what_nothing_was_learnt_in_is_the_default_or_what_was_given(
+@pytest.mark.parametrize(
+    ("words", "kept"),
+    [((), "detector_people"), (("--detector", "figures"), "detector_figures")],
+    ids=["default", "given"],
+)
+def test_where_nothing_better_is_learnt_the_default_or_what_was_given_is_left(
     words: tuple[str, ...],
     kept: str,
     video: Path,
@@ -198,7 +202,9 @@ def test_what_nothing_was_learnt_in_is_the_default_or_what_was_given(
     assert main(["adapt", str(video), *words, "--out", str(tmp_path / "o")]) == 0
     assert (tmp_path / "o" / "detector.onnx").read_bytes() == shipped(kept).read_bytes()
     assert f"{kept}.onnx, which learnt nothing" in capsys.readouterr().out
-    assert "no learnt detector is kept" in (tmp_path / "o" / "report.html").read_text()
+    assert f"what is left is {kept}.onnx" in (tmp_path / "o" / "report.html").read_text()
+    facts = json.loads((tmp_path / "o" / "run.json").read_text())["facts"]
+    assert (facts["start"], facts["detector"]) == ("detector_figures.onnx", f"{kept}.onnx")
 
 
 def test_an_appearance_network_that_nothing_can_be_learnt_on(

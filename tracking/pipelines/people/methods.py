@@ -160,7 +160,7 @@ def people_affinity(
         affinity: a file or the costs themselves, learnt on pairs or on whole tracks; None takes the shipped ones where
             they know the scores.
         threads: CPU threads of the network.
-        known_scores: the detections come from a detector whose scores the shipped costs were fitted to.
+        known_scores: the detections come from a detector of this toolkit, whose scores the shipped costs take.
 
     Raises:
         RequestError: another method; or they ask for actions, which nothing recognises here.

@@ -54,8 +54,8 @@ def reproduce(
             the parts given, limits and alternatives.
         parts: given (all sets), limits (what limits them: links that are not in the graph, what errors cost, what the
             features tell), alternatives (other ways to learn, on the first set, and those for few sequences on the
-            second), unseen (costs learnt on generated streets, on real sequences), detected (likewise, after the
-            detector that ships), appearance (the Siamese network), heads (of the detector), gradient (the picture),
+            second), unseen (costs learnt on generated streets, on real sequences), detected (likewise, after
+            detectors that ship), appearance (the Siamese network), heads (of the detector), gradient (the picture),
             separated by commas.
         rows: of the part alternatives, separated by commas.
         processes: groups that are learnt at the same time; 0 takes all cores.

@@ -55,7 +55,7 @@ def appearance_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, 
 
 
 def heads_tables(bench: Bench, data: Path) -> tuple[list[Table], dict[str, Any]]:
-    """The detector that ships, its heads trained on by its own loss, through the flow, and by both."""
+    """The detector of drawn people, its heads trained on by its own loss, through the flow, and by both."""
     sources = {
         f"PETS {HEADS_FROM}–300 → 301–400": _pets(data, HEADS_FROM),
         "streets": pictured_clips(bench, write_pictured, UNLIKE),
