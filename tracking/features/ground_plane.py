@@ -11,10 +11,11 @@ lie on the line and loses score; nobody gains any.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, inf, log, sqrt, tau
+from math import ceil, exp, inf, log, sqrt, tau
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import correlate1d
 
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
 
@@ -130,8 +131,7 @@ class GroundPlane:
         self._votes = np.zeros((len(_HORIZONS), len(_SLOPES)))
         self._level = np.zeros(len(_HEIGHTS))
         self._weight = 0.0
-        self._near_slope = _kernel(_SLOPES, self.settings.tolerance)
-        self._near_height = _kernel(_HEIGHTS, self.settings.tolerance)
+        self._kernel = _kernel(self.settings.tolerance)
 
     @property
     def holds(self) -> bool:
@@ -195,10 +195,11 @@ class GroundPlane:
         self._weight += float(weights.sum())
 
     def _best(self) -> HeightLine:
-        near = self._votes @ self._near_slope
+        # Not by a product of matrices: its threads would wait, and take the cores, where networks work beside.
+        near = correlate1d(self._votes, self._kernel, mode="constant")
         horizon, slope = np.unravel_index(int(near.argmax()), near.shape)
         explained = float(near[horizon, slope]) / self._weight
-        level = float((self._level @ self._near_height).max()) / self._weight
+        level = float(correlate1d(self._level, self._kernel, mode="constant").max()) / self._weight
         return HeightLine(float(_HORIZONS[horizon]), exp(_SLOPES[slope]), min(explained, 1.0), explained - level)
 
     def __str__(self) -> str:
@@ -224,9 +225,10 @@ def _cut_off(boxes: FloatArray, height: int) -> BoolArray:
     return np.asarray((boxes[:, 1] <= margin) | (boxes[:, 3] >= height - margin))
 
 
-def _kernel(centres: FloatArray, deviation: float) -> FloatArray:
-    """``(B, B)`` what a vote in one bin counts in each other, 1 in its own."""
-    return np.asarray(np.exp(-0.5 * ((centres[:, None] - centres) / deviation) ** 2))
+def _kernel(deviation: float) -> FloatArray:
+    """What a vote counts in its own bin, the middle, 1, and in those up to six deviations beside it."""
+    reach = ceil(6 * deviation / _STEP)
+    return np.asarray(np.exp(-0.5 * (_STEP * np.arange(-reach, reach + 1) / deviation) ** 2))
 
 
 def _add(table: FloatArray, values: FloatArray, weights: FloatArray, first: float) -> None:

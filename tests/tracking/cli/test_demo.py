@@ -68,6 +68,8 @@ def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path, ren
         if not command.forwarded:
             parse(f"tsuiseki {kind} {what}", command.load([kind, what]), words)
     assert set((SHIPPED if rendered else DRAWN).values()) <= made
+    assert "detector_street.onnx" in made
+    assert ("detector_figures.onnx" in made) == rendered
 
 
 @pytest.mark.parametrize("rendered", [False, True])
