@@ -74,19 +74,22 @@ def why_not_best(demo: DemoResult) -> list[str]:
         demo: the scores of at least one method, and its tracks.
 
     Returns:
-        Two sentences, or none where the last method is the best.
+        A sentence, and one about its false boxes if it has any; none where the last method is the best.
     """
     scores = demo.scores
     drawn, best = list(scores)[-1], max(scores, key=lambda name: scores[name].combined.hota)
     ours, theirs = scores[drawn].combined, scores[best].combined
     if ours.hota >= theirs.hota:
         return []
-    return [
+    line = (
         f"{drawn} is not the best here in HOTA ({ours.hota:.3f}; {best} {theirs.hota:.3f}): it keeps "
         f"{ours.false_positives} false boxes ({best} {theirs.false_positives}), misses {ours.false_negatives} people "
-        f"({theirs.false_negatives}) and changes {ours.id_switches} ids ({theirs.id_switches}).",
-        _where_false_boxes_come_from(demo.tracks[drawn], demo.truth, ours.false_positives),
-    ]
+        f"({theirs.false_negatives}) and changes {ours.id_switches} ids ({theirs.id_switches}); right boxes overlap the "
+        f"true ones by {ours.motp:.3f} ({theirs.motp:.3f})."
+    )
+    if not ours.false_positives:
+        return [line]
+    return [line, _where_false_boxes_come_from(demo.tracks[drawn], demo.truth, ours.false_positives)]
 
 
 def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, count: int) -> str:
@@ -102,11 +105,12 @@ def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, co
             still += int(false.sum())
         else:
             filled += int((false & ~track.observed).sum())
-    return (
-        f"Of these false boxes {still} lie on {things} things that never move and were taken for people all the time, "
-        f"{filled} were filled into gaps over nobody, and {count - still - filled} lie beside people or on people who "
-        "have a box already."
-    )
+    found = {
+        f"on things that never move and were taken for people all the time ({things})": still,
+        "filled into gaps over nobody": filled,
+        "beside people or on people who have a box already": count - still - filled,
+    }
+    return f"Its false boxes: {', '.join(f'{number} {where}' for where, number in found.items() if number)}."
 
 
 def _on_nobody(track: Track, truth: GroundTruth) -> BoolArray:

@@ -32,7 +32,7 @@ def test_a_second_best_method_is_told_by_its_false_boxes():
     assert line.startswith("flow is not the best here in HOTA (0.")
     assert "keeps 10 false boxes (clean 0), misses 0 people (0)" in line
 
-    assert where.startswith("Of these false boxes 10 lie on 1 things that never move")
+    assert where == "Its false boxes: 10 on things that never move and were taken for people all the time (1)."
 
 
 def test_false_boxes_are_told_by_what_they_are():
@@ -41,8 +41,15 @@ def test_false_boxes_are_told_by_what_they_are():
     away = replace(away, observed=FRAMES < 6)
     line, where = why_not_best(demo(clean=[track(1)], flow=[track(1), away]))
     assert "keeps 10 false boxes" in line
-    assert "0 lie on 0 things" in where
-    assert "4 were filled into gaps over nobody, and 6 lie beside people" in where
+    assert where == (
+        "Its false boxes: 4 filled into gaps over nobody, 6 beside people or on people who have a box already."
+    )
+
+
+def test_boxes_that_lie_less_closely_are_told_too():
+    (line,) = why_not_best(demo(close=[track(1)], flow=[track(1, 2.0)]))
+    assert "keeps 0 false boxes" in line
+    assert "right boxes overlap the true ones by 0.761 (1.000)" in line
 
 
 def test_the_best_method_needs_no_excuse():
