@@ -84,7 +84,7 @@ def why_not_best(demo: DemoResult) -> list[str]:
     line = (
         f"{drawn} is not the best here in HOTA ({ours.hota:.3f}; {best} {theirs.hota:.3f}): it keeps "
         f"{ours.false_positives} false boxes ({best} {theirs.false_positives}), misses {ours.false_negatives} people "
-        f"({theirs.false_negatives}) and changes {ours.id_switches} ids ({theirs.id_switches}); right boxes overlap the "
+        f"({theirs.false_negatives}) and changes {ours.id_switches} ids ({theirs.id_switches}); right boxes overlap "
         f"true ones by {ours.motp:.3f} ({theirs.motp:.3f})."
     )
     if not ours.false_positives:

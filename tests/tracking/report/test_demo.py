@@ -49,7 +49,7 @@ def test_false_boxes_are_told_by_what_they_are():
 def test_boxes_that_lie_less_closely_are_told_too():
     (line,) = why_not_best(demo(close=[track(1)], flow=[track(1, 2.0)]))
     assert "keeps 0 false boxes" in line
-    assert "right boxes overlap the true ones by 0.761 (1.000)" in line
+    assert "right boxes overlap true ones by 0.761 (1.000)" in line
 
 
 def test_the_best_method_needs_no_excuse():
