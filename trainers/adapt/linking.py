@@ -1,14 +1,16 @@
 """What tells people apart in a round: the appearance network and the prices of links, each kept only where it helps.
 
 Both are learnt on the tracks of the round, without its held-out end, and tried there against what the tracks were made
-with. Costs are better where identities survive missing frames better. Appearance is where they survive gaps better, in
-the whole video, and it separates people more: where motion tells who is who, a network that only does the latter harms.
+with. Costs are better where identities survive missing frames better, there and in the whole video: few people in a few
+seconds may tell anything. Appearance is where they survive gaps better, in the whole video, and it separates people
+more: where motion tells who is who, a network that only does the latter harms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 
 from tsuiseki.tracking.association.affinity import Affinity
@@ -63,7 +65,8 @@ class LinkScores:
     Attributes:
         separation: area under the ROC of appearance in the held-out ends: one track against people seen at one time.
         separation_learnt: likewise, of the network that was learnt.
-        identity: IDF1 of tracks with every other frame missing against those of all frames, in the held-out ends.
+        identity: IDF1 of tracks with every other frame missing against those of all frames, in the held-out ends or in
+            the whole videos, where it rises less.
         identity_learnt: likewise, with the costs that were learnt.
         followed: IDF1 with every other dozen of frames missing, in the whole videos, with the appearance that the
             tracks were made with.
@@ -153,16 +156,21 @@ def _costs(
     learnt, _ = _examples(seen, settings)
     sources = [Path(each.watched.source) for each in seen]
     costs = fit_costs(learnt, sources, folder / COSTS, seed)
-    stretches = [
+    if costs is None:
+        return None, (None, None)
+    ends = [
         Stretch(each.watched, each.found, each.labels, first_held_out(each.watched, each.found, settings.held_out))
         for each in seen
     ]
-    if costs is None:
-        return None, (None, None)
     tried = Affinity(costs, 1)
-    before, after = (
-        identity_kept(stretches, settings.score_threshold, which, tried.observation) for which in (None, tried)
+    held_out, whole = (
+        [identity_kept(stretches, settings.score_threshold, which, tried.observation) for which in (None, tried)]
+        for stretches in (ends, [_whole(each, None) for each in seen])
     )
+    rise_held_out, rise_whole = (
+        inf if before is None or after is None else after - before for before, after in (held_out, whole)
+    )
+    before, after = whole if rise_whole < rise_held_out else held_out
     return costs, (before, after)
 
 

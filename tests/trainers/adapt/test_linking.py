@@ -186,7 +186,7 @@ def test_what_is_better_is_taken_and_looked_with(seen: Seen, tmp_path: Path, mon
     written = []
     monkeypatch.setattr(module, "export_projected", lambda *given: written.append(given[2]))
     monkeypatch.setattr(module, "ProjectionSettings", lambda: Settings(stay=0.1))
-    kept_so_far = iter([0.7, 0.78, 0.8, 0.9])
+    kept_so_far = iter([0.7, 0.78, 0.8, 0.9, 0.6, 0.75])
     monkeypatch.setattr(module, "identity_kept", lambda *_, **__: next(kept_so_far))
     again, kept, scores = learn_links([seen], Models(Path("d.onnx")), tmp_path, AdaptSettings(), 0)
     assert scores.better_appearance
@@ -201,6 +201,18 @@ def test_what_is_better_is_taken_and_looked_with(seen: Seen, tmp_path: Path, mon
     assert later.shape == (len(first), LENGTH + 1)
     assert not np.allclose(first, later[:, :LENGTH])
     assert len(again[0].labels.tracks) == 2
+
+
+def test_costs_that_help_in_the_end_and_lose_identities_in_the_whole_video_are_not_taken(
+    seen: Seen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "learn_projection", lambda *_: None)
+    tried = iter([0.8, 0.9, 0.9, 0.8])
+    monkeypatch.setattr(module, "identity_kept", lambda *_, **__: next(tried))
+    _, kept, scores = learn_links([seen], Models(Path("d.onnx")), tmp_path, AdaptSettings(), 0)
+    assert (scores.identity, scores.identity_learnt) == (0.9, 0.8)
+    assert not scores.better_costs
+    assert kept.affinity is None
 
 
 def test_identities_that_are_kept_score_one_and_lost_ones_less(seen: Seen) -> None:
