@@ -15,7 +15,7 @@ from math import ceil, exp, inf, log, sqrt, tau
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import correlate1d
+import scipy
 
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
 
@@ -196,10 +196,10 @@ class GroundPlane:
 
     def _best(self) -> HeightLine:
         # Not by a product of matrices: its threads would wait, and take the cores, where networks work beside.
-        near = correlate1d(self._votes, self._kernel, mode="constant")
+        near = scipy.ndimage.correlate1d(self._votes, self._kernel, mode="constant")
         horizon, slope = np.unravel_index(int(near.argmax()), near.shape)
         explained = float(near[horizon, slope]) / self._weight
-        level = float(correlate1d(self._level, self._kernel, mode="constant").max()) / self._weight
+        level = float(scipy.ndimage.correlate1d(self._level, self._kernel, mode="constant").max()) / self._weight
         return HeightLine(float(_HORIZONS[horizon]), exp(_SLOPES[slope]), min(explained, 1.0), explained - level)
 
     def __str__(self) -> str:
