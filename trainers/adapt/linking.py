@@ -164,14 +164,13 @@ def _costs(
     ]
     tried = Affinity(costs, 1)
     held_out, whole = (
-        [identity_kept(stretches, settings.score_threshold, which, tried.observation) for which in (None, tried)]
+        (
+            identity_kept(stretches, settings.score_threshold, None, tried.observation),
+            identity_kept(stretches, settings.score_threshold, tried, tried.observation),
+        )
         for stretches in (ends, [_whole(each, None) for each in seen])
     )
-    rise_held_out, rise_whole = (
-        inf if before is None or after is None else after - before for before, after in (held_out, whole)
-    )
-    before, after = whole if rise_whole < rise_held_out else held_out
-    return costs, (before, after)
+    return costs, min(held_out, whole, key=_rise)
 
 
 def _examples(
@@ -199,3 +198,9 @@ def _again(seen: Seen, found: Found, settings: AdaptSettings) -> Seen:
 
 def _rises(before: float | None, after: float | None, least: float = _BETTER) -> bool:
     return before is not None and after is not None and after > before + least
+
+
+def _rise(scores: tuple[float | None, float | None]) -> float:
+    """From before to after; no rise where nobody can say."""
+    before, after = scores
+    return -inf if before is None or after is None else after - before

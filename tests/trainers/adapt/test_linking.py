@@ -215,6 +215,18 @@ def test_costs_that_help_in_the_end_and_lose_identities_in_the_whole_video_are_n
     assert kept.affinity is None
 
 
+def test_costs_are_not_taken_where_nobody_is_in_the_held_out_end(
+    seen: Seen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "learn_projection", lambda *_: None)
+    tried = iter([None, None, 0.8, 0.9])
+    monkeypatch.setattr(module, "identity_kept", lambda *_, **__: next(tried))
+    _, kept, scores = learn_links([seen], Models(Path("d.onnx")), tmp_path, AdaptSettings(), 0)
+    assert scores.identity is None
+    assert not scores.better_costs
+    assert kept.affinity is None
+
+
 def test_identities_that_are_kept_score_one_and_lost_ones_less(seen: Seen) -> None:
     plain = [Detections(d.boxes, d.scores) for d in seen.found.detections]
     found = replace(seen.found, detections=plain)
