@@ -21,8 +21,8 @@ ORIENTATION_TAG = 0x0112
 TURNED_ORIENTATIONS = (5, 6, 7, 8)
 # Leftovers of file managers that may lie among images.
 HARMLESS_NAMES = ("thumbs.db", "desktop.ini")
-# Of files that are told to be given by themselves.
-VIDEO_SUFFIXES = (".mp4", ".m4v", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".webm")
+# Of videos, which a message tells to give by themselves; more than any data set here holds.
+HINTED_SUFFIXES = (".mp4", ".m4v", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".webm")
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def _images_only(folder: Path) -> tuple[Path, ...]:
     images = list_images(folder)
     if not images:
         suffixes = ", ".join(IMAGE_SUFFIXES)
-        videos = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
+        videos = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in HINTED_SUFFIXES)
         hint = f", but {videos[0]}; give a video by its own path" if videos else ""
         raise RequestError(f"{folder}: expected images ({suffixes}) or a MOTChallenge sequence, found neither{hint}")
     strange = sorted(
