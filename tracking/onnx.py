@@ -188,6 +188,21 @@ def image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInpu
     return WantedInput(first.name, shape, np.dtype(_FLOATS[first.type]))
 
 
+def byte_image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInput:
+    """The picture that a network takes whose first steps are its own: bytes, channels last.
+
+    Raises:
+        RequestError: its input is another.
+    """
+    first = session.get_inputs()[0]
+    shape, kind = tuple(first.shape), first.type.removeprefix("tensor(").removesuffix(")")
+    one_or_any = len(shape) == 4 and not (isinstance(shape[0], int) and shape[0] != 1)
+    if kind != "uint8" or not one_or_any or shape[3] != 3:
+        shown = "x".join(str(x) for x in shape)
+        raise RequestError(f"{path}: expected pictures (N, H, W, 3) of uint8 as input, got {first.name} {shown} {kind}")
+    return WantedInput(first.name, shape, np.dtype(np.uint8))
+
+
 def kind_of(path: str | Path) -> str:
     """What the ONNX file at ``path`` says it is; empty where it says nothing.
 

@@ -109,6 +109,14 @@ def read_torchvision(outputs: Outputs, size: Size, person: int) -> Boxes:
     return boxes.astype(np.float64)[chosen], scores.astype(np.float64).reshape(-1)[chosen]
 
 
+def read_tensorflow(outputs: Outputs, size: Size, person: int) -> Boxes:
+    """``(N, 4)`` y1, x1, y2, x2 as shares, ``(N,)`` classes, ``(N,)`` scores, and how many of the rows are filled."""
+    boxes, labels, scores, count = outputs
+    chosen = np.flatnonzero(np.round(labels.reshape(-1)[: int(count.reshape(-1)[0])]) == person)
+    shares = boxes.astype(np.float64)[chosen][:, [1, 0, 3, 2]]
+    return shares * _sides(size), scores.astype(np.float64).reshape(-1)[chosen]
+
+
 def grid(size: Size, count: int) -> tuple[FloatArray, FloatArray]:
     """Columns and rows ``(N, 2)`` of the cells of all strides, and the strides ``(N, 1)``, finest first."""
     strides = next((s for s in (STRIDES, MORE_STRIDES) if cell_count(size, s) == count), None)
@@ -214,4 +222,14 @@ LAYOUTS: Mapping[LayoutName, Layout] = {
         suppressed=True,
         outputs=3,
     ),
+    "tensorflow": Layout(
+        "detection_boxes (1, N, 4) y before x as shares, detection_classes, detection_scores, num_detections",
+        read_tensorflow,
+        _untold,
+        ImageInput("stretch", pixels="bytes", as_bytes=True),
+        suppressed=True,
+        outputs=4,
+    ),
 }
+# What the Object Detection API of TensorFlow calls its outputs, in the order in which `read_tensorflow` takes them.
+TENSORFLOW = ("detection_boxes", "detection_classes", "detection_scores", "num_detections")

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.networks.class_of_people import class_names, class_of_people
-from tsuiseki.tracking.features.networks.detector_layouts import LAYOUTS, Size, paired, with_probabilities
+from tsuiseki.tracking.features.networks.detector_layouts import LAYOUTS, TENSORFLOW, Size, paired, with_probabilities
 from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions, LayoutName, ScoreKind
 from tsuiseki.tracking.features.networks.image_input import ImageInput
-from tsuiseki.tracking.features.networks.layout_recognition import BOX_NAMES, possible_layouts
+from tsuiseki.tracking.features.networks.layout_recognition import BOX_NAMES, plain_name, possible_layouts
 from tsuiseki.tracking.features.networks.score_kinds import background_first, possible_kinds
 from tsuiseki.tracking.geometry import clip_boxes, suppress
-from tsuiseki.tracking.onnx import image_input, open_session, run_session
+from tsuiseki.tracking.onnx import byte_image_input, image_input, open_session, run_session
 from tsuiseki.tracking.types import Detections, ImageArray
 
 _MOST_CANDIDATES = 400
@@ -59,9 +59,7 @@ class ForeignDetector:
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
         self.session = open_session(path, threads)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
-        # Boxes first: with four classes their shape does not tell them.
-        names = [x.name for x in self.session.get_outputs()]
-        self._outputs = sorted(names, key=lambda name: name not in BOX_NAMES)
+        self._outputs = self._outputs_in_order()
         self._check_task()
         self.size = self._input_size(options)
         self.names = options.classes or class_names(self.metadata)
@@ -131,7 +129,7 @@ class ForeignDetector:
     def _run(self, images: Sequence[ImageArray]) -> list[list[NDArray[Any]]]:
         """Outputs of each picture without their batch axis; all in one call where the file takes any batch."""
         several = self._batched and isinstance(self._wanted.shape[0], str) and len(images) > 1
-        if several:
+        if several and len({image.shape for image in images}) == 1:
             whole = self._call(np.stack(images))
             if all(len(x) == len(images) for x in whole):
                 return [[x[n] for x in whole] for n in range(len(images))]
@@ -145,22 +143,33 @@ class ForeignDetector:
                 inputs[other.name] = np.tile(np.array(images.shape[2:0:-1], dtype=np.int64), (len(images), 1))
         return run_session(self.session, self.path, inputs, self._outputs)
 
+    def _outputs_in_order(self) -> list[str]:
+        names = [x.name for x in self.session.get_outputs()]
+        plain = [plain_name(name) for name in names]
+        # TensorFlow's newer files give more beside them.
+        self._tensorflow = set(TENSORFLOW) <= set(plain)
+        if self._tensorflow:
+            return [names[plain.index(name)] for name in TENSORFLOW]
+        # Boxes first: with four classes their shape does not tell them.
+        return sorted(names, key=lambda name: name not in BOX_NAMES)
+
     def _check_task(self) -> None:
         task = self.metadata.get("task", "detect")
         if task != "detect":
             raise RequestError(f"{self.path}: expected a detector, got a network for {task!r}; export one for 'detect'")
 
     def _input_size(self, options: DetectorOptions) -> Size | None:
-        """Height and width, or None for a network of torchvision's kind, which takes pictures of any size."""
-        self._wanted = image_input(self.session, self.path)
+        """Height and width, or None for a network of torchvision's or TensorFlow's kind, which takes any."""
+        self._wanted = (byte_image_input if self._tensorflow else image_input)(self.session, self.path)
         self._batched = len(self._wanted.shape) == 4
-        height, width = (x if isinstance(x, int) else None for x in self._wanted.shape[-2:])
+        sides = self._wanted.shape[1:3] if self._tensorflow else self._wanted.shape[-2:]
+        height, width = (x if isinstance(x, int) else None for x in sides)
         told = _told_size(self.metadata)
         height = height or options.height or (told[0] if told else None)
         width = width or options.width or (told[1] if told else None)
         if height and width:
             return height, width
-        if len(self.session.get_outputs()) == 3:
+        if self._tensorflow or len(self.session.get_outputs()) == 3:
             return None
         raise RequestError(
             f"{self.path}: height and width of its input are open and its metadata do not tell them; "
@@ -169,7 +178,7 @@ class ForeignDetector:
 
     def _try(self) -> dict[str, NDArray[Any]]:
         """Outputs by name for a noise picture."""
-        self.input = ImageInput("as-is")
+        self.input = ImageInput("as-is", as_bytes=self._tensorflow)
         size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
         outputs = dict(zip(self._outputs, self._run([noise])[0], strict=True))
@@ -236,20 +245,27 @@ class ForeignDetector:
         return class_of_people(self.path, self.names, columns, options.person)
 
     def _check_values(self, outputs: Sequence[NDArray[Any]]) -> None:
-        floats = [x for x in outputs if np.issubdtype(x.dtype, np.floating)]
+        # TensorFlow tells how many rows it fills even where all of their scores are zero.
+        told = outputs[2:3] if self.layout == "tensorflow" else outputs
+        floats = [x for x in told if np.issubdtype(x.dtype, np.floating)]
         if not _finite(outputs):
             raise RunError(
                 f"{self.path}: the network gives NaN or infinity; check its normalisation, or export it in float32"
             )
         blank = not any(x.any() for x in floats)
         # Rows of zeros fill up, or there are no rows where nothing is found.
-        if blank and self.layout != "yolo-suppressed" and all(x.size for x in floats):
+        if blank and self.layout not in ("yolo-suppressed", "tensorflow") and all(x.size for x in floats):
             raise RunError(f"{self.path}: the network gives nothing but zeros; export it again")
         self._gave.add(not blank)
 
 
 def _changed(usual: ImageInput, options: DetectorOptions, *, whole: bool) -> ImageInput:
     names = ("resize", "colour", "pixels", "mean", "std")
+    told = [name for name in names[2:] if getattr(options, name) is not None]
+    if usual.as_bytes and told:
+        raise RequestError(
+            f"the network takes bytes and normalises them itself; leave `detector_options.{told[0]}` out"
+        )
     given: dict[str, Any] = {"resize": "as-is"} if whole else {}
     given |= {name: value for name in names if (value := getattr(options, name)) is not None}
     return replace(usual, **given)

@@ -17,6 +17,7 @@ LayoutName = Literal[
     "detr",
     "corners",
     "torchvision",
+    "tensorflow",
 ]
 ScoreKind = Literal["probabilities", "sigmoid", "softmax"]
 Resize = Literal["letterbox", "stretch", "as-is"]

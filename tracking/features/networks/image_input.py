@@ -26,6 +26,8 @@ class ImageInput:
         mean: subtracted from the channels after that.
         std: divides them after that.
         fill: grey level of 255 beside the picture.
+        as_bytes: the network takes bytes, channels last, and normalises them itself; ``mean``, ``std`` and ``pixels``
+            say nothing then.
     """
 
     resize: Resize = "letterbox"
@@ -34,9 +36,12 @@ class ImageInput:
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
     std: tuple[float, float, float] = (1.0, 1.0, 1.0)
     fill: int = 114
+    as_bytes: bool = False
 
     def __str__(self) -> str:
         """In words, such as ``letterbox, RGB, [0, 1]``."""
+        if self.as_bytes:
+            return f"{self.resize}, {self.colour}, bytes"
         values = "[0, 1]" if self.pixels == "unit" else "[0, 255]"
         plain = (self.mean, self.std) == ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
         usual = (self.mean, self.std) == (IMAGENET_MEAN, IMAGENET_STD)
@@ -52,9 +57,11 @@ class ImageInput:
         return letterbox(image, *size, (self.fill,) * 3)
 
     def normalise(self, images: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
-        """``(N, H, W, 3)`` uint8 RGB to the ``(N, 3, H, W)`` that the network takes."""
+        """``(N, H, W, 3)`` uint8 RGB to what the network takes: ``(N, 3, H, W)``, or bytes as they are."""
         if self.colour == "BGR":
             images = images[..., ::-1]
+        if self.as_bytes:
+            return np.ascontiguousarray(images)
         values = np.arange(256, dtype=np.float64)[:, None] / (255 if self.pixels == "unit" else 1)
         tables = ((values - np.asarray(self.mean)) / np.asarray(self.std)).astype(np.float32)
         count, height, width, _ = images.shape

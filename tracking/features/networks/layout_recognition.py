@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.features.networks.detector_layouts import (
     LAYOUTS,
     MORE_STRIDES,
+    TENSORFLOW,
     Outputs,
     Size,
     cell_count,
@@ -49,6 +50,8 @@ def possible_layouts(outputs: Mapping[str, NDArray[Any]], size: Size, classes: i
     arrays = list(outputs.values())
     if any(not np.isfinite(x).all() for x in arrays if np.issubdtype(x.dtype, np.floating)):
         return []
+    if tuple(map(plain_name, outputs)) == TENSORFLOW:
+        return ["tensorflow"]
     found: list[LayoutName] = []
     if len(arrays) == 1 and arrays[0].ndim == 2:
         found = _single(arrays[0], size)
@@ -57,6 +60,15 @@ def possible_layouts(outputs: Mapping[str, NDArray[Any]], size: Size, classes: i
     elif len(arrays) == 3 and _is_torchvision(arrays):
         found = ["torchvision"]
     return _of_so_many_classes(found, arrays, classes)
+
+
+def plain_name(output: str) -> str:
+    """Without the number that frozen graphs give an output.
+
+    >>> plain_name("detection_boxes:0")
+    'detection_boxes'
+    """
+    return output.partition(":")[0]
 
 
 def _single(rows: NDArray[Any], size: Size) -> list[LayoutName]:

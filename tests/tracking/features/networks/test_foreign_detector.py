@@ -103,6 +103,18 @@ def yolov6():
     return {"outputs": rows}
 
 
+def tensorflow(suffix=""):
+    kept, empty = [0, 1, 3], np.zeros((2, 4), np.float32)
+    shares = (CORNERS[kept] / SIDES)[:, [1, 0, 3, 2]]
+    outputs = {
+        "num_detections": np.array(3, np.float32),
+        "detection_scores": np.concatenate([SCORES[kept], [0.99, 0.0]]).astype(np.float32),
+        "detection_boxes": np.concatenate([shares, empty]).astype(np.float32),
+        "detection_classes": np.concatenate([CLASSES[kept], [0, 0]]).astype(np.float32),
+    }
+    return {name + suffix: value for name, value in outputs.items()}
+
+
 LAYOUTS = {
     "yolov8": yolov8,
     "yolov8-rows": yolov8_rows,
@@ -114,13 +126,16 @@ LAYOUTS = {
     "rtdetr-joined": rtdetr_joined,
     "detr": detr,
     "torchvision": torchvision,
+    "tensorflow": tensorflow,
 }
+BYTES = {"shape": ("batch", HEIGHT, WIDTH, 3), "kind": TensorProto.UINT8}
 
 
 def saved(path, name, **options):
     plain = ("boxes", "labels", "scores") if name == "torchvision" else ()
     shape = (3, HEIGHT, WIDTH) if name == "torchvision" else ("batch", 3, HEIGHT, WIDTH)
-    return save_constant(path / f"{name}.onnx", LAYOUTS[name](), plain=plain, **{"shape": shape, **options})
+    wanted = BYTES if name == "tensorflow" else {"shape": shape}
+    return save_constant(path / f"{name}.onnx", LAYOUTS[name](), plain=plain, **wanted | options)
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -168,6 +183,61 @@ def test_torchvision_takes_pictures_of_any_size(tmp_path):
     assert detector.size is None
     large = np.zeros((4 * HEIGHT, 4 * WIDTH, 3), np.uint8)
     np.testing.assert_allclose(detector.detect([large])[0].boxes, CORNERS[:2], atol=1e-3)
+
+
+def test_a_frozen_graph_of_tensorflow_takes_bytes_of_any_size_and_may_give_more(tmp_path):
+    outputs = tensorflow(":0") | {"raw_detection_boxes": np.zeros((7, 4), np.float32)}
+    path = save_constant(tmp_path / "frozen.onnx", outputs, shape=("n", "h", "w", 3), kind=TensorProto.UINT8)
+    with pytest.raises(RequestError, match="an unknown number of classes without names; say which one is people"):
+        open_detector(path)
+    detector = open_detector(path, options=DetectorOptions(person=0))
+    assert str(detector) == "layout tensorflow, people are class 0; pictures as-is, RGB, bytes, any size"
+    large = np.zeros((4 * HEIGHT, 2 * WIDTH, 3), np.uint8)
+    for found in detector.detect([large, large]):
+        np.testing.assert_allclose(found.boxes, CORNERS[:2] * [2, 4, 2, 4], atol=1e-3)
+    # Tiles of a frame are not all of one size.
+    for found, factor in zip(detector.detect([large, large[:HEIGHT, :WIDTH]]), (4, 1), strict=True):
+        np.testing.assert_allclose(found.boxes[:, 1::2], CORNERS[:2, 1::2] * factor, atol=1e-3)
+    with pytest.raises(RequestError, match=r"normalises them itself; leave `detector_options\.mean` out"):
+        open_detector(path, options=DetectorOptions(person=0, mean=(0.5, 0.5, 0.5)))
+    floats = save_constant(tmp_path / "floats.onnx", tensorflow(), shape=("n", "h", "w", 3))
+    with pytest.raises(
+        RequestError, match=r"expected pictures \(N, H, W, 3\) of uint8 as input, got images nxhxwx3 float"
+    ):
+        open_detector(floats, options=DetectorOptions(person=0))
+
+
+def test_bytes_come_as_they_are_in_the_order_that_the_user_says(tmp_path):
+    """The score of the one box is the mean of the first channel."""
+    shapes = {"detection_boxes": [1, 1, 4], "detection_classes": [1, 1], "detection_scores": [1, 1]}
+    values = {"detection_boxes": [[[0.25, 0.25, 0.75, 0.5]]], "detection_classes": [[1.0]], "num_detections": [1.0]}
+    nodes = [
+        helper.make_node("Cast", ["image_tensor"], ["floats"], to=TensorProto.FLOAT),
+        helper.make_node("ReduceMean", ["floats", "axes"], ["means"], keepdims=0),
+        helper.make_node("Slice", ["means", "from", "to", "axis"], ["first"]),
+        helper.make_node("Div", ["first", "white"], ["detection_scores"]),
+        *(helper.make_node("Identity", [f"{name}_value"], [name]) for name in values),
+    ]
+    constants = {"axes": [1, 2], "from": [0], "to": [1], "axis": [1]}
+    graph = helper.make_graph(
+        nodes,
+        "mean",
+        [helper.make_tensor_value_info("image_tensor", TensorProto.UINT8, [1, None, None, 3])],
+        [
+            helper.make_tensor_value_info(name, TensorProto.FLOAT, shapes.get(name, [1]))
+            for name in (*values, "detection_scores")
+        ],
+        [onnx.numpy_helper.from_array(np.array(v), k) for k, v in constants.items()]
+        + [onnx.numpy_helper.from_array(np.array(v, np.float32), f"{k}_value") for k, v in values.items()]
+        + [onnx.numpy_helper.from_array(np.array([255], np.float32), "white")],
+    )
+    path = tmp_path / "first.onnx"
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=9), path)
+    image = np.full((HEIGHT, WIDTH, 3), (204, 51, 102), np.uint8)
+    for colour, score in (("RGB", 0.8), ("BGR", 0.4)):
+        found = open_detector(path, options=DetectorOptions(person=1, colour=colour)).detect([image])[0]
+        np.testing.assert_allclose(found.boxes, [[24, 16, 48, 48]], atol=1e-3)
+        np.testing.assert_allclose(found.scores, [score], atol=1e-5)
 
 
 def test_people_are_found_by_name_by_number_and_where_coco_has_them(tmp_path):
