@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
+# A place that is to be seen lies within this share of the input about its middle, or, at the picture's border, of that.
+_CENTRAL, _OUTERMOST = 0.7, 0.95
+
 
 @dataclass(frozen=True)
 class Example:
@@ -61,7 +64,12 @@ class Augmentation:
 
 
 def augment(
-    rng: np.random.Generator, example: Example, size: tuple[int, int], settings: Augmentation, fill: ImageArray
+    rng: np.random.Generator,
+    example: Example,
+    size: tuple[int, int],
+    settings: Augmentation,
+    fill: ImageArray,
+    about: FloatArray | None = None,
 ) -> Example:
     """``example`` changed at random, in an image of ``size`` (height, width).
 
@@ -71,8 +79,9 @@ def augment(
         size: of the result.
         settings: how strongly.
         fill: ``(H, W, 3)`` uint8 of ``size``, seen where the example does not reach.
+        about: ``(2,)`` pixels of the example that are to be seen; None for any.
     """
-    example = _warp(rng, example, size, settings, fill)
+    example = _warp(rng, example, size, settings, fill, about)
     example = _paint_holes(rng, example, settings.holes)
     image = recolour(rng, example.image, settings.colour * rng.uniform(0.1, 1.0), settings.grey)
     if rng.random() < settings.blur:
@@ -85,12 +94,23 @@ def augment(
     return Example(image, example.boxes, example.ignored | too_small)
 
 
+def fitted_scale(source: tuple[int, ...], size: tuple[int, int]) -> float:
+    """Pixels of an input of ``size`` (height, width) a pixel of an image of ``source`` that is fitted into it."""
+    return min(size[0] / source[0], size[1] / source[1])
+
+
 def random_affine(
-    rng: np.random.Generator, source: tuple[int, int], size: tuple[int, int], settings: Augmentation
+    rng: np.random.Generator,
+    source: tuple[int, int],
+    size: tuple[int, int],
+    settings: Augmentation,
+    about: FloatArray | None = None,
 ) -> FloatArray:
-    """``(2, 3)`` map from pixels of an image of ``source`` (height, width) into an input of ``size``."""
-    fit = min(size[0] / source[0], size[1] / source[1])
-    scale = fit * np.exp(rng.uniform(*np.log(settings.scale)))
+    """``(2, 3)`` map from pixels of an image of ``source`` (height, width) into an input of ``size``.
+
+    It shows the place ``about`` ``(2,)``, if one is given, anywhere but at the border.
+    """
+    scale = fitted_scale(source, size) * np.exp(rng.uniform(*np.log(settings.scale)))
     aspect = np.exp(rng.uniform(-settings.aspect, settings.aspect) / 2)
     mirror = -1.0 if rng.random() < settings.flip else 1.0
     angle = np.deg2rad(rng.uniform(-settings.rotation, settings.rotation))
@@ -99,7 +119,14 @@ def random_affine(
     linear = turn @ np.array([[1.0, shear], [0.0, 1.0]]) @ np.diag([mirror * scale * aspect, scale / aspect])
     # The middle goes where the enlarged image still covers the input, or, if it is smaller, lies inside it.
     slack = np.abs(np.array([size[1], size[0]]) - scale * np.array([source[1], source[0]])) / 2
-    middle = np.array([size[1], size[0]]) / 2 + rng.uniform(-slack, slack)
+    middle = rng.uniform(-slack, slack)
+    if about is not None:
+        from_middle = linear @ (about - np.array([source[1], source[0]]) / 2)
+        half = np.array([size[1], size[0]]) / 2
+        middle = np.clip(half * rng.uniform(-_CENTRAL, _CENTRAL, 2) - from_middle, -slack, slack)
+        # A turned picture's corner would be lost.
+        middle = np.clip(middle + from_middle, -_OUTERMOST * half, _OUTERMOST * half) - from_middle
+    middle = np.array([size[1], size[0]]) / 2 + middle
     return np.column_stack([linear, middle - linear @ np.array([source[1], source[0]]) / 2])
 
 
@@ -142,9 +169,14 @@ def texture(rng: np.random.Generator, size: tuple[int, int]) -> ImageArray:
 
 
 def _warp(
-    rng: np.random.Generator, example: Example, size: tuple[int, int], settings: Augmentation, fill: ImageArray
+    rng: np.random.Generator,
+    example: Example,
+    size: tuple[int, int],
+    settings: Augmentation,
+    fill: ImageArray,
+    about: FloatArray | None,
 ) -> Example:
-    affine = random_affine(rng, (example.image.shape[0], example.image.shape[1]), size, settings)
+    affine = random_affine(rng, (example.image.shape[0], example.image.shape[1]), size, settings, about)
     source = example.image
     shrink = np.sqrt(abs(np.linalg.det(affine[:, :2])))
     if shrink < 0.7:

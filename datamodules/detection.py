@@ -17,6 +17,7 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
+from tsuiseki.datamodules.mining import NO_MINING, Mining, mine
 from tsuiseki.datamodules.scene_images import (
     VariedPictures,
     write_drone_images,
@@ -90,6 +91,7 @@ class TrainingExamples(Dataset[Example]):
         augmentation: Augmentation,
         composition: Composition,
         seed: int,
+        mining: Mining = NO_MINING,
     ) -> None:
         self.footage = footage
         self.length = length
@@ -104,20 +106,34 @@ class TrainingExamples(Dataset[Example]):
         generated = generate_people(rng, composition.generated_people, tilt=composition.tilt)
         self.pools = [[person for f in footage for view in f.views for person in view.people()], generated]
         self.pools = [pool for pool in self.pools if pool]
+        self.mined_share = mining.share if mining.detector else 0.0
+        self.mined = mine(footage, mining) if mining.detector else []
+        # As often from each source as chance would take it, of those where anything was mined.
+        self.mined_shares = np.array([share * (len(m) > 0) for share, m in zip(self.shares, self.mined, strict=False)])
 
     def __len__(self) -> int:
         return self.length
 
     def __getitem__(self, number: int) -> Example:
         rng = np.random.default_rng([self.seed, 1, number])
+        if self.mined and rng.random() < self.mined_share:
+            return self._about_a_false_box(rng)
         footage = self.footage[rng.choice(len(self.footage), p=self.shares)]
         index = int(rng.integers(len(footage)))
         view = footage.view(index)
         example = footage.example(index)
         if view is not None and self.composition.generated_people > 0:
             example = self._compose(rng, example, view, footage.cutouts(index))
-        fill = self.textures[rng.integers(len(self.textures))]
-        return augment(rng, example, self.size, self.augmentation, fill)
+        return augment(rng, example, self.size, self.augmentation, self._fill(rng))
+
+    def _about_a_false_box(self, rng: np.random.Generator) -> Example:
+        which = rng.choice(len(self.footage), p=self.mined_shares / self.mined_shares.sum())
+        footage = self.footage[which]
+        index, about, augmentation = self.mined[which].draw(rng, footage, self.size, self.augmentation)
+        return augment(rng, footage.example(index), self.size, augmentation, self._fill(rng), about)
+
+    def _fill(self, rng: np.random.Generator) -> ImageArray:
+        return self.textures[rng.integers(len(self.textures))]
 
     def _compose(
         self, rng: np.random.Generator, example: Example, view: FixedView, cutouts: list[Cutout | None]
@@ -140,8 +156,7 @@ class TrainingExamples(Dataset[Example]):
         return canvas.finish()
 
     def _foreign(self, rng: np.random.Generator, size: tuple[int, ...]) -> ImageArray:
-        pattern = self.textures[rng.integers(len(self.textures))]
-        return np.asarray(cv2.resize(pattern, size[::-1]), dtype=np.uint8)
+        return np.asarray(cv2.resize(self._fill(rng), size[::-1]), dtype=np.uint8)
 
 
 class ValidationExamples(Dataset[Example]):
@@ -182,6 +197,7 @@ class DetectionData(lightning.LightningDataModule):
         workers: processes that prepare images.
         augmentation: how training images are changed.
         composition: how people are composed onto frames of fixed cameras.
+        mining: false boxes of a detector that are shown more often.
         seed: of everything random here.
     """
 
@@ -197,6 +213,7 @@ class DetectionData(lightning.LightningDataModule):
         workers: int = 1,
         augmentation: Augmentation = STRONG,
         composition: Composition = NO_COMPOSITION,
+        mining: Mining = NO_MINING,
         seed: int = 0,
     ) -> None:
         super().__init__()
@@ -212,6 +229,7 @@ class DetectionData(lightning.LightningDataModule):
         self.workers = workers
         self.augmentation = augmentation
         self.composition = composition
+        self.mining = mining
         self.seed = seed
 
     def prepare_data(self) -> None:
@@ -241,7 +259,8 @@ class DetectionData(lightning.LightningDataModule):
                     town=source.town,
                     things=source.things,
                     sun=source.sun,
-                    steady=source.steady,
+                    motion=source.motion,
+                    boxes=source.boxes,
                 )
                 write_varied_images(folder, source.generate, pictures, source.seed)
 
@@ -255,6 +274,7 @@ class DetectionData(lightning.LightningDataModule):
                 self.augmentation,
                 self.composition,
                 self.seed,
+                self.mining,
             )
         if stage in ("fit", "validate"):
             self.validation = ValidationExamples([Footage(source) for source in self.sources["val"]], self.card)
@@ -291,7 +311,8 @@ def collate(examples: list[Example]) -> DetectionBatch:
 
 
 def _refuse_what_the_scene_does_not_show(source: Source) -> None:
-    given = [name for name in ("sprites", "photographs", "town", "things", "steady") if getattr(source, name)]
+    shown = ("sprites", "photographs", "town", "things", "motion", "boxes")
+    given = [name for name in shown if getattr(source, name) != getattr(Source, name)]
     if given and source.scene in ("street", "drone", "ceiling"):
         raise RequestError(
             f"{source.folder}: expected `{given[0]}` with a varied, sparse, aerial or near scene, got {source.scene}"
@@ -300,10 +321,11 @@ def _refuse_what_the_scene_does_not_show(source: Source) -> None:
         raise RequestError(
             f"{source.folder}: expected `sun` with a varied, sparse, aerial, near or drone scene, got {source.scene}"
         )
-    if source.steady and not source.sprites:
-        raise RequestError(f"{source.folder}: expected `sprites` with `steady`, whose boxes it is about, got none")
-    if not 0 <= source.sun <= 1:
-        raise RequestError(f"{source.folder}: expected `sun` as a share in [0, 1], got {source.sun}")
+    if source.boxes == "steady" and not source.sprites:
+        raise RequestError(f"{source.folder}: expected `sprites` with steady `boxes`, which are theirs, got none")
+    for name in ("sun", "motion"):
+        if not 0 <= getattr(source, name) <= 1:
+            raise RequestError(f"{source.folder}: expected `{name}` as a share in [0, 1], got {getattr(source, name)}")
 
 
 def _one_thread(worker: int) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, empty_view, fit_size_by_row
 from tsuiseki.datamodules.readers.images import labelled_images
+from tsuiseki.datamodules.scenes.street.conventions import BoxConvention
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import ImageArray
 
@@ -41,7 +42,10 @@ class Source:
         town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
         things: and photographed things, which the folder of photographs must hold.
         sun: share of the pictures in a hard sun, in [0, 1]; of all scenes but streets and rooms.
-        steady: their rendered people have steady boxes, as wide as in a whole walk on average, as people label videos.
+        motion: share of these pictures in which people, and perhaps the camera, move while the shutter is open, in
+            [0, 1].
+        boxes: how people are boxed in them: round their silhouettes; steady, as wide as in a whole walk on average, as
+            people label videos; or at random, the boxes of a picture alike.
         seed: of those.
         size: their width and height, pixels; by default those of the input.
     """
@@ -58,7 +62,8 @@ class Source:
     town: bool = False
     things: bool = False
     sun: float = 0.0
-    steady: bool = False
+    motion: float = 0.0
+    boxes: BoxConvention = "silhouettes"
     seed: int = 0
     size: tuple[int, int] | None = None
 

@@ -15,6 +15,7 @@ from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flig
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.rooms.panoramas import PanoramaPictures, panorama_picture
+from tsuiseki.datamodules.scenes.street.conventions import BoxConvention
 from tsuiseki.datamodules.scenes.street.training import (
     THINGS,
     TOWN,
@@ -74,7 +75,8 @@ class VariedPictures:
         town: among things of a town, too.
         things: among photographed things, too.
         sun: share of them in a hard sun, in [0, 1].
-        steady: boxes of rendered people are steady, see `TrainingSettings`.
+        motion: share of them in which people, and perhaps the camera, move while the shutter is open, in [0, 1].
+        boxes: how people are boxed, see `scenes.street.conventions.labelled`.
     """
 
     width: int
@@ -85,7 +87,8 @@ class VariedPictures:
     town: bool = False
     things: bool = False
     sun: float = 0.0
-    steady: bool = False
+    motion: float = 0.0
+    boxes: BoxConvention = "silhouettes"
 
     def settings(self, rng: np.random.Generator) -> TrainingSettings:
         """Of one picture."""
@@ -94,7 +97,8 @@ class VariedPictures:
             town=TOWN if self.town else (0, 0),
             things=THINGS if self.things else (0, 0),
             sun=self.sun,
-            steady=self.steady,
+            motion=self.motion,
+            boxes=self.boxes,
         )
 
 

@@ -110,7 +110,7 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
         "crisp": [source | {"share": share} for source, share in zip(many[1:3], (0.6, 0.4), strict=True)],
         "many": many,
         "sunlit": sunlit,
-        "silhouettes": [source | {"steady": False, "folder": _unsteady(source["folder"])} for source in sunlit],
+        "silhouettes": [source | {"boxes": "silhouettes", "folder": _unsteady(source["folder"])} for source in sunlit],
     }
     places = {
         "configs": str(resources.files("tsuiseki.configs")),

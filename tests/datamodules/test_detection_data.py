@@ -126,7 +126,8 @@ def test_shares_say_where_examples_come_from(walker: Path) -> None:
         ("street", {"things": True}),
         ("drone", {"town": True}),
         ("ceiling", {"sprites": "people"}),
-        ("drone", {"steady": True}),
+        ("drone", {"boxes": "random"}),
+        ("street", {"motion": 0.5}),
     ],
 )
 def test_what_a_scene_does_not_show_is_refused(tmp_path: Path, scene: Any, given: dict[str, Any]) -> None:
@@ -143,22 +144,25 @@ def test_no_sun_shines_where_the_scene_has_none(tmp_path: Path, scene: Any) -> N
         DetectionData([source], [source], height=48, width=64)
 
 
-def test_the_share_of_sun_is_one(tmp_path: Path) -> None:
-    source = Source(str(tmp_path / "generated"), generate=1, scene="drone", sun=1.5)
-    with pytest.raises(RequestError, match=r"expected `sun` as a share in \[0, 1\], got 1.5"):
+@pytest.mark.parametrize("name", ["sun", "motion"])
+def test_shares_of_pictures_are_shares(tmp_path: Path, name: str) -> None:
+    given: dict[str, Any] = {name: 1.5}
+    source = Source(str(tmp_path / "generated"), generate=1, scene="varied", **given)
+    with pytest.raises(RequestError, match=rf"expected `{name}` as a share in \[0, 1\], got 1.5"):
         DetectionData([source], [source], height=48, width=64)
 
 
 def test_steady_boxes_are_of_rendered_people(tmp_path: Path) -> None:
-    source = Source(str(tmp_path / "generated"), generate=1, scene="varied", steady=True)
-    with pytest.raises(RequestError, match="expected `sprites` with `steady`, whose boxes it is about, got none"):
+    source = Source(str(tmp_path / "generated"), generate=1, scene="varied", boxes="steady")
+    with pytest.raises(RequestError, match="expected `sprites` with steady `boxes`, which are theirs, got none"):
         DetectionData([source], [source], height=48, width=64)
 
 
-@pytest.mark.parametrize("scene", ["varied", "drone"])
-def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Path, scene: Any) -> None:
-    for name, sun in (("without", 0.0), ("with", 1.0)):
-        source = Source(str(tmp_path / name), generate=2, scene=scene, size=(96, 64), seed=2, sun=sun)
+@pytest.mark.parametrize(("scene", "what"), [("varied", "sun"), ("drone", "sun"), ("varied", "motion")])
+def test_pictures_in_sun_or_motion_are_other_pictures_of_the_same_people(tmp_path: Path, scene: Any, what: str) -> None:
+    for name, share in (("without", 0.0), ("with", 1.0)):
+        given: dict[str, Any] = {what: share}
+        source = Source(str(tmp_path / name), generate=2, scene=scene, size=(96, 64), seed=2, **given)
         DetectionData([source], [source], height=64, width=96).prepare_data()
     without, sunny = (read_ground_truth(tmp_path / name / "gt" / "gt.txt") for name in ("without", "with"))
     np.testing.assert_array_equal(without.boxes, sunny.boxes)

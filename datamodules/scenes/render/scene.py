@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import cv2
 import numpy as np
@@ -14,6 +14,7 @@ from tsuiseki.datamodules.scenes.render.shading import Light, shade
 from tsuiseki.datamodules.scenes.render.solids import Float32, Solids
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
+Owner: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int16]]
 # Share of all light that reaches the ground under a thing less than beside it.
 OCCLUSION = 0.3
 
@@ -60,22 +61,25 @@ class Picture:
         colour: ``(H, W, 3)`` linear light.
         distance: ``(H * samples, W * samples)`` metres to what stands there, infinite for ground and sky.
         samples: subpixels along each side of a pixel.
+        owner: likewise the index of the thing that was put there last, -1 for none.
     """
 
     colour: Float32
     distance: Float32
     samples: int
+    owner: Owner
 
     @property
     def open_ground(self) -> Float32:
         """``(H, W)`` share of each pixel that nothing stands on."""
-        return _by_pixel(np.isinf(self.distance).astype(np.float32), self.samples)
+        return by_pixel(np.isinf(self.distance).astype(np.float32), self.samples)
 
 
 def empty_picture(colour: Float32, samples: int) -> Picture:
     """``colour`` ``(H, W, 3)`` with nothing in it yet."""
     height, width = colour.shape[:2]
-    return Picture(colour, np.full((height * samples, width * samples), np.inf, dtype=np.float32), samples)
+    fine = (height * samples, width * samples)
+    return Picture(colour, np.full(fine, np.inf, dtype=np.float32), samples, np.full(fine, -1, dtype=np.int16))
 
 
 def compose(
@@ -101,7 +105,7 @@ def compose(
             closer = layer.distance[slices[1]] < distance[slices[0]]
             np.copyto(distance[slices[0]], layer.distance[slices[1]], where=closer)
             np.copyto(owner[slices[0]], np.int16(index), where=closer)
-    added = picture.colour * _by_pixel((owner < 0).astype(np.float32), samples)[:, :, None]
+    added = picture.colour * by_pixel((owner < 0).astype(np.float32), samples)[:, :, None]
     sightings: list[Sighting | None] = []
     for index, (thing, layer) in enumerate(zip(things, layers, strict=True)):
         if layer is None:
@@ -110,12 +114,12 @@ def compose(
         shown = traced[index]
         count = _draw(added, owner, index, thing, layer, camera, samples, light, shown[1] if shown else None)
         sightings.append(Sighting(silhouette_box(layer, samples), count / max(int(layer.mask.sum()), 1)))
-    return Picture(added, distance, samples), sightings
+    return Picture(added, distance, samples, owner), sightings
 
 
 def _draw(
     colour: Float32,
-    owner: np.ndarray[tuple[int, ...], np.dtype[np.int16]],
+    owner: Owner,
     index: int,
     thing: Thing,
     layer: Layer,
@@ -174,8 +178,8 @@ def _fewer(layer: Layer, seen: BoolArray, samples: int) -> tuple[BoolArray, Floa
     return kept.reshape(padded.shape)[window], weight.reshape(padded.shape)[window]
 
 
-def _by_pixel(fine: Float32, samples: int) -> Float32:
-    """Means over the subpixels of each pixel."""
+def by_pixel(fine: Float32, samples: int) -> Float32:
+    """Means over the subpixels of each pixel, ``(H * samples, W * samples)`` to ``(H, W)``."""
     height, width = fine.shape
     return np.asarray(cv2.resize(fine, (width // samples, height // samples), interpolation=cv2.INTER_AREA))
 

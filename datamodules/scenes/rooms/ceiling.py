@@ -274,7 +274,7 @@ def _with_people(clip: RoomClip, view: View, things: list[Thing]) -> tuple[Image
 def _part_of(picture: Picture, rows: slice, columns: slice) -> Picture:
     n = picture.samples
     fine = slice(rows.start * n, rows.stop * n), slice(columns.start * n, columns.stop * n)
-    return Picture(picture.colour[rows, columns], picture.distance[fine], n)
+    return Picture(picture.colour[rows, columns], picture.distance[fine], n, picture.owner[fine])
 
 
 def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:

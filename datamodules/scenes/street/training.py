@@ -13,11 +13,13 @@ from tsuiseki.datamodules.scenes.people.sprites import random_pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.facades import random_facades
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
+from tsuiseki.datamodules.scenes.render.motion_blur import smeared
 from tsuiseki.datamodules.scenes.render.night import by_night
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import hard_sun, random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.street.conventions import BoxConvention, labelled
 from tsuiseki.datamodules.scenes.street.pictured import pictured_things
 from tsuiseki.datamodules.scenes.street.staging import (
     apparent_heights,
@@ -83,8 +85,8 @@ class TrainingSettings:
         town: (fewest, most) things of a town that are nobody: traffic lights, signs, bicycles and the like; where
             there may be any, walls with doors and shop windows too.
         things: (fewest, most) photographed things that are nobody; where there may be any, there must be photographs.
-        steady: boxes of rendered people are as wide, and lie where, those of their whole walk are and do on average, as
-            people label videos; else each box is the silhouette's, which swings with the legs.
+        motion: chance that people, and perhaps the camera, move while the shutter is open, in [0, 1].
+        boxes: how people are boxed, see `street.conventions.labelled`.
     """
 
     width: int = 640
@@ -103,7 +105,8 @@ class TrainingSettings:
     facades: float = 0.5
     town: tuple[int, int] = (0, 0)
     things: tuple[int, int] = (0, 0)
-    steady: bool = False
+    motion: float = 0.0
+    boxes: BoxConvention = "silhouettes"
 
     def __post_init__(self) -> None:
         for name in ("people", "person_height", "clutter", "camera_height", "town", "things"):
@@ -115,8 +118,9 @@ class TrainingSettings:
                 "training scenes: expected at least 32x32 pixels, samples 1-8 and no negative degradation, "
                 f"got {self.width}x{self.height}, {self.samples} and {self.degradation}"
             )
-        if not 0 <= self.sun <= 1:
-            raise RequestError(f"training scenes: expected sun as a chance in [0, 1], got {self.sun}")
+        for name in ("sun", "motion"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise RequestError(f"training scenes: expected {name} as a chance in [0, 1], got {getattr(self, name)}")
 
 
 def varied_settings(rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
@@ -195,15 +199,15 @@ def random_training_scene(
 
     Returns:
         The image ``(H, W, 3)`` uint8 RGB, the boxes ``(N, 4)`` in pixels of the whole silhouettes, hidden parts
-        included, or steady ones, clipped to the image, and the visibilities ``(N,)`` in (0, 1].
+        included, or as ``settings.boxes`` has them, clipped to the image, and the visibilities ``(N,)`` in (0, 1].
 
     Raises:
         RequestError: things are wanted, and there are no photographs of any.
     """
     settings = TrainingSettings() if settings is None else settings
     camera, spots = _camera_with_spots(rng, settings)
-    # Generators of their own: the rest of a picture depends neither on what there is in stock nor on the sun.
-    of_people, of_photographs, of_town, of_things, of_sun = rng.spawn(5)
+    # Generators of their own: the rest of a picture depends neither on what there is in stock nor on sun or motion.
+    of_people, of_photographs, of_town, of_things, of_sun, of_motion, of_boxes = rng.spawn(7)
     light, sunny = random_light(rng), of_sun.random() < settings.sun
     if sunny:
         light = hard_sun(of_sun)
@@ -239,23 +243,15 @@ def random_training_scene(
     picture, _ = darken(picture, static + people, camera, light, sunlit, softness)
     # One pass: static things and people hide each other alike.
     picture, sightings = compose(picture, people + static, camera, light)
+    sightings = sightings[: len(people)]
+    colour = smeared(of_motion, picture, sightings) if of_motion.random() < settings.motion else picture.colour
     # Without nights no number is drawn: pictures of earlier seeds stay as they were.
-    colour = by_night(picture.colour, rng) if settings.night and rng.random() < settings.night else picture.colour
+    colour = by_night(colour, rng) if settings.night and rng.random() < settings.night else colour
     how = random_degradation(rng, settings.degradation)
     image = degrade(colour, replace(how, exposure=how.exposure * automatic_exposure(colour)), rng)
-    sightings = sightings[: len(people)]
-    if settings.steady:
-        sightings = [_steadied(s, thing, camera) for s, thing in zip(sightings, people, strict=True)]
+    sightings = labelled(of_boxes, sightings, people, camera, settings.boxes)
     boxes, visibility = seen_boxes(sightings, settings.width, settings.height)
     return image, boxes, visibility
-
-
-def _steadied(sighting: Sighting | None, thing: Thing, camera: PinholeCamera) -> Sighting | None:
-    """The sighting of somebody rendered with the sides of the steady box."""
-    if sighting is None or not isinstance(thing.cutout, Standing):
-        return sighting
-    left, right = thing.cutout.steady_sides(camera)
-    return replace(sighting, box=np.array([left, sighting.box[1], right, sighting.box[3]]))
 
 
 def seen_boxes(sightings: list[Sighting | None], width: int, height: int) -> tuple[FloatArray, FloatArray]:
