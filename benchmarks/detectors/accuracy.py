@@ -25,6 +25,7 @@ from tsuiseki.datamodules.scenes.street.street import StreetSettings, draw_stree
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections, labelled_boxes
 from tsuiseki.tracking.features.ground_plane import GroundPlane
 from tsuiseki.tracking.features.networks.exported import open_detector
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.mot import read_ground_truth
@@ -61,6 +62,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--detector", default=str(shipped(PEOPLE_DETECTOR)))
+    parser.add_argument("--person", type=int, help="class of people, where a detector of others does not tell")
     parser.add_argument("--view", default="auto")
     parser.add_argument("--score-threshold", type=float, default=0.3)
     parser.add_argument("--streets", type=int, default=3)
@@ -73,7 +75,14 @@ def main() -> None:
     for sequence in sequences(arguments.data, arguments.streets, arguments.every):
         if not arguments.only or any(word in sequence.name for word in arguments.only):
             print(
-                row(sequence, arguments.detector, arguments.view, arguments.score_threshold, arguments.ground),
+                row(
+                    sequence,
+                    arguments.detector,
+                    arguments.view,
+                    arguments.score_threshold,
+                    arguments.ground,
+                    None if arguments.person is None else DetectorOptions(person=arguments.person),
+                ),
                 flush=True,
             )
 
@@ -120,9 +129,16 @@ def generated(streets: int, step: int) -> Iterator[tuple[ImageArray, LabelledBox
             yield image, LabelledBoxes(truth.boxes, truth.visibility < 0.25)
 
 
-def row(sequence: Sequence, path: str, view: str, threshold: float, ground: bool) -> str:
+def row(
+    sequence: Sequence,
+    path: str,
+    view: str,
+    threshold: float,
+    ground: bool,
+    options: DetectorOptions | None = None,
+) -> str:
     """One line of the table."""
-    detector = open_detector(path, LOWEST_SCORE, threads=1)
+    detector = open_detector(path, LOWEST_SCORE, threads=1, options=options)
     pictures = list(sequence.pictures())
     tiled = ViewedDetector(detector, parse_view(view))
     chosen = tiled.prepare([image for image, _ in pictures[:3]]).view
