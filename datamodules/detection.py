@@ -107,16 +107,20 @@ class TrainingExamples(Dataset[Example]):
         self.pools = [[person for f in footage for view in f.views for person in view.people()], generated]
         self.pools = [pool for pool in self.pools if pool]
         self.mined_share = mining.share if mining.detector else 0.0
-        self.mined = mine(footage, mining) if mining.detector else []
-        # As often from each source as chance would take it, of those where anything was mined.
-        self.mined_shares = np.array([share * (len(m) > 0) for share, m in zip(self.shares, self.mined, strict=False)])
+        if self.mined_share:
+            shown = [n for n, share in enumerate(self.shares) if share > 0]
+            found = mine([footage[n] for n in shown], mining)
+            self.mined = [(n, boxes) for n, boxes in zip(shown, found, strict=True) if len(boxes)]
+            # Of those where anything was mined, each source comes as often as it does otherwise.
+            weights = self.shares[[n for n, _ in self.mined]]
+            self.mined_weights = weights / weights.sum()
 
     def __len__(self) -> int:
         return self.length
 
     def __getitem__(self, number: int) -> Example:
         rng = np.random.default_rng([self.seed, 1, number])
-        if self.mined and rng.random() < self.mined_share:
+        if self.mined_share and rng.random() < self.mined_share:
             return self._about_a_false_box(rng)
         footage = self.footage[rng.choice(len(self.footage), p=self.shares)]
         index = int(rng.integers(len(footage)))
@@ -127,10 +131,10 @@ class TrainingExamples(Dataset[Example]):
         return augment(rng, example, self.size, self.augmentation, self._fill(rng))
 
     def _about_a_false_box(self, rng: np.random.Generator) -> Example:
-        which = rng.choice(len(self.footage), p=self.mined_shares / self.mined_shares.sum())
-        footage = self.footage[which]
-        index, about, augmentation = self.mined[which].draw(rng, footage, self.size, self.augmentation)
-        return augment(rng, footage.example(index), self.size, augmentation, self._fill(rng), about)
+        which, boxes = self.mined[rng.choice(len(self.mined), p=self.mined_weights)]
+        index, about, augmentation = boxes.draw(rng, self.size, self.augmentation)
+        example = self.footage[which].example(index)
+        return augment(rng, example, self.size, augmentation, self._fill(rng), about)
 
     def _fill(self, rng: np.random.Generator) -> ImageArray:
         return self.textures[rng.integers(len(self.textures))]

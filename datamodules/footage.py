@@ -42,9 +42,9 @@ class Source:
         town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
         things: and photographed things, which the folder of photographs must hold.
         sun: share of the pictures in a hard sun, in [0, 1]; of all scenes but streets and rooms.
-        motion: share of these pictures in which people, and perhaps the camera, move while the shutter is open, in
-            [0, 1].
-        boxes: how people are boxed in them: round their silhouettes; steady, as wide as in a whole walk on average, as
+        motion: share of the pictures in which people, and perhaps the camera, move while the shutter is open, in
+            [0, 1]; of varied, sparse, aerial and near ones.
+        boxes: how people are boxed in these: round their silhouettes; steady, as wide as in a whole walk on average, as
             people label videos; or at random, the boxes of a picture alike.
         seed: of those.
         size: their width and height, pixels; by default those of the input.

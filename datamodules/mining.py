@@ -17,7 +17,7 @@ from tsuiseki.datamodules.footage import Footage
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import SizedDetect, open_detector
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 
 # A box that meets a label by as much is a misplaced person, which is another thing to learn.
 _MEETS = 0.3
@@ -32,9 +32,9 @@ class Mining:
     """A round of mining.
 
     Attributes:
-        detector: whose false boxes are sought in the training pictures before the first step: an exported one, or the
-            bare name of one that ships; empty for none.
-        share: of the examples that are windows about one of them, in [0, 1).
+        detector: whose false boxes are sought in the training pictures before the first step: an exported one (of
+            others if it tells its class of people), or the bare name of one that ships; empty for none.
+        share: of the examples that are windows about one of them, in [0, 1); nobody is composed into these. 0 for none.
         lowest_score: of those boxes, in (0, 1).
     """
 
@@ -59,12 +59,14 @@ class FalseBoxes:
 
     Attributes:
         images: ``(N,)`` index into the footage.
+        sizes: ``(N, 2)`` height and width of the picture, pixels.
         middles: ``(N, 2)`` of the boxes, pixels.
         scales: ``(N,)`` pixels of the detector's input a pixel of the picture.
         scores: ``(N,)`` in (0, 1).
     """
 
-    images: np.ndarray[tuple[int], np.dtype[np.int64]]
+    images: IntArray
+    sizes: IntArray
     middles: FloatArray
     scales: FloatArray
     scores: FloatArray
@@ -73,13 +75,12 @@ class FalseBoxes:
         return len(self.images)
 
     def draw(
-        self, rng: np.random.Generator, footage: Footage, size: tuple[int, int], augmentation: Augmentation
+        self, rng: np.random.Generator, size: tuple[int, int], augmentation: Augmentation
     ) -> tuple[int, FloatArray, Augmentation]:
         """One of them, the likelier the surer the detector is.
 
         Args:
             rng: draws it.
-            footage: the one these boxes are of.
             size: height and width of the network's input.
             augmentation: of any example.
 
@@ -88,14 +89,13 @@ class FalseBoxes:
             the detector saw them.
         """
         one = int(rng.choice(len(self), p=self.scores / self.scores.sum()))
-        index = int(self.images[one])
-        as_seen = self.scales[one] / fitted_scale(footage.example(index).image.shape[:2], size)
+        as_seen = self.scales[one] / fitted_scale(self.sizes[one].tolist(), size)
         scale = (as_seen / _ABOUT_AS_LARGE, as_seen * _ABOUT_AS_LARGE)
-        return index, self.middles[one], replace(augmentation, scale=scale)
+        return int(self.images[one]), self.middles[one], replace(augmentation, scale=scale)
 
 
 def mine(footage: Sequence[Footage], mining: Mining) -> list[FalseBoxes]:
-    """The false boxes of ``mining.detector`` in each of ``footage``.
+    """The false boxes of ``mining.detector`` in each of ``footage``; says how many there are.
 
     Raises:
         RequestError: the file is no detector, or it is wrong about nothing.
@@ -107,29 +107,31 @@ def mine(footage: Sequence[Footage], mining: Mining) -> list[FalseBoxes]:
             f"expected false boxes of {mining.detector} with a score of {mining.lowest_score} or more in the training "
             "pictures, got none; lower data.mining.lowest_score, or leave data.mining.detector out"
         )
+    pictures, boxes = sum(map(len, footage)), sum(map(len, found))
+    print(f"mined {boxes} false boxes of {mining.detector} in {pictures} training pictures", flush=True)
     return found
 
 
 def _false_boxes(detector: SizedDetect, footage: Footage) -> FalseBoxes:
-    images, middles, scales, scores = [], [], [], []
+    images, sizes, middles, scales, scores = [], [], [], [], []
     for index in range(len(footage)):
         example = footage.example(index)
         size = example.image.shape[:2]
         found = detector.detect([example.image])[0]
-        wrong = found.select(np.flatnonzero(is_nobody(found, example.boxes, example.ignored)))
+        wrong = found.select(np.flatnonzero(is_false(found, example.boxes, example.ignored)))
         images.append(np.full(len(wrong), index))
+        sizes.append(np.tile(size, (len(wrong), 1)))
         middles.append((wrong.boxes[:, :2] + wrong.boxes[:, 2:]) / 2)
         scales.append(np.full(len(wrong), fitted_scale(size, detector.input_size or size)))
         scores.append(wrong.scores)
-    return FalseBoxes(
-        np.concatenate(images).astype(np.int64), np.concatenate(middles), np.concatenate(scales), np.concatenate(scores)
-    )
+    return FalseBoxes(*(np.concatenate(parts) for parts in (images, sizes, middles, scales, scores)))
 
 
-def is_nobody(
-    found: Detections, boxes: FloatArray, ignored: np.ndarray[tuple[int], np.dtype[np.bool_]]
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """``(N,)`` which of ``found`` are away from all labels ``(M, 4)``, and not within one of those ``ignored``."""
+def is_false(found: Detections, boxes: FloatArray, ignored: BoolArray) -> BoolArray:
+    """``(N,)`` which of ``found`` meet none of the labels ``(M, 4)``, and lie in none of those ``ignored``.
+
+    Boxes about somebody's legs alone, or about two people, are false, too.
+    """
     away = iou_matrix(found.boxes, boxes).max(axis=1, initial=0) < _MEETS
     inside = intersections(found.boxes[:, None], boxes[ignored][None]) / areas(found.boxes)[:, None]
     return np.asarray(away & (inside.max(axis=1, initial=0) < _INSIDE))

@@ -189,7 +189,7 @@ def image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInpu
 
 
 def byte_image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInput:
-    """The picture that a network takes whose first steps are its own: bytes, channels last.
+    """The picture ``(N, H, W, 3)`` uint8 that a network takes which normalises it itself.
 
     Raises:
         RequestError: its input is another.
@@ -199,7 +199,10 @@ def byte_image_input(session: onnxruntime.InferenceSession, path: Path) -> Wante
     one_or_any = len(shape) == 4 and not (isinstance(shape[0], int) and shape[0] != 1)
     if kind != "uint8" or not one_or_any or shape[3] != 3:
         shown = "x".join(str(x) for x in shape)
-        raise RequestError(f"{path}: expected pictures (N, H, W, 3) of uint8 as input, got {first.name} {shown} {kind}")
+        raise RequestError(
+            f"{path}: expected pictures (N, H, W, 3) of uint8, N 1 or any, as input of a file of TensorFlow's, got "
+            f"{first.name} {shown} {kind}; convert it again from `image_tensor`"
+        )
     return WantedInput(first.name, shape, np.dtype(np.uint8))
 
 

@@ -13,7 +13,7 @@ from tsuiseki.datamodules import mining
 from tsuiseki.datamodules.augmentation import Augmentation
 from tsuiseki.datamodules.detection import NO_COMPOSITION, DetectionData, TrainingExamples
 from tsuiseki.datamodules.footage import Footage, Source
-from tsuiseki.datamodules.mining import FalseBoxes, Mining, is_nobody, mine
+from tsuiseki.datamodules.mining import FalseBoxes, Mining, is_false, mine
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import Detections, ImageArray
 
@@ -63,29 +63,33 @@ def examples(place: Path, share: float, length: int = 40) -> TrainingExamples:
     return TrainingExamples(footage, length, SIZE, PLAIN, NO_COMPOSITION, 3, Mining("any", share))
 
 
-def test_what_meets_no_label_is_nobody() -> None:
+def test_what_meets_no_label_is_false() -> None:
     labels = np.array([[0.0, 0, 10, 30], [50, 0, 90, 60]])
     found = np.array(
         [
             [0.0, 0, 10, 28],  # who is there
-            [6, 0, 16, 30],  # a quarter of him and of nobody
+            [6, 0, 16, 30],  # a quarter of him and the ground beside him
             [55, 5, 70, 50],  # within what is ignored
             [86, 5, 100, 50],  # mostly beside it
             [20, 0, 30, 30],
         ]
     )
-    wrong = is_nobody(Detections(found, np.full(5, 0.5)), labels, np.array([False, True]))
+    wrong = is_false(Detections(found, np.full(5, 0.5)), labels, np.array([False, True]))
     assert wrong.tolist() == [False, True, False, True, True]
 
 
 @pytest.mark.usefixtures("fooled")
-def test_false_boxes_are_found_with_their_scores_and_as_large_as_the_detector_saw_them(place: Path) -> None:
+def test_false_boxes_are_found_with_their_scores_and_as_large_as_the_detector_saw_them(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     found, nothing = mine([Footage(Source(str(place))), Footage(Source(str(place), (4, 6)))], Mining("any"))
     assert found.images.tolist() == [2]
+    assert found.sizes.tolist() == [[120, 160]]
     assert found.middles.tolist() == [[137.0, 70.0]]
     assert found.scores.tolist() == [0.6]
     assert found.scales.tolist() == [1.0]
     assert len(nothing) == 0
+    assert capsys.readouterr().out == "mined 1 false boxes of any in 9 training pictures\n"
 
 
 @pytest.mark.usefixtures("fooled")
@@ -108,19 +112,26 @@ def test_so_many_examples_are_mined_and_the_same_each_time(place: Path) -> None:
     assert all(np.array_equal(first[n].image, second[n].image) for n in range(20))
 
 
-@pytest.mark.usefixtures("fooled")
-def test_without_a_detector_examples_are_those_without_mining(place: Path) -> None:
+@pytest.mark.parametrize("mining", [Mining("", 0.5), Mining("any", 0.0)])
+def test_without_a_detector_or_a_share_nothing_is_mined_and_examples_are_as_before(place: Path, mining: Mining) -> None:
     plain = TrainingExamples([Footage(Source(str(place)))], 8, SIZE, PLAIN, NO_COMPOSITION, 3)
-    unmined = TrainingExamples([Footage(Source(str(place)))], 8, SIZE, PLAIN, NO_COMPOSITION, 3, Mining("", 0.5))
+    unmined = TrainingExamples([Footage(Source(str(place)))], 8, SIZE, PLAIN, NO_COMPOSITION, 3, mining)
     assert all(np.array_equal(plain[n].image, unmined[n].image) for n in range(8))
 
 
 @pytest.mark.usefixtures("fooled")
-def test_the_surer_a_false_box_the_more_often_it_comes(place: Path) -> None:
-    footage = Footage(Source(str(place)))
-    boxes = FalseBoxes(np.array([0, 5]), np.zeros((2, 2)), np.ones(2), np.array([0.2, 0.8]))
+def test_what_is_never_shown_is_not_mined(place: Path) -> None:
+    footage = [Footage(Source(str(place), share=0.0)), Footage(Source(str(place)))]
+    mined = TrainingExamples(footage, 8, SIZE, PLAIN, NO_COMPOSITION, 3, Mining("any", 0.5))
+    assert [which for which, _ in mined.mined] == [1]
+    assert mined.mined_weights.tolist() == [1.0]
+
+
+def test_the_surer_a_false_box_the_more_often_it_comes() -> None:
+    sizes = np.array([[120, 160]] * 2)
+    boxes = FalseBoxes(np.array([0, 5]), sizes, np.zeros((2, 2)), np.ones(2), np.array([0.2, 0.8]))
     rng = np.random.default_rng(0)
-    drawn = [boxes.draw(rng, footage, SIZE, PLAIN)[0] for _ in range(400)]
+    drawn = [boxes.draw(rng, SIZE, PLAIN)[0] for _ in range(400)]
     assert np.mean(np.array(drawn) == 5) == pytest.approx(0.8, abs=0.06)
 
 

@@ -61,7 +61,7 @@ class Picture:
         colour: ``(H, W, 3)`` linear light.
         distance: ``(H * samples, W * samples)`` metres to what stands there, infinite for ground and sky.
         samples: subpixels along each side of a pixel.
-        owner: likewise the index of the thing that was put there last, -1 for none.
+        owner: likewise the index among the things of the last `compose`, -1 where none of them is seen.
     """
 
     colour: Float32

@@ -31,7 +31,7 @@ def labelled(
     ``silhouettes`` are as they are, and swing with the legs. ``steady`` boxes of rendered people are as wide, and lie
     where, those of their whole walk are and do on average, as people label videos. With ``random``, one labeller draws
     all boxes of the picture: round silhouettes, steady, or all of one shape about the body, each as likely, with more
-    or less room left about everybody.
+    or less room left about everybody. Of drawn people silhouettes are their steady boxes.
     """
     if convention == "silhouettes":
         return sightings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
@@ -121,6 +122,9 @@ class TrainingSettings:
         for name in ("sun", "motion"):
             if not 0 <= getattr(self, name) <= 1:
                 raise RequestError(f"training scenes: expected {name} as a chance in [0, 1], got {getattr(self, name)}")
+        if self.boxes not in get_args(BoxConvention):
+            named = ", ".join(get_args(BoxConvention))
+            raise RequestError(f"training scenes: expected boxes as one of {named}, got {self.boxes!r}")
 
 
 def varied_settings(rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
@@ -255,10 +259,14 @@ def random_training_scene(
 
 
 def seen_boxes(sightings: list[Sighting | None], width: int, height: int) -> tuple[FloatArray, FloatArray]:
-    """Boxes ``(N, 4)`` clipped to the image and visibilities ``(N,)`` of those of which anything is seen."""
+    """Boxes ``(N, 4)`` clipped to the image and visibilities ``(N,)`` of those of which anything is seen.
+
+    A box may lie outside although an arm is seen, unless it is the silhouette's; such people are left out.
+    """
     seen = [s for s in sightings if s is not None and s.visibility > 0]
-    boxes = np.array([s.box for s in seen], dtype=np.float64).reshape(-1, 4)
-    return clip_boxes(boxes, width, height), np.array([s.visibility for s in seen], dtype=np.float64)
+    boxes = clip_boxes(np.array([s.box for s in seen], dtype=np.float64).reshape(-1, 4), width, height)
+    inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
+    return boxes[inside], np.array([s.visibility for s in seen], dtype=np.float64)[inside]
 
 
 def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> tuple[PinholeCamera, FloatArray]:

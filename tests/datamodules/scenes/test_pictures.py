@@ -11,8 +11,14 @@ from tsuiseki.datamodules.scenes.people.look import look_alike, random_look
 from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, degrade
 from tsuiseki.datamodules.scenes.render.night import by_night
+from tsuiseki.datamodules.scenes.render.scene import Sighting
 from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
-from tsuiseki.datamodules.scenes.street.training import TrainingSettings, random_training_scene, varied_settings
+from tsuiseki.datamodules.scenes.street.training import (
+    TrainingSettings,
+    random_training_scene,
+    seen_boxes,
+    varied_settings,
+)
 from tsuiseki.tracking.errors import RequestError
 
 SMALL = TrainingSettings(width=160, height=120, people=(2, 5), person_height=(12, 70), clutter=(2, 5), samples=2)
@@ -163,3 +169,17 @@ def test_a_hard_sun_changes_the_light_and_nothing_else() -> None:
 def test_a_chance_of_sun_is_one() -> None:
     with pytest.raises(RequestError, match=r"sun as a chance in \[0, 1\], got 1.2"):
         replace(SMALL, sun=1.2)
+
+
+def test_whose_box_lies_outside_though_an_arm_is_seen_is_left_out() -> None:
+    within, beside, unseen = (
+        Sighting(np.array([x, 5.0, x + 10, 30.0]), share) for x, share in ((-4, 0.5), (-11, 0.1), (40, 0.0))
+    )
+    boxes, visibility = seen_boxes([within, None, beside, unseen], 60, 40)
+    assert boxes.tolist() == [[0, 5, 6, 30]]
+    assert visibility.tolist() == [0.5]
+
+
+def test_an_unknown_way_to_draw_boxes_is_refused() -> None:
+    with pytest.raises(RequestError, match="expected boxes as one of silhouettes, steady, random, got 'stedy'"):
+        TrainingSettings(boxes="stedy")  # type: ignore[arg-type]

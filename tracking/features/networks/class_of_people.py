@@ -49,7 +49,7 @@ def class_of_people(path: Path, names: Sequence[str] | None, count: int | None, 
     which = "an unknown number of" if count is None else str(count)
     raise RequestError(
         f"{path}: {which} classes without names; say which one is people with `detector_options.person` "
-        "(COCO: 0 in YOLO, 1 in torchvision)"
+        "(COCO: 0 in YOLO, 1 in torchvision and TensorFlow)"
     )
 
 

@@ -37,6 +37,7 @@ class Layout:
         suppressed: the network itself drops doubles.
         outputs: how many there are.
         paired: boxes are one output and class values the other, which `with_probabilities` must have been through.
+        first_class: number of the first class that has a name.
     """
 
     description: str
@@ -46,6 +47,7 @@ class Layout:
     suppressed: bool = False
     outputs: int = 1
     paired: bool = False
+    first_class: int = 0
 
 
 def read_yolov8(outputs: Outputs, size: Size, person: int) -> Boxes:
@@ -226,9 +228,10 @@ LAYOUTS: Mapping[LayoutName, Layout] = {
         "detection_boxes (1, N, 4) y before x as shares, detection_classes, detection_scores, num_detections",
         read_tensorflow,
         _untold,
-        ImageInput("stretch", pixels="bytes", as_bytes=True),
+        ImageInput("stretch", pixels="bytes", raw_nhwc=True),
         suppressed=True,
         outputs=4,
+        first_class=1,
     ),
 }
 # What the Object Detection API of TensorFlow calls its outputs, in the order in which `read_tensorflow` takes them.

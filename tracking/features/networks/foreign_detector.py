@@ -39,7 +39,7 @@ class ForeignDetector:
 
     Attributes:
         layout: that was recognised.
-        person: number of the class of people.
+        person: number of the class of people, as the outputs count it.
         scores: what the class values are; None for layouts in which they can be but one thing.
         input: what becomes of a picture.
 
@@ -59,20 +59,23 @@ class ForeignDetector:
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
         self.session = open_session(path, threads)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
+        plain = {plain_name(x.name) for x in self.session.get_outputs()}
+        self._tensorflow = plain.issuperset(TENSORFLOW)
         self._outputs = self._outputs_in_order()
         self._check_task()
         self.size = self._input_size(options)
         self.names = options.classes or class_names(self.metadata)
         trial = self._try()
         self.layout = self._choose_layout(trial, options)
-        self.input = _changed(LAYOUTS[self.layout].input, options, whole=self.size is None)
+        self.input = _changed(self.path, LAYOUTS[self.layout].input, options, whole=self.size is None)
         self.scores = self._choose_scores(list(trial.values()), options)
         self.person = self._choose_person(list(trial.values()), options)
         self._gave: set[bool] = set()
 
     def __str__(self) -> str:
         """How the file is read, in words."""
-        name = f" {self.names[self.person]!r}" if self.names and self.person < len(self.names) else ""
+        number = self.person - LAYOUTS[self.layout].first_class
+        name = f" {self.names[number]!r}" if self.names and 0 <= number < len(self.names) else ""
         scores = "" if self.scores is None else f", scores by {self.scores}"
         size = "any size" if self.size is None else f"{self.size[1]}x{self.size[0]}"
         return f"layout {self.layout}, people are class {self.person}{name}{scores}; pictures {self.input}, {size}"
@@ -145,10 +148,8 @@ class ForeignDetector:
 
     def _outputs_in_order(self) -> list[str]:
         names = [x.name for x in self.session.get_outputs()]
-        plain = [plain_name(name) for name in names]
-        # TensorFlow's newer files give more beside them.
-        self._tensorflow = set(TENSORFLOW) <= set(plain)
-        if self._tensorflow:
+        if self._tensorflow:  # newer files give more beside them
+            plain = [plain_name(name) for name in names]
             return [names[plain.index(name)] for name in TENSORFLOW]
         # Boxes first: with four classes their shape does not tell them.
         return sorted(names, key=lambda name: name not in BOX_NAMES)
@@ -178,7 +179,7 @@ class ForeignDetector:
 
     def _try(self) -> dict[str, NDArray[Any]]:
         """Outputs by name for a noise picture."""
-        self.input = ImageInput("as-is", as_bytes=self._tensorflow)
+        self.input = ImageInput("as-is", raw_nhwc=self._tensorflow)
         size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
         outputs = dict(zip(self._outputs, self._run([noise])[0], strict=True))
@@ -192,6 +193,11 @@ class ForeignDetector:
         size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
         found = possible_layouts(trial, size, len(self.names) if self.names else None)
         if options.layout is not None:
+            if options.layout == "tensorflow" and not self._tensorflow:
+                raise RequestError(
+                    f"{self.path}: layout tensorflow asks for outputs {', '.join(TENSORFLOW)}, got {_shapes(trial)}; "
+                    "convert it again with these outputs"
+                )
             if options.layout not in found and not _readable(options.layout, trial, size):
                 raise RequestError(
                     f"{self.path}: its outputs {_shapes(trial)} are not {LAYOUTS[options.layout].description}, "
@@ -236,7 +242,8 @@ class ForeignDetector:
     def _choose_person(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> int:
         columns = LAYOUTS[self.layout].classes(trial) or (len(self.names) if self.names else None)
         if self.scores != "softmax" or columns is None:
-            return class_of_people(self.path, self.names, columns, options.person)
+            first = LAYOUTS[self.layout].first_class if options.person is None else 0
+            return first + class_of_people(self.path, self.names, columns, options.person)
         # One class is "no object": the last one, or as in SSD the first, which COCO's own numbers count, too.
         if not background_first(paired(trial)[1]):
             return class_of_people(self.path, self.names, columns - 1, options.person)
@@ -259,12 +266,12 @@ class ForeignDetector:
         self._gave.add(not blank)
 
 
-def _changed(usual: ImageInput, options: DetectorOptions, *, whole: bool) -> ImageInput:
+def _changed(path: Path, usual: ImageInput, options: DetectorOptions, *, whole: bool) -> ImageInput:
     names = ("resize", "colour", "pixels", "mean", "std")
     told = [name for name in names[2:] if getattr(options, name) is not None]
-    if usual.as_bytes and told:
+    if usual.raw_nhwc and told:
         raise RequestError(
-            f"the network takes bytes and normalises them itself; leave `detector_options.{told[0]}` out"
+            f"{path}: the network takes bytes and normalises them itself; leave `detector_options.{told[0]}` out"
         )
     given: dict[str, Any] = {"resize": "as-is"} if whole else {}
     given |= {name: value for name in names if (value := getattr(options, name)) is not None}

@@ -33,7 +33,7 @@ class DetectorOptions:
     Attributes:
         layout: of the outputs, where several fit.
         classes: their names in order; people are found by name.
-        person: number of the class of people, from 0.
+        person: number of the class of people, as the network's outputs count it.
         scores: what the class values of layouts detr and corners are: ``probabilities``, or logits of a ``sigmoid`` a
             class or of one ``softmax`` with a class for no object.
         height: of the input, pixels, where the file leaves it open.

@@ -26,7 +26,7 @@ class ImageInput:
         mean: subtracted from the channels after that.
         std: divides them after that.
         fill: grey level of 255 beside the picture.
-        as_bytes: the network takes bytes, channels last, and normalises them itself; ``mean``, ``std`` and ``pixels``
+        raw_nhwc: the network takes bytes, channels last, and normalises them itself; ``mean``, ``std`` and ``pixels``
             say nothing then.
     """
 
@@ -36,11 +36,11 @@ class ImageInput:
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
     std: tuple[float, float, float] = (1.0, 1.0, 1.0)
     fill: int = 114
-    as_bytes: bool = False
+    raw_nhwc: bool = False
 
     def __str__(self) -> str:
         """In words, such as ``letterbox, RGB, [0, 1]``."""
-        if self.as_bytes:
+        if self.raw_nhwc:
             return f"{self.resize}, {self.colour}, bytes"
         values = "[0, 1]" if self.pixels == "unit" else "[0, 255]"
         plain = (self.mean, self.std) == ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
@@ -57,10 +57,10 @@ class ImageInput:
         return letterbox(image, *size, (self.fill,) * 3)
 
     def normalise(self, images: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
-        """``(N, H, W, 3)`` uint8 RGB to what the network takes: ``(N, 3, H, W)``, or bytes as they are."""
+        """``(N, H, W, 3)`` uint8 RGB to what the network takes: ``(N, 3, H, W)`` of ``dtype``, or, raw, as it is."""
         if self.colour == "BGR":
             images = images[..., ::-1]
-        if self.as_bytes:
+        if self.raw_nhwc:
             return np.ascontiguousarray(images)
         values = np.arange(256, dtype=np.float64)[:, None] / (255 if self.pixels == "unit" else 1)
         tables = ((values - np.asarray(self.mean)) / np.asarray(self.std)).astype(np.float32)

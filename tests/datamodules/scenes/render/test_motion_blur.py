@@ -60,6 +60,17 @@ def test_nobody_smears_over_what_is_nearer() -> None:
     assert not changed[:, 82:].any()
 
 
+def test_the_order_of_people_does_not_matter() -> None:
+    things, shifts = [ball(-0.3, 0), ball(0.5, -3, 0.6), ball(0.9, 2)], np.array([[9.0, 1.0], [-6.0, 0.0], [4.0, 4.0]])
+    results = []
+    for order in ([0, 1, 2], [2, 1, 0], [1, 2, 0]):
+        picture, sightings = compose(empty(), [things[n] for n in order], CAMERA, LIGHT)
+        results.append(move_people(picture, sightings, shifts[order]))
+    assert np.abs(results[0] - picture.colour).max() > 0.02
+    for other in results[1:]:
+        np.testing.assert_allclose(results[0], other, atol=1e-5)
+
+
 def test_who_is_not_seen_does_no_harm() -> None:
     things = [ball(0, -40), ball(30, 0), ball(0, 3, 0.3)]
     picture, sightings = compose(empty(), [*things, slab(0, -2, 5)], CAMERA, LIGHT)
