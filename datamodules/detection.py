@@ -106,6 +106,7 @@ class TrainingExamples(Dataset[Example]):
         generated = generate_people(rng, composition.generated_people, tilt=composition.tilt)
         self.pools = [[person for f in footage for view in f.views for person in view.people()], generated]
         self.pools = [pool for pool in self.pools if pool]
+        self.mining = mining
         self.mined_share = mining.share if mining.detector else 0.0
         if self.mined_share:
             shown = [n for n, share in enumerate(self.shares) if share > 0]
@@ -132,7 +133,8 @@ class TrainingExamples(Dataset[Example]):
 
     def _about_a_false_box(self, rng: np.random.Generator) -> Example:
         which, boxes = self.mined[rng.choice(len(self.mined), p=self.mined_weights)]
-        index, about, augmentation = boxes.draw(rng, self.size, self.augmentation)
+        index, about, as_seen = boxes.draw(rng, self.size, self.augmentation)
+        augmentation = as_seen if self.mining.as_seen else self.augmentation
         example = self.footage[which].example(index)
         return augment(rng, example, self.size, augmentation, self._fill(rng), about)
 

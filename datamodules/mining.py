@@ -36,11 +36,13 @@ class Mining:
             others if it tells its class of people), or the bare name of one that ships; empty for none.
         share: of the examples that are windows about one of them, in [0, 1); nobody is composed into these. 0 for none.
         lowest_score: of those boxes, in (0, 1).
+        as_seen: these windows show things about as large as the detector saw them; else at any scale, as others do.
     """
 
     detector: str = ""
     share: float = 0.3
     lowest_score: float = 0.2
+    as_seen: bool = False
 
     def __post_init__(self) -> None:
         if not (0 <= self.share < 1 and 0 < self.lowest_score < 1):

@@ -58,9 +58,16 @@ def fooled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mining, "open_detector", lambda *_: Fooled())
 
 
-def examples(place: Path, share: float, length: int = 40) -> TrainingExamples:
+def examples(place: Path, share: float, length: int = 40, *, as_seen: bool = True) -> TrainingExamples:
     footage = [Footage(Source(str(place))), Footage(Source(str(place), (4, 6)))]
-    return TrainingExamples(footage, length, SIZE, PLAIN, NO_COMPOSITION, 3, Mining("any", share))
+    return TrainingExamples(footage, length, SIZE, PLAIN, NO_COMPOSITION, 3, Mining("any", share, as_seen=as_seen))
+
+
+def heights_of_green(seen: TrainingExamples) -> list[int]:
+    """Rows of each example in which what fooled the detector is seen."""
+    images = [seen[n].image for n in range(len(seen))]
+    green = [(image[..., 1] > 150) & (image[..., 0] < 90) for image in images]
+    return [int(g.any(axis=1).sum()) for g in green]
 
 
 def test_what_meets_no_label_is_false() -> None:
@@ -94,19 +101,20 @@ def test_false_boxes_are_found_with_their_scores_and_as_large_as_the_detector_sa
 
 @pytest.mark.usefixtures("fooled")
 def test_windows_lie_about_what_fooled_the_detector(place: Path) -> None:
-    tall = []
-    for example in map(examples(place, 0.99, 30).__getitem__, range(30)):
-        green = (example.image[..., 1] > 150) & (example.image[..., 0] < 90)
-        tall.append(np.flatnonzero(green.any(axis=1)).size)
+    tall = heights_of_green(examples(place, 0.99, 30))
     # 20 pixels where the detector saw it, give or take a quarter, less where it reaches beyond the window.
     assert min(tall) > 0
     assert 20 / 1.25 <= np.median(tall) <= max(tall) <= 20 * 1.25 + 1
+    # The whole picture fits into the input at 0.4 of that; augmentation enlarges by 0.6 to 1.8.
+    free = heights_of_green(examples(place, 0.99, 30, as_seen=False))
+    assert min(free) > 0
+    assert 20 * 0.4 * 0.6 <= np.median(free) <= 20 * 0.4 * 1.8
 
 
 @pytest.mark.usefixtures("fooled")
 def test_so_many_examples_are_mined_and_the_same_each_time(place: Path) -> None:
     first, second = examples(place, 0.5, 200), examples(place, 0.5, 200)
-    green = [bool(((first[n].image[..., 1] > 150) & (first[n].image[..., 0] < 90)).any()) for n in range(200)]
+    green = np.array(heights_of_green(first)) > 0
     # Chance alone shows it in a sixth of half of the others, or fewer.
     assert 0.4 < np.mean(green) < 0.68
     assert all(np.array_equal(first[n].image, second[n].image) for n in range(20))
