@@ -118,16 +118,15 @@ def random_affine(
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     linear = turn @ np.array([[1.0, shear], [0.0, 1.0]]) @ np.diag([mirror * scale * aspect, scale / aspect])
     # The middle goes where the enlarged image still covers the input, or, if it is smaller, lies inside it.
-    slack = np.abs(np.array([size[1], size[0]]) - scale * np.array([source[1], source[0]])) / 2
-    middle = rng.uniform(-slack, slack)
+    half, half_source = np.array([size[1], size[0]]) / 2, np.array([source[1], source[0]]) / 2
+    slack = np.abs(half - scale * half_source)
+    shift = rng.uniform(-slack, slack)
     if about is not None:
-        from_middle = linear @ (about - np.array([source[1], source[0]]) / 2)
-        half = np.array([size[1], size[0]]) / 2
-        middle = np.clip(half * rng.uniform(-_CENTRAL, _CENTRAL, 2) - from_middle, -slack, slack)
+        from_middle = linear @ (about - half_source)
+        shift = np.clip(half * rng.uniform(-_CENTRAL, _CENTRAL, 2) - from_middle, -slack, slack)
         # A turned picture's corner would be lost.
-        middle = np.clip(middle + from_middle, -_OUTERMOST * half, _OUTERMOST * half) - from_middle
-    middle = np.array([size[1], size[0]]) / 2 + middle
-    return np.column_stack([linear, middle - linear @ np.array([source[1], source[0]]) / 2])
+        shift = np.clip(shift + from_middle, -_OUTERMOST * half, _OUTERMOST * half) - from_middle
+    return np.column_stack([linear, half + shift - linear @ half_source])
 
 
 def transform_boxes(boxes: FloatArray, affine: FloatArray) -> FloatArray:

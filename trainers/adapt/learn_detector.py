@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheckpoint
 
-from tsuiseki.datamodules.augmentation import Augmentation
+from tsuiseki.datamodules.augmentation import Augmentation, fitted_scale
 from tsuiseki.datamodules.detection import Composition, DetectionData
 from tsuiseki.datamodules.footage import Source
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
@@ -134,8 +134,8 @@ def _enlargement(size: tuple[int, int], wanted: tuple[int, int], columns: int) -
 
 def _fitted(size: tuple[int, int], wanted: tuple[int, int], window: tuple[int, int]) -> float:
     """How much larger the input shows a frame than a window that the whole frame is fitted into."""
-    fits = [min(high / size[1], wide / size[0]) for high, wide in (wanted, window)]
-    return fits[0] / fits[1]
+    source = (size[1], size[0])
+    return fitted_scale(source, wanted) / fitted_scale(source, window)
 
 
 def _trainer(folder: Path, steps: int, settings: AdaptSettings) -> lightning.Trainer:

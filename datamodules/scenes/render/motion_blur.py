@@ -73,14 +73,13 @@ def move_people(picture: Picture, sightings: list[Sighting | None], shifts: Floa
             continue
         reach = np.tile(np.abs(shift) + 2, 2) * [-1, -1, 1, 1]
         window = _Window(*clip_boxes(sighting.box + reach, width, height).round().astype(int).tolist())
-        distance = picture.distance[window.fine(picture.samples)]
-        nearest = distance[picture.owner[window.fine(picture.samples)] == index].min(initial=np.inf)
-        if np.isfinite(nearest):
-            windows.append((float(nearest), index, window))
-    # Who is nearer smears over whoever is behind, smeared or not.
-    for nearest, index, window in sorted(windows, key=lambda w: -w[0]):
-        at, fine, n = window.fine(1), window.fine(picture.samples), picture.samples
+        fine = window.fine(picture.samples)
         own = picture.owner[fine] == index
+        if own.any():
+            windows.append((float(picture.distance[fine][own].min()), index, window, own))
+    # Who is nearer smears over whoever is behind, smeared or not.
+    for nearest, index, window, own in sorted(windows, key=lambda w: -w[0]):
+        at, fine, n = window.fine(1), window.fine(picture.samples), picture.samples
         before = colour[at]
         nearer = by_pixel((~own & (picture.distance[fine] < nearest)).astype(np.float32), n)[..., None]
         after = _moved(before, by_pixel(own.astype(np.float32), n)[..., None], line_kernel(shifts[index]))

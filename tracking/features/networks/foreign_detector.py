@@ -59,9 +59,13 @@ class ForeignDetector:
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
         self.session = open_session(path, threads)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
-        plain = {plain_name(x.name) for x in self.session.get_outputs()}
-        self._tensorflow = plain.issuperset(TENSORFLOW)
-        self._outputs = self._outputs_in_order()
+        names = {plain_name(x.name): x.name for x in self.session.get_outputs()}
+        self._tensorflow = names.keys() >= set(TENSORFLOW)
+        if self._tensorflow:  # newer files give more beside them
+            self._outputs = [names[name] for name in TENSORFLOW]
+        else:  # boxes first: with four classes their shape does not tell them
+            every = [x.name for x in self.session.get_outputs()]
+            self._outputs = sorted(every, key=lambda name: name not in BOX_NAMES)
         self._check_task()
         self.size = self._input_size(options)
         self.names = options.classes or class_names(self.metadata)
@@ -145,14 +149,6 @@ class ForeignDetector:
             if other.name != self._wanted.name:  # RT-DETR asks for the size that its boxes are to be in
                 inputs[other.name] = np.tile(np.array(images.shape[2:0:-1], dtype=np.int64), (len(images), 1))
         return run_session(self.session, self.path, inputs, self._outputs)
-
-    def _outputs_in_order(self) -> list[str]:
-        names = [x.name for x in self.session.get_outputs()]
-        if self._tensorflow:  # newer files give more beside them
-            plain = [plain_name(name) for name in names]
-            return [names[plain.index(name)] for name in TENSORFLOW]
-        # Boxes first: with four classes their shape does not tell them.
-        return sorted(names, key=lambda name: name not in BOX_NAMES)
 
     def _check_task(self) -> None:
         task = self.metadata.get("task", "detect")
