@@ -242,7 +242,7 @@ def bomb(folder: Path) -> Path:
     return folder / "c.yaml"
 
 
-@pytest.mark.parametrize(("make", "line"), [(picture, "something binary"), (bomb, "too many values")])
+@pytest.mark.parametrize(("make", "line"), [(picture, "something binary"), (bomb, "got aliases")])
 def test_files_that_are_no_options(
     make: Callable[[Path], Path], line: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
