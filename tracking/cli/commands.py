@@ -146,13 +146,15 @@ COMMANDS: Tree = {
     "evaluate": Group(
         "score results against labels",
         {
-            "people": Command("tracks: HOTA, MOTA, IDF1 and more"),
-            "detection": Command("detections: average precision"),
-            "single": Command("one target: success and precision"),
-            "coverage": Command("tracks of many on one labelled person: coverage and switches"),
-            "points": Command("tracked points: OSPA, GOSPA and more"),
-            "states": Command("bodies that bend: position, heading, identity"),
-            "action": Command("what people do: F1 and average precision"),
+            "people": Command("tracks: HOTA, MOTA, IDF1 and more", "tracking.cli.evaluate:people"),
+            "detection": Command("detections: average precision", "tracking.cli.evaluate:detection"),
+            "single": Command("one target: success and precision", "tracking.cli.evaluate:single"),
+            "coverage": Command(
+                "tracks of many on one labelled person: coverage and switches", "tracking.cli.evaluate:coverage"
+            ),
+            "points": Command("tracked points: OSPA, GOSPA and more", "tracking.cli.evaluate:points"),
+            "states": Command("bodies that bend: position, heading, identity", "tracking.cli.evaluate:states"),
+            "action": Command("what people do: F1 and average precision", "tracking.cli.evaluate:action"),
         },
     ),
     "reproduce": Group(

@@ -122,7 +122,7 @@ def record_method(
 def show_scores(demo: DemoResult, out: Path, what: str) -> None:
     """Print the scores of all methods, and where the report is; ``what`` it shows."""
     from tsuiseki.tracking.demo.page import why_not_best
-    from tsuiseki.tracking.evaluation.table import people_table, show
+    from tsuiseki.tracking.evaluation.tables import people_table, show
 
     show(people_table(demo.scores))
     for line in why_not_best(demo):

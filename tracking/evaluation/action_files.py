@@ -10,8 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
-from tsuiseki.tracking.evaluation.pairs import result_file
-from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
+from tsuiseki.tracking.evaluation.result_files import result_file, warn_of_other_frames
 from tsuiseki.tracking.formats.drone.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.drone.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.drone.okutama import Protocol, counted_from, okutama_truth

@@ -1,16 +1,14 @@
-"""Which result belongs to which truth: files and folders as they are given on a command line.
-
-A result is a text file, or a folder that holds one for each sequence, in any of the places of `RESULT_PLACES`. What it
-is scored against is read by `read_truths`.
-"""
+"""What compared results are called in a table."""
 
 from __future__ import annotations
 
+import json
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.detection import (
     DetectionScores,
     LabelledBoxes,
@@ -18,10 +16,73 @@ from tsuiseki.tracking.evaluation.detection import (
     labelled_boxes,
 )
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
-from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
 from tsuiseki.tracking.evaluation.truths import Truth
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
+from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.frame_range import FrameRange
+
+# What results of different runs are called alike tells nothing apart.
+USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt", "states.csv")
+
+
+def result_names(results: Sequence[Path], names: Sequence[str] | None = None) -> list[str]:
+    """One name a result: the given ones, or the ends of their paths, as short as tells them apart.
+
+    Raises:
+        RequestError: as many names as results are wanted, all different; or a result stands twice.
+    """
+    if names is not None:
+        if len(names) != len(results) or len(set(names)) != len(names):
+            raise RequestError(f"`names`: expected {len(results)} different names, one a result, got {','.join(names)}")
+        return list(names)
+    parts = [_telling_parts(path.resolve()) for path in results]
+    if len(set(parts)) != len(parts):
+        raise RequestError("expected different results to compare, got one twice")
+    depths = range(1, max(map(len, parts)) + 1)
+    candidates = (["/".join(path[-depth:]) for path in parts] for depth in depths)
+    return next(shown for shown in candidates if len(set(shown)) == len(shown))
+
+
+def _telling_parts(path: Path) -> tuple[str, ...]:
+    """The parts of ``path`` without what all results are called."""
+    if path.is_file():
+        path = path.parent if path.name in USUAL_NAMES else path.with_suffix("")
+    return path.parts
+
+
+def tracked_frames(result: Path) -> FrameRange | None:
+    """The frames that were tracked for the file ``result``; None where nothing says so."""
+    try:
+        values = json.loads((result.parent / RUN_FILE).read_text(encoding="utf-8"))
+        if result.name not in values["files"]:
+            return None
+        numbers = values["frames"]["frame"]
+        return FrameRange(int(numbers[0]) - 1, int(numbers[-1]) - 1)
+    except (OSError, ValueError, KeyError, IndexError, TypeError):
+        return None
+
+
+def warn_of_other_frames(result: Path, first: int, last: int) -> None:
+    """Say that frames are scored that were not tracked.
+
+    Args:
+        result: a file.
+        first: 0-based, of the labels that are scored.
+        last: 0-based.
+    """
+    tracked = tracked_frames(result)
+    if tracked is not None and (tracked.first > first or tracked.last is None or tracked.last < last):
+        kind = "a partial result, of" if is_partial(result.parent) else "of"
+        warnings.warn(
+            f"{result} is {kind} frames {tracked} alone, but {first + 1}-{last + 1} are scored; for its own use "
+            f"`frames` {tracked}",
+            InputWarning,
+            stacklevel=3,
+        )
+    elif tracked is None and is_partial(result.parent):
+        warnings.warn(f"{result} is a partial result; score those it has with `frames`", InputWarning, stacklevel=3)
+
 
 # Where the result of the sequence NAME may lie in a folder of results, the most specific place first.
 RESULT_PLACES = ("{name}/tracks.txt", "{name}.txt", "{name}/{name}.txt", "{name}/gt/gt.txt")
