@@ -12,7 +12,7 @@ import numpy as np
 from tsuiseki.datamodules.identity_crops import read_image
 from tsuiseki.datamodules.readers.acting import ActionSequence
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.drone_action import VIDEO_SUFFIXES
+from tsuiseki.tracking.formats.drone_action import VIDEO_SUFFIXES
 from tsuiseki.tracking.types import ImageArray
 
 # (H, W, 3) uint8 RGB of a 0-based frame number; numbers are asked for in rising order.

@@ -20,7 +20,7 @@ from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_go
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
+from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.experiments.goldfish.fair_test import learn_exactly
 from tsuiseki.trainers.experiments.goldfish.runs import Clip, prepare_clip
 from tsuiseki.trainers.experiments.goldfish.trials import BODY, EXTRACTION, TRACKER

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.drone_action import DRONE_ACTION_CLASSES
-from tsuiseki.tracking.formats.drone.okutama_folders import check_frames
+from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
+from tsuiseki.tracking.formats.okutama import check_frames
 from tsuiseki.tracking.types.labels import ActionLabels
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.result_files import result_names
-from tsuiseki.tracking.formats.drone.okutama import Protocol
+from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.options import BY_PLACE, Files, Shared
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 
@@ -190,7 +190,7 @@ def detection(
     from tsuiseki.tracking.evaluation.rotated import evaluate_rotated_file
     from tsuiseki.tracking.evaluation.tables import detection_table, evaluation_values
     from tsuiseki.tracking.evaluation.truths import read_truths
-    from tsuiseki.tracking.formats.space.rotated import is_rotated
+    from tsuiseki.tracking.formats.rotated import is_rotated
 
     if not 0 < iou <= 1:
         raise RequestError(f"`iou`: expected an overlap above 0 and up to 1, got {iou:g}")

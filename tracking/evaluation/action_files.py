@@ -11,10 +11,10 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
 from tsuiseki.tracking.evaluation.result_files import result_file, warn_of_other_frames
-from tsuiseki.tracking.formats.drone.acting_tracks import read_acting_tracks
-from tsuiseki.tracking.formats.drone.drone_action import DRONE_ACTION_CLASSES
-from tsuiseki.tracking.formats.drone.okutama import Protocol, counted_from, okutama_truth
+from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
+from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.formats.okutama import Protocol, counted_from, okutama_truth
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth

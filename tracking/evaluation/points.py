@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
-from tsuiseki.tracking.formats.sensors.points import is_point_file, read_point_tracks
+from tsuiseki.tracking.formats.sensed_points import is_point_file, read_point_tracks
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 

@@ -14,8 +14,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.result_files import tracked_frames
 from tsuiseki.tracking.evaluation.single import PRECISION_AT, Curves, SequenceScores, SingleEvaluation, evaluate_single
 from tsuiseki.tracking.evaluation.tables import score_table
-from tsuiseki.tracking.formats.boxes import read_result
-from tsuiseki.tracking.formats.single import PublishedScores, SingleSequence, read_published, same_name
+from tsuiseki.tracking.formats.single import PublishedScores, SingleSequence, read_published, read_result, same_name
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -10,7 +10,7 @@ import cv2
 from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, backgrounds, film, make_scene
 from tsuiseki.datamodules.scenes.clip_files import numbered, write_image
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
-from tsuiseki.tracking.formats.space.track3d import write_path3d
+from tsuiseki.tracking.formats.track3d import write_path3d
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.tracks import Path3D
 

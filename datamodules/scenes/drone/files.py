@@ -11,9 +11,9 @@ import numpy as np
 from tsuiseki.datamodules.scenes.clip_files import write_images, write_info
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, DroneTruth, draw_flight, plan_flight
 from tsuiseki.datamodules.scenes.street.street import as_ground_truth
-from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.drone.okutama import ACTIONS_FILE, actions_of, write_okutama
+from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot import write_ground_truth
+from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, actions_of, write_okutama
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.labels import ActionLabels

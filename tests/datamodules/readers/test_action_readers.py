@@ -16,7 +16,7 @@ from tsuiseki.datamodules.action_frames import ForwardVideo, frame_reader
 from tsuiseki.datamodules.readers.acting import action_sequences
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.drone_action import DRONE_ACTION_CLASSES
+from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 
 SETTINGS = CropSettings(size=16, margin=0.125, step=2)
 FRAMES = 7

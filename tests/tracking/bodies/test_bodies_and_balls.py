@@ -17,8 +17,8 @@ from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformabl
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.states import read_states
-from tsuiseki.tracking.formats.space.track3d import read_path3d
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.track3d import read_path3d
 from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.sphere.tracking import track_sphere
 

@@ -12,7 +12,7 @@ from sklearn.metrics import average_precision_score, f1_score, precision_score, 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.action_files import LabelledActions, action_rows, read_labelled_actions
 from tsuiseki.tracking.evaluation.action_scores import average_precisions, evaluate_actions
-from tsuiseki.tracking.formats.drone.acting_tracks import read_acting_tracks, write_acting_tracks
+from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks, write_acting_tracks
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack

@@ -17,8 +17,8 @@ from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion
 from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes
-from tsuiseki.tracking.formats.bodies.states import read_states
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source

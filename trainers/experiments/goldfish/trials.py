@@ -19,7 +19,7 @@ from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.bodies.tracker import DeformableSettings
 from tsuiseki.tracking.features.colour_region import ColourRange
 from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
-from tsuiseki.tracking.formats.bodies.states import read_states, write_states
+from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.types import Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.trainers.bodies.motion import learn_motion, pooled_steps

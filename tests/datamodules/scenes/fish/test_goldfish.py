@@ -14,8 +14,8 @@ from tsuiseki.datamodules.scenes.fish.sets import planned_clips
 from tsuiseki.datamodules.scenes.fish.turns import count_sudden_turns, sudden_turns
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes, silhouette_of
-from tsuiseki.tracking.formats.bodies.states import read_states
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes, silhouette_of
 from tsuiseki.tracking.video.source import open_source
 
 SHORT = GoldfishSettings(frames=12, fish=3)

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.okutama import actions_of
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, list_images
+from tsuiseki.tracking.formats.okutama import actions_of
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.point_table import PointTable
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.tracks import PointTable
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 MISSING = "pip install h5py (or tsuiseki[hdf5]), or give CSV: sleap-convert --format analysis.csv"

@@ -13,11 +13,10 @@ from tsuiseki.datamodules.readers.acting import action_sequences
 from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.datamodules.readers.mars import training_crops
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.drone_action import find_drone_action, read_drone_action_boxes
-from tsuiseki.tracking.formats.drone.okutama import okutama_truth, read_okutama, write_okutama
-from tsuiseki.tracking.formats.drone.okutama_folders import check_frames
-from tsuiseki.tracking.formats.drone.visdrone import read_visdrone
+from tsuiseki.tracking.formats.drone_action import find_drone_action, read_drone_action_boxes
 from tsuiseki.tracking.formats.mars import read_mars
+from tsuiseki.tracking.formats.okutama import check_frames, okutama_truth, read_okutama, write_okutama
+from tsuiseki.tracking.formats.visdrone import read_visdrone
 
 ROWS = """\
 0 1200 600 1290 810 0 0 0 0 "Person" "Walking"

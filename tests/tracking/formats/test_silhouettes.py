@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.silhouettes import FOLDER, centre_inside, read_silhouettes, write_silhouettes
+from tsuiseki.tracking.formats.silhouettes import FOLDER, centre_inside, read_silhouettes, write_silhouettes
 
 
 @pytest.fixture

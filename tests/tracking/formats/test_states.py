@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.states import read_states, write_states
+from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.types.tracks import BodyTrack, exact_track
 
 FIELDS = ("a", "b", "theta", "phi")

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies import sleap_hdf5
-from tsuiseki.tracking.formats.bodies.point_table import PointTable
-from tsuiseki.tracking.formats.bodies.points import read_poses_file
-from tsuiseki.tracking.formats.bodies.sleap_hdf5 import write_sleap_analysis
+from tsuiseki.tracking.formats import sleap_hdf5
+from tsuiseki.tracking.formats.body_points import read_poses_file
+from tsuiseki.tracking.formats.sleap_hdf5 import write_sleap_analysis
+from tsuiseki.tracking.types.tracks import PointTable
 
 FRAME = [("frame_id", "u8"), ("video", "u4"), ("frame_idx", "u8"), ("instance_id_start", "u8"),
          ("instance_id_end", "u8")]  # fmt: skip

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.point_table import PointTable
-from tsuiseki.tracking.formats.bodies.points import read_poses_file, write_deeplabcut, write_sleap
+from tsuiseki.tracking.formats.body_points import read_poses_file, write_deeplabcut, write_sleap
+from tsuiseki.tracking.types.tracks import PointTable
 
 
 @pytest.fixture

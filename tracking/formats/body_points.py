@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.point_table import PointTable
-from tsuiseki.tracking.formats.bodies.sleap_hdf5 import is_hdf5, read_sleap_hdf5
+from tsuiseki.tracking.formats.sleap_hdf5 import is_hdf5, read_sleap_hdf5
+from tsuiseki.tracking.types.tracks import PointTable
 
 DLC_FIRST = "scorer"
 DLC_ROWS = ("individuals", "bodyparts", "coords")
