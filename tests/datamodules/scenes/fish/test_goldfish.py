@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, plan_goldfish, write_goldfish
+from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, write_goldfish
 from tsuiseki.datamodules.scenes.fish.motion import Swimming, swim
-from tsuiseki.datamodules.scenes.fish.sets import planned_clips
 from tsuiseki.datamodules.scenes.fish.turns import count_sudden_turns, sudden_turns
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.errors import RequestError
@@ -145,23 +144,6 @@ def test_clips_on_disk(tmp_path):
     assert np.array_equal(read_silhouettes(folder), np.stack([f.silhouettes for f in frames]))
 
 
-def test_the_sets_are_the_papers():
-    clips = planned_clips(seed=3)
-    fish = {name: sum(c.settings.fish for c in clips if c.name.startswith(name)) for name in ("learning", "test")}
-    assert fish == {"learning": 20, "test": 24}
-    assert {c.settings.frames / c.settings.frame_rate for c in clips} == {10.0}
-    seeds = [clip.seed for seed in range(3) for clip in planned_clips(seed)]
-    assert len(set(seeds)) == 60
-
-
-def test_at_least_nine_fish_of_a_test_set_turn_suddenly():
-    turning = 0
-    for clip in planned_clips(seed=0)[10:]:
-        states = plan_goldfish(clip.settings, np.random.default_rng(clip.seed).spawn(2)[0])
-        turning += sum(count_sudden_turns(states[:, k]) > 0 for k in range(states.shape[1]))
-    assert turning >= 9
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [({"fish": 0}, "1 to 5 fish"), ({"fish": 6}, "1 to 5 fish"), ({"frames": 0}, "at least one frame"),
@@ -170,8 +152,3 @@ def test_at_least_nine_fish_of_a_test_set_turn_suddenly():
 def test_wrong_settings_are_refused(wrong, message):
     with pytest.raises(RequestError, match=message):
         GoldfishSettings(**wrong)
-
-
-def test_a_wrong_seed_of_sets_is_refused():
-    with pytest.raises(RequestError, match="seed of clips from 0"):
-        planned_clips(-1)
