@@ -166,7 +166,10 @@ def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
         "turns": plot_success(counts, *parts["arms"], 1, sum(turns)),
         "beyond": plot_success(counts, *parts["beyond"], 0, len(turns)),
     }
-    files = {"particles.png": png(draw_particles(test[0], learnt)), "motion.json": motion_text(learnt)}
+    files: dict[str, str | bytes] = {
+        "particles.png": png(draw_particles(test[0], learnt)),
+        "motion.json": motion_text(learnt),
+    }
     note = f"learning run: {learning_followed} of {learning_fish} fish followed to the end"
     return Outcome(values, tables, plots, files, [note])
 
