@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside

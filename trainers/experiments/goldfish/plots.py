@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.scenes.fish.turns import sudden_turns
+from tsuiseki.datamodules.scenes.goldfish_sets import sudden_turns
 from tsuiseki.tracking.bodies.page import draw_contour
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.motion.body_motion import draw

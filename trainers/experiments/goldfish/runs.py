@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.fish.turns import count_sudden_turns
+from tsuiseki.datamodules.scenes.goldfish_sets import count_sudden_turns
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker

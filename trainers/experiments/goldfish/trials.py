@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.fish.goldfish import write_goldfish
-from tsuiseki.datamodules.scenes.fish.sets import GoldfishSets, planned_clips
+from tsuiseki.datamodules.scenes.goldfish_clip import write_goldfish
+from tsuiseki.datamodules.scenes.goldfish_sets import GoldfishSets, planned_clips
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.contour import Extraction
 from tsuiseki.tracking.bodies.goldfish import Goldfish

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
-from tsuiseki.datamodules.scenes.fish.sets import GoldfishSets
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.goldfish_sets import GoldfishSets
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.filters.motion.body_motion import Noise, RandomWalk
 from tsuiseki.tracking.filters.particles.annealed import Annealed
