@@ -72,5 +72,5 @@ def read_image(path: Path) -> ImageArray:
     """
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if image is None:
-        raise RequestError(f"expected an image at {path}, got something that cannot be decoded; replace or remove it")
+        raise RequestError(f"{path}: expected an image, got something that cannot be decoded; replace or remove it")
     return np.asarray(image, dtype=np.uint8)
