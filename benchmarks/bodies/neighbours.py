@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk

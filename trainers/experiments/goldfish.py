@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
-from tsuiseki.datamodules.scenes.fish.turns import sudden_turns
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.goldfish import Goldfish
@@ -32,7 +31,7 @@ from tsuiseki.tracking.filters.particles.weights import probabilities
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes
 from tsuiseki.tracking.formats.bodies.states import read_states, write_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.trainers.bodies.motion import learn_motion
@@ -69,6 +68,8 @@ BODY = Goldfish()
 EXTRACTION = Extraction(ColourRange((10.0, 42.0), (0.42, 1.0), (0.6, 1.0)))
 # A fish that is missed is not searched for again: in the experiment it has failed before.
 TRACKER = DeformableSettings(patience=10**6)
+# A sudden turn: its least angle, its longest time, and the least step before and after it, pixels.
+SUDDEN_ANGLE, WITHIN_FRAMES, LEAST_STEP = np.deg2rad(60.0), 4, 3.0
 # Figs. 8 and 9: particles that are drawn, and shown of them; enlargement; half the side of the part shown, pixels.
 DRAWN, SHOWN, ZOOM, HALF = 500, 10, 3, 110
 
@@ -345,6 +346,25 @@ def draw_particles(folder: Path, learnt: LearntMotion) -> ImageArray:
     image = list(open_source(folder).frames())[frame].image
     shown = [(ARMS[arm][0], predicted(clip, ARMS[arm][1](learnt), fish, frame)) for arm in "AC"]
     return np.concatenate([_tile(image, states, title) for title, states in shown], axis=1)
+
+
+def sudden_turns(centres: FloatArray) -> BoolArray:
+    """Frames ``(T,)`` by which the direction of motion has turned by over 60 degrees within 4 frames.
+
+    The direction in frame ``t`` is that of the step from ``t - 1``. A fish that hangs still or sways has no direction,
+    so both steps must be long enough.
+
+    Args:
+        centres: ``(T, 2)`` of one body, pixels; further columns are ignored.
+    """
+    steps = np.diff(centres[:, :2], axis=0)
+    direction = np.arctan2(steps[:, 1], steps[:, 0])
+    moving = np.linalg.norm(steps, axis=1) >= LEAST_STEP
+    turned = np.zeros(len(centres), dtype=np.bool_)
+    for lag in range(1, min(WITHIN_FRAMES, len(steps) - 1) + 1):
+        change = np.abs(np.angle(np.exp(1j * (direction[lag:] - direction[:-lag]))))
+        turned[1 + lag :] |= (change > SUDDEN_ANGLE) & moving[lag:] & moving[:-lag]
+    return turned
 
 
 def first_turn(clip: FishClip) -> tuple[int, int]:

@@ -7,11 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, plan_goldfish, write_goldfish
-from tsuiseki.datamodules.scenes.fish.turns import count_sudden_turns
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish, write_goldfish
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import goldfish
-from tsuiseki.trainers.experiments.goldfish import Trial, followed_counts
+from tsuiseki.trainers.experiments.goldfish import Trial, followed_counts, sudden_turns
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +82,33 @@ def test_at_least_nine_fish_of_the_test_set_turn_suddenly():
     for number, fish in enumerate(goldfish.TEST_FISH):
         rng = np.random.default_rng(goldfish.FIRST_SEEDS["test"] + number).spawn(2)[0]
         states = plan_goldfish(GoldfishSettings(fish=fish), rng)
-        turning += sum(count_sudden_turns(states[:, k]) > 0 for k in range(fish))
+        turning += sum(sudden_turns(states[:, k]).any() for k in range(fish))
     assert turning >= 9
+
+
+def corner(angle, step=6.0, frames=10, over=1):
+    """A way that turns by ``angle`` degrees, spread evenly ``over`` frames."""
+    direction = np.deg2rad(angle) * np.clip((np.arange(2 * frames) - frames + 1) / over, 0, 1)
+    return np.cumsum(step * np.stack([np.cos(direction), np.sin(direction)], axis=1), axis=0)
+
+
+@pytest.mark.parametrize(
+    ("way", "turns"),
+    [
+        (corner(90), 1),
+        (corner(-150), 1),
+        (corner(55), 0),
+        (corner(62, over=4), 1),
+        (corner(120, over=9), 0),
+        (corner(90, step=0.5), 0),
+        (np.concatenate([corner(90), corner(90)[-1] + corner(90)[:, ::-1]]), 2),
+        (np.zeros((1, 2)), 0),
+    ],
+)
+def test_sudden_turns_are_those_of_over_60_degrees_within_4_frames(way, turns):
+    turned = sudden_turns(way)
+    assert np.count_nonzero(np.diff(turned, prepend=False) & turned) == turns
+    assert turned.shape == (len(way),)
 
 
 def test_no_seed_is_refused_in_one_line(tmp_path, capsys):
