@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, draw_street, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, draw_street, plan_street
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, read_sequence
 from tsuiseki.tracking.types import FloatArray, IntArray

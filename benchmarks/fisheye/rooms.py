@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.rooms.ceiling import Room
+from tsuiseki.datamodules.scenes.room_clip import Room
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.features.networks.exported import Detect, Detector
 from tsuiseki.tracking.fisheye.looking import DETECTORS, looking

@@ -55,7 +55,7 @@ def demo(
         return demo_drone(output, frames, threads)
     if assets is not None and not train:
         raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
-    from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.features.motion.standing_camera import StandingCamera

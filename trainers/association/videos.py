@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.owners import owners_of

@@ -11,8 +11,7 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 from torch.optim import AdamW
 
-from tsuiseki.datamodules.action import ActionData
-from tsuiseki.datamodules.action_batches import ActionBatch
+from tsuiseki.datamodules.action_data import ActionBatch, ActionData
 from tsuiseki.models.action import ActionNetwork, ActionStream, action_loss, positive_weights
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError

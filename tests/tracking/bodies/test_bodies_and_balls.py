@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.tracking.bodies.tracker import DeformableSettings
 from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformable
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras

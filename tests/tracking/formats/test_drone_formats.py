@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.identity_crops import crops_from_folder
-from tsuiseki.datamodules.readers.acting import action_sequences
-from tsuiseki.datamodules.readers.images import labelled_images
-from tsuiseki.datamodules.readers.mars import training_crops
+from tsuiseki.datamodules.action_crops import action_sequences
+from tsuiseki.datamodules.identity_crops import crops_from_folder, training_crops
+from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone_action import find_drone_action, read_drone_action_boxes
 from tsuiseki.tracking.formats.mars import read_mars

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
+from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.evaluation.space import distance_to_position

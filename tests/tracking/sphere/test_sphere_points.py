@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
+from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.bouncing import BouncingBallSettings, ball_frames
+from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, ball_frames
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker

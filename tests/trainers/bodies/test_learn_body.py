@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, write_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, write_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, contour_distance

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.action import ActionData
+from tsuiseki.datamodules.action_data import ActionData
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS

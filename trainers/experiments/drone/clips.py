@@ -11,8 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.drone.observation_cache import file_digest
 from tsuiseki.tracking.drone.observations import Observation, Observers

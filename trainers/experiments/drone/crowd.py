@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.gathering import gather
+from tsuiseki.datamodules.scenes.people.gathering import gather
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.action_cost import ActionCost, ActionFeatures
 from tsuiseki.tracking.association.assignment import assign_overlaps
