@@ -78,8 +78,6 @@ def test_cameras_over_a_floor_come_back_from_disk(tmp_path):
 def test_two_floors_are_refused(tmp_path):
     floors = {name: np.array([0.0, 0, 8, y]) for name, y in (("a", 16), ("b", 9))}
     cameras = [CameraOverFloor(name, pose_at(FISHEYE, 3.0), floor=floor) for name, floor in floors.items()]
-        CameraOverFloor(n, pose_at(FISHEYE, 3.0), floor=np.array([0.0, 0, 8, y])) for n, y in (("a", 16), ("b", 9))
-    ]
     write_cameras(tmp_path / "cameras.yaml", cameras)
     with pytest.raises(RequestError, match="one floor for all cameras"):
         read_cameras(tmp_path / "cameras.yaml")
