@@ -5,7 +5,7 @@
     tracker = tsuiseki.Sort()
     people = tracker.update(detections)
 
-`docs/python.md` shows them all at work. What is not named here is internal and may change.
+`docs/how-to/python.md` shows them all at work. What is not named here is internal and may change.
 """
 
 from __future__ import annotations
