@@ -266,8 +266,8 @@ def _calibration(
     detector: TorchDetector, videos: Sequence[Watched], view: tuple[int, int | None], settings: AdaptSettings
 ) -> tuple[float, float] | None:
     viewed = ViewedDetector(detector, view)
-    stretches = [(v.learnt(settings.kept_back) + 1, v.learnt(settings.held_out)) for v in videos]
-    parts = [matched_scores(viewed, Path(v.folder), s) for v, s in zip(videos, stretches, strict=True)]
+    spans = [(v.learnt(settings.kept_back) + 1, v.learnt(settings.held_out)) for v in videos]
+    parts = [matched_scores(viewed, Path(v.folder), s) for v, s in zip(videos, spans, strict=True)]
     scores, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     try:
         return fit_calibration(scores, right, _STEEPEST)
