@@ -1,4 +1,4 @@
-"""Scores that mean what they say: a detector's scores turned into probabilities on labelled pictures.
+"""What labelled pictures tell about a detector: sizes of its anchors, and what its scores mean.
 
 Hard negative mining teaches a detector on a quarter of people where pictures hold far fewer, and a short training
 leaves it unsure, so its scores order detections well and mean little. A logistic regression of "this detection is a
@@ -16,12 +16,15 @@ from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
 from tsuiseki.datamodules.readers.images import labelled_images
+from tsuiseki.models.anchors import propose_anchors
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detect, Detector
+from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.trainers.networks.detector_network import Resize
 
 LOWEST_SCORE = 0.05
 MATCH_OVERLAP = 0.5
@@ -80,3 +83,56 @@ def fit_calibration(scores: FloatArray, right: BoolArray, steepest: float = np.i
 def calibration_of(path: Path, folder: Path) -> tuple[float, float]:
     """Scale and shift for the exported detector at ``path`` on the labelled pictures of ``folder``."""
     return fit_calibration(*matched_scores(Detector(path, LOWEST_SCORE), folder))
+
+
+def anchors_for(
+    folder: Path,
+    /,
+    height: int,
+    width: int,
+    frames: tuple[int, int] | None = None,
+    resize: Resize = "letterbox",
+    per_level: tuple[int, ...] = (3, 2, 1),
+    scale: tuple[float, float] = (0.8, 1.5),
+    seed: int = 0,
+) -> str:
+    """The ``anchors:`` entry of a detector's configuration that fits the people labelled in ``folder``.
+
+    Args:
+        folder: a MOTChallenge sequence, or a folder of sequences.
+        height: of the detector's input, pixels.
+        width: likewise.
+        frames: first and last frame, 1-based and both included; by default all.
+        resize: how images are fitted into the input.
+        per_level: anchors at strides 8, 16, 32 and, with a fourth number, 64.
+        scale: range of enlargements in training, by which the boxes are spread.
+        seed: of the clustering's start.
+
+    Raises:
+        RequestError: no usable labels, or fewer distinct sizes than anchors.
+    """
+    if not 3 <= len(per_level) <= 4 or min(per_level) < 1:
+        raise RequestError(f"expected 3 or 4 numbers of anchors, each at least 1; got {list(per_level)}")
+    rng = np.random.default_rng(seed)
+    sizes = _sizes_in_input(folder, frames, (height, width), resize)
+    spread = sizes * np.exp(rng.uniform(np.log(scale[0]), np.log(scale[1]), len(sizes)))[:, None]
+    try:
+        levels, fit = propose_anchors(np.concatenate([np.zeros_like(spread), spread], axis=1), per_level, rng)
+    except ValueError as error:
+        raise RequestError(f"{folder}: {error}; ask for fewer anchors") from error
+    lines = [f"# mean IoU with the best anchor {fit:.3f} over {len(sizes)} boxes of {folder}", "anchors:"]
+    lines += ["  - [" + ", ".join(f"[{w:g}, {h:g}]" for w, h in level) + "]" for level in levels]
+    return "\n".join(lines)
+
+
+def _sizes_in_input(folder: Path, frames: tuple[int, int] | None, size: tuple[int, int], resize: Resize) -> FloatArray:
+    """``(N, 2)`` widths and heights of the labelled people in input pixels."""
+    image_sizes = {s.name: read_image(s.images[0]).shape[:2] for s in find_sequences(folder) if s.images}
+    sizes = [np.empty((0, 2))]
+    for label in labelled_images(folder, frames):
+        boxes = label.boxes[~label.ignored]
+        factors = np.array([size[1], size[0]]) / image_sizes[label.sequence][::-1]
+        if resize == "letterbox":
+            factors = np.full(2, factors.min())
+        sizes.append((boxes[:, 2:] - boxes[:, :2]) * factors)
+    return np.concatenate(sizes)
