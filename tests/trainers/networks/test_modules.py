@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch.optim import SGD
 
-from tsuiseki.trainers.networks.schedule import WarmupCosine, warmup_cosine
+from tsuiseki.trainers.networks.modules import WarmupCosine, warmup_cosine
 
 WARMUP, FINAL = 10, 0.01
 
