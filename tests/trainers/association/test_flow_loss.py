@@ -14,7 +14,7 @@ from tsuiseki.trainers.association.flow_loss import (
     Arcs,
     DifferenceWeights,
     FlowLoss,
-    LossName,
+    FlowLossName,
     Problem,
     cheapest,
     differing,
@@ -165,7 +165,7 @@ def test_hinge_is_zero_where_the_labelled_flow_wins_by_the_margin() -> None:
 
 
 @pytest.mark.parametrize("name", ["fenchel_young", "hinge", "both"])
-def test_descent_ends_at_the_labelled_flow(name: LossName) -> None:
+def test_descent_ends_at_the_labelled_flow(name: FlowLossName) -> None:
     arcs, start = window(2)
     costs, rng = torch.tensor(start, requires_grad=True), np.random.default_rng(0)
     optimiser = torch.optim.SGD([costs], lr=0.3)

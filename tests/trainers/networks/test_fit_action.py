@@ -60,7 +60,7 @@ def exported(trained: Path) -> list[Path]:
     done = export_action(
         ModelFiles(out=trained / "action.onnx", training_data="coloured boxes"), trained / "out/checkpoints/last.ckpt"
     )
-    return [stream.path for stream in done]
+    return list(done)
 
 
 @pytest.mark.thesis_size
