@@ -14,7 +14,7 @@ from tsuiseki.tracking.cli.detector_lines import tell_reading
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
-from tsuiseki.tracking.frame_range import parse_frames
+from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def adapt(
     """
     stretch = parse_frames(frames)
     with needs_train_extra():
-        from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
+        from tsuiseki.tracking.drone.observation_cache import file_digest
         from tsuiseki.trainers.adapt.rounds import Adaptation, file_state, resumed
         from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
         from tsuiseki.trainers.adapt.watch import open_camera

@@ -22,8 +22,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detect, Detector
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
-from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.networks.detector_network import Resize
 
 LOWEST_SCORE = 0.05

@@ -13,8 +13,8 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt import rounds as module
 from tsuiseki.trainers.adapt.find import Found
 from tsuiseki.trainers.adapt.rounds import Adaptation, best_of, better, file_state, resumed, rounds

@@ -16,10 +16,10 @@ import numpy as np
 from tsuiseki.tracking.evaluation.resampling import score_sums, scores_of
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
-from tsuiseki.tracking.frame_range import parse_frames
-from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.types import FloatArray, IntArray
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.trainers.experiments.association.labelled import with_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip
 from tsuiseki.trainers.experiments.experiment import Bench, Table

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from tsuiseki.tracking.evaluation.resampling import score_sums, scores_of
-from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.labelled import with_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, DataSet

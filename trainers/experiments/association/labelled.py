@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
 from tsuiseki.tracking.evaluation.truths import read_truths
-from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.association.sequences import Clip
 

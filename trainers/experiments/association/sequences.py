@@ -15,8 +15,8 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 
 
 @dataclass(frozen=True)

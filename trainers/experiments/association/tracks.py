@@ -10,10 +10,10 @@ import numpy as np
 
 from tsuiseki.tracking.association.tracklets.interpolation import GapSettings, fill_gaps
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.pipelines.people.methods import PeopleMethod
-from tsuiseki.tracking.pipelines.people.tracking import track_people
-from tsuiseki.tracking.trackers.base import PeopleTracker
-from tsuiseki.tracking.trackers.people.run import shifted
+from tsuiseki.tracking.people.frame_log import shifted
+from tsuiseki.tracking.people.methods import PeopleMethod
+from tsuiseki.tracking.people.tracker import PeopleTracker
+from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of, tracks_of
 

@@ -25,12 +25,12 @@ from tsuiseki.datamodules.scenes.drone.gathering import gather
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.action_cost import ActionCost, ActionFeatures
 from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.drone.tracker import DRONE_FLOW, DroneSettings, DroneTracker
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums, scores_of
 from tsuiseki.tracking.formats.drone.actions import LYING, OKUTAMA_ACTIONS, SITTING, WITH_OBJECTS
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.trackers.drone import DRONE_FLOW, DroneSettings, DroneTracker
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.drone.borrowed_actions import borrowed, place_of

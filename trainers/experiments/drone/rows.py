@@ -11,6 +11,11 @@ import numpy as np
 from tsuiseki.tracking.association.action_cost import ActionFeatures
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.rows import rows_of
+from tsuiseki.tracking.drone.acting import acting_track
+from tsuiseki.tracking.drone.models import DroneMethod
+from tsuiseki.tracking.drone.observations import Observation
+from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker
+from tsuiseki.tracking.drone.tracking import suited
 from tsuiseki.tracking.evaluation.action.action import ActionScores, evaluate_actions
 from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions, action_rows, join_action_rows
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
@@ -20,15 +25,10 @@ from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, Str
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.pipelines.drone.models import DroneMethod
-from tsuiseki.tracking.pipelines.drone.observations import Observation
-from tsuiseki.tracking.pipelines.drone.tracking import suited
-from tsuiseki.tracking.trackers.acting import acting_track
-from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
-from tsuiseki.tracking.trackers.people.compensated import MotionCompensated
-from tsuiseki.tracking.trackers.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.trackers.people.flow_output import long_tracks
-from tsuiseki.tracking.trackers.people.lifecycle import LifecycleSettings
+from tsuiseki.tracking.people.compensated import MotionCompensated
+from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
+from tsuiseki.tracking.people.flow_output import long_tracks
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.trainers.experiments.drone.borrowed_actions import borrowed, done_by_person, place_of
