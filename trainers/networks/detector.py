@@ -11,7 +11,7 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 from torchvision.ops import batched_nms
 
-from tsuiseki.datamodules.detection import DetectionBatch
+from tsuiseki.datamodules.detection_data import DetectionBatch
 from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.models.losses import IGNORED, PADDING, BoxTerm, DetectionLoss, MinedEntropy, ScoreTerm, smooth_l1

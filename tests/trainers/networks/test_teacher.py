@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.detection import DetectionBatch
+from tsuiseki.datamodules.detection_data import DetectionBatch
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.weights import shipped
