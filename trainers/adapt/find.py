@@ -99,9 +99,9 @@ def find(
     describe = open_appearance(shipped("appearance_people"), 1)
     camera = StandingCamera()
     inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
-    affinity = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))
+    costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))
     detections = [found for _, found in inputs.found()]
-    found = Found(detections, watched.span[0], [], columns_of(detector), affinity, cost_of_scores(detector), camera)
+    found = Found(detections, watched.span[0], [], columns_of(detector), costs, cost_of_scores(detector), camera)
     return replace(found, tracks=track(watched, found, settings.score_threshold))
 
 
