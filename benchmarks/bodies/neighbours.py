@@ -19,7 +19,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
-from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk
+from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
 from tsuiseki.trainers.experiments.goldfish.fair_test import learn_exactly
 from tsuiseki.trainers.experiments.goldfish.runs import Clip, prepare_clip

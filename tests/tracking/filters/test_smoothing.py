@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity
-from tsuiseki.tracking.filters.smoothing import smooth
+from tsuiseki.tracking.filters.kalman import smooth
+from tsuiseki.tracking.filters.motion.space import ConstantVelocity3D
 
 TIMES = np.cumsum([0.0, 0.1, 0.1, 0.3, 0.1, 0.2, 0.1])
 NOISE = 0.05
-MOTION = ConstantVelocity(2.0)
+MOTION = ConstantVelocity3D(2.0)
 SEES = np.eye(3, 6)
 
 

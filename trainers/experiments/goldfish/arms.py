@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity, BodyMotion
-from tsuiseki.tracking.filters.motion.learnt_motion import LearntMotion
+from tsuiseki.tracking.filters.motion.bodies import BodyFixedVelocity, BodyMotion
+from tsuiseki.tracking.filters.motion.learnt import LearntMotion
 from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
 from tsuiseki.trainers.bodies.motion import Steps, components_of, regression
 

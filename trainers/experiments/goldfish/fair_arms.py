@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity
+from tsuiseki.tracking.filters.motion.bodies import BodyFixedVelocity
 from tsuiseki.trainers.experiments.goldfish.arms import LAG, Learnt
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.learnt_motion import motion_text
+from tsuiseki.tracking.filters.motion.learnt import motion_text
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
 from tsuiseki.trainers.experiments.goldfish.plots import draw_particles, plot_success

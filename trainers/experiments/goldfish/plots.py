@@ -13,9 +13,7 @@ from matplotlib.figure import Figure
 from tsuiseki.datamodules.scenes.fish.turns import sudden_turns
 from tsuiseki.tracking.bodies.page import draw_contour
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
-from tsuiseki.tracking.filters.motion.body_motion import draw
-from tsuiseki.tracking.filters.particles.resampling import systematic
-from tsuiseki.tracking.filters.particles.weights import probabilities
+from tsuiseki.tracking.filters.particles.resampling import probabilities, systematic
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.source import open_source
@@ -102,7 +100,7 @@ def predicted(clip: Clip, arm: str, learnt: Learnt, fish: int, frame: int, parti
     state = tracker.targets[0].particles
     drawn = state.particles[systematic(probabilities(state.log_weights), particles, rng)]
     chosen = rng.choice(particles, SHOWN_PARTICLES, replace=False)
-    return np.asarray(draw(motion, drawn, rng)[chosen, : len(BODY.fields)])
+    return np.asarray(motion(drawn, 1, rng)[chosen, : len(BODY.fields)])
 
 
 def _tile(image: ImageArray, states: FloatArray, title: str) -> ImageArray:

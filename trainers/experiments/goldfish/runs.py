@@ -15,7 +15,7 @@ from tsuiseki.datamodules.scenes.fish.turns import count_sudden_turns
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
-from tsuiseki.tracking.filters.motion.body_motion import BodyMotion
+from tsuiseki.tracking.filters.motion.bodies import BodyMotion
 from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes
 from tsuiseki.tracking.formats.bodies.states import read_states

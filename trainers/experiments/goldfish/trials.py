@@ -18,7 +18,7 @@ from tsuiseki.tracking.bodies.contour import Extraction
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.bodies.tracker import DeformableSettings
 from tsuiseki.tracking.features.colour_region import ColourRange
-from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
+from tsuiseki.tracking.filters.motion.bodies import RandomWalk
 from tsuiseki.tracking.formats.bodies.states import read_states, write_states
 from tsuiseki.tracking.types import Status
 from tsuiseki.tracking.types.tracks import BodyTrack

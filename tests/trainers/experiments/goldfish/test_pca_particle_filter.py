@@ -10,8 +10,8 @@ import pytest
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
 from tsuiseki.datamodules.scenes.fish.sets import GoldfishSets
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.filters.motion.body_motion import Noise, RandomWalk
-from tsuiseki.tracking.filters.particles.annealed import Annealed
+from tsuiseki.tracking.filters.motion.bodies import Noise, RandomWalk
+from tsuiseki.tracking.filters.particles.particle_filter import Annealed
 from tsuiseki.trainers.experiments.goldfish import pca_particle_filter
 from tsuiseki.trainers.experiments.goldfish import trials as trials_module
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, BEYOND
