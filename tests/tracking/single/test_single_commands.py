@@ -165,7 +165,7 @@ def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tm
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--parts", "sweep"], "--parts: expected some of unseen, readings, status"),
+        (["--parts", "sweep"], "--parts: expected some of unseen, status"),
         (["--seeds", "0"], "--seeds: expected at least 1"),
         (["--data", "nowhere"], "expected a folder of sequences or a label file at nowhere"),
     ],

@@ -47,8 +47,8 @@ def reproduce(
         published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
         parts: unseen (the gain over KCF where no setting was chosen), status (whether `lost` is
             true), witnesses (rules by other witnesses of a loss, on generated chases), sweeps (Figs. 3.6-3.8, Table
-            3.4), comparison (Figs. 3.9, 3.11, and by sequence), additions (kcf-particle's `robust` without one of them at a time),
-            intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
+            3.4), comparison (Figs. 3.9, 3.11, and by sequence), additions (kcf-particle's `robust` without one
+            of them at a time), intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
         contrib: the Python of an environment that has opencv-contrib-python-headless: `unseen` gets rows of its CSRT.
