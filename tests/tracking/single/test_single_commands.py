@@ -192,7 +192,7 @@ def test_objectness_is_learnt_from_folders_and_needs_enough_boxes(labelled, tmp_
         "--objectness",
         str(tmp_path / "m.json"),
         "--preset",
-        "thesis",
+        "printed",
         "--method",
         "kcf-particle",
     ]
