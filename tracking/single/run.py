@@ -174,7 +174,9 @@ def single(
         select: draw the box with the mouse, on a page in the browser whose address is printed.
         plot: also plot the scores, peaks.png.
     """
-    from tsuiseki.tracking.formats.boxes import write_boxes
+    import numpy as np
+
+    from tsuiseki.tracking.formats.single import write_boxes
     from tsuiseki.tracking.report.single_plots import save_peaks
     from tsuiseki.tracking.single.page import write_target_overlay
 
