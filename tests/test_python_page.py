@@ -16,7 +16,7 @@ from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_dro
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
 from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
-from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.types import Frame, Targets
 from tsuiseki.tracking.video.source import LiveSource, open_source
 from tsuiseki.tracking.video.webm import VideoWriter

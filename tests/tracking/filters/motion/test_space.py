@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity, Manoeuvring, RandomWalk
+from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D, Manoeuvring, RandomWalk3D
 
 MANY = 40000
 
 
 @pytest.mark.parametrize(
     "motion",
-    [RandomWalk(0.3), ConstantVelocity(0.7), Manoeuvring(0.5, rate=4.0, kick=0.3)],
+    [RandomWalk3D(0.3), ConstantVelocity3D(0.7), Manoeuvring(0.5, rate=4.0, kick=0.3)],
     ids=["walk", "velocity", "manoeuvres"],
 )
 def test_one_long_step_has_the_law_of_several_short_ones(motion):
     start = np.zeros((MANY, 6))
-    start[:, 3:] = 0.0 if isinstance(motion, RandomWalk) else 0.5
+    start[:, 3:] = 0.0 if isinstance(motion, RandomWalk3D) else 0.5
     long = motion(start, 0.6, np.random.default_rng(0))
     short = start
     rng = np.random.default_rng(1)
@@ -27,15 +27,15 @@ def test_one_long_step_has_the_law_of_several_short_ones(motion):
 
 
 def test_the_spread_is_the_stated_one():
-    walk = RandomWalk(0.3)(np.zeros((MANY, 6)), 4.0, np.random.default_rng(2))
+    walk = RandomWalk3D(0.3)(np.zeros((MANY, 6)), 4.0, np.random.default_rng(2))
     np.testing.assert_allclose(walk[:, :3].std(axis=0), 0.6, rtol=0.02)
     assert (walk[:, 3:] == 0).all()
-    flight = ConstantVelocity(0.7)(np.zeros((MANY, 6)), 4.0, np.random.default_rng(3))
+    flight = ConstantVelocity3D(0.7)(np.zeros((MANY, 6)), 4.0, np.random.default_rng(3))
     np.testing.assert_allclose(flight[:, 3:].std(axis=0), 1.4, rtol=0.02)
     np.testing.assert_allclose(flight[:, :3].std(axis=0), 0.7 * np.sqrt(4.0**3 / 3), rtol=0.02)
 
 
-@pytest.mark.parametrize("motion", [ConstantVelocity(0.7), Manoeuvring(0.5, rate=4.0, kick=0.3)])
+@pytest.mark.parametrize("motion", [ConstantVelocity3D(0.7), Manoeuvring(0.5, rate=4.0, kick=0.3)])
 def test_the_written_out_law_is_that_of_the_draws(motion):
     start = np.array([0.1, 0.2, 0.3, 1.0, -2.0, 0.5])
     transition, noise = motion.linear(0.6)

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.motion.body_motion import (
+from tsuiseki.tracking.filters.motion.bodies import (
     BodyFixedVelocity,
     ConstantVelocity,
     Noise,
     RandomWalk,
     conditions,
-    draw,
-    drift,
     turned,
 )
 
@@ -28,11 +26,11 @@ def rng():
 def test_random_walk_adds_noise_and_nothing_else():
     noise = Noise.independent(np.array([1.0, -2.0, 0.1, 0.0]), np.array([3.0, 1.0, 0.2, 0.4]))
     many = np.repeat(STATES[:1], 40_000, axis=0)
-    moved = draw(RandomWalk(noise), many, rng()) - STATES[0]
+    moved = RandomWalk(noise)(many, 1, rng()) - STATES[0]
     # Five standard errors.
     np.testing.assert_allclose(moved.mean(axis=0), noise.mean, atol=5 * 3.0 / 200)
     np.testing.assert_allclose(np.cov(moved.T), np.diag(noise.deviation**2), atol=5 * 9.0 * np.sqrt(2) / 200)
-    np.testing.assert_allclose(drift(RandomWalk(noise), STATES), STATES + noise.mean)
+    np.testing.assert_allclose(RandomWalk(noise).drift(STATES), STATES + noise.mean)
 
 
 def test_constant_velocity_goes_straight_whatever_the_heading():
@@ -40,7 +38,7 @@ def test_constant_velocity_goes_straight_whatever_the_heading():
     particles = motion.start(STATES, rng())
     step = turned(np.tile([5.0, 1.0], (3, 1)), STATES[:, 2])
     for count in range(1, 4):
-        particles = draw(motion, particles, rng())
+        particles = motion(particles, 1, rng())
         np.testing.assert_allclose(particles[:, :2], STATES[:, :2] + count * step)
     np.testing.assert_allclose(particles[:, 2:4], STATES[:, 2:])
 
@@ -49,7 +47,7 @@ def test_constant_velocity_is_the_difference_of_the_positions():
     noise = Noise.independent(np.zeros(4), np.array([2.0, 2.0, 0.1, 0.1]))
     motion = ConstantVelocity(noise, FORWARD)
     before = motion.start(STATES, rng())
-    after = draw(motion, before, rng())
+    after = motion(before, 1, rng())
     np.testing.assert_allclose(after[:, -2:], after[:, :2] - before[:, :2])
 
 
@@ -59,7 +57,7 @@ def test_body_fixed_velocity_turns_with_the_body():
     particles = motion.start(STATES, rng())
     way = [particles[:, :2]]
     for _ in range(63):
-        particles = draw(motion, particles, rng())
+        particles = motion(particles, 1, rng())
         way.append(particles[:, :2])
     way = np.array(way)
     radius = np.hypot(5.0, 1.0) / (2 * np.sin(0.05))
@@ -73,7 +71,7 @@ def test_body_fixed_step_is_equations_16_and_17():
     noise = Noise(np.array([0.5, 0.0, 0.02, -0.01]), np.linalg.cholesky(covariance))
     motion = BodyFixedVelocity(noise, FORWARD)
     before = motion.start(np.repeat(STATES[1:2], 20_000, axis=0), rng())
-    after = draw(motion, before, rng())
+    after = motion(before, 1, rng())
     delta = after[:, 4:] - before[:, 4:]  # the rates of heading and shape start at 0
     np.testing.assert_allclose(after[:, 2:4], before[:, 2:4] + after[:, 6:])
     heading = after[:, 2]
@@ -91,7 +89,7 @@ def test_gain_moves_the_expected_increment():
     motion = BodyFixedVelocity(STILL, FORWARD, gain)
     particles = motion.start(STATES, rng())
     particles[:, 7] = 0.3
-    moved = drift(motion, particles)
+    moved = motion.drift(particles)
     np.testing.assert_allclose(moved[:, 2], STATES[:, 2] + 0.05 * 5.0 * STATES[:, 3])
     np.testing.assert_allclose(moved[:, 3], STATES[:, 3] + 0.9 * 0.3)
     assert conditions(particles[:, :4], particles[:, 4:]).shape == (3, 6)

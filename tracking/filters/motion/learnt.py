@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.body_motion import (
+from tsuiseki.tracking.filters.motion.bodies import (
     HEADING,
     BodyFixedVelocity,
     ConstantVelocity,

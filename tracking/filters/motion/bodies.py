@@ -1,19 +1,19 @@
 """How bodies move: random walk (8), constant velocity (9) and body-fixed velocity (16)-(18) of the goldfish paper.
 
 The first columns of a particle are the body's state: image position ``a, b`` in pixels, heading ``theta`` in radians,
-and whatever bends, one column each. A motion may keep more columns behind them. Numbers are those of one frame; the
-motion of a filter is ``each_frame(partial(draw, motion))``.
+and whatever bends, one column each. A motion may keep more columns behind them. Numbers are those of one frame.
 
 Noise is an argument. The motions (16)-(18) and the same with independent noise differ in nothing else.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from tsuiseki.tracking.filters.base import whole_frames
 from tsuiseki.tracking.types import FloatArray
 
 HEADING = 2
@@ -56,37 +56,36 @@ class Noise:
         return Noise.independent(self.mean, self.deviation)
 
 
-class BodyMotion(Protocol):
-    """Moves particles whose first columns are states of a body.
+class BodyMotion(ABC):
+    """A `Motion` of particles whose first columns are states of a body; its time is counted in frames.
 
     Attributes:
-        noise: of the increments.
+        noise: of the increments of one frame.
     """
 
-    @property
-    def noise(self) -> Noise: ...
+    noise: Noise
 
+    @abstractmethod
     def start(self, states: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Particles of body states ``(N, D)`` whose motion is not known yet."""
-        ...
 
+    @abstractmethod
     def moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
-        """Where particles go with the increments ``(N, D)``."""
-        ...
+        """Where particles go in one frame with the increments ``(N, D)``."""
 
+    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        """See `Motion`."""
+        for _ in range(whole_frames(seconds)):
+            states = self.moved(states, self.noise.draw(len(states), rng))
+        return states
 
-def drift(motion: BodyMotion, particles: FloatArray) -> FloatArray:
-    """Where particles go without noise."""
-    return motion.moved(particles, np.tile(motion.noise.mean, (len(particles), 1)))
-
-
-def draw(motion: BodyMotion, particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Particles ``(N, …)`` one frame later."""
-    return motion.moved(particles, motion.noise.draw(len(particles), rng))
+    def drift(self, particles: FloatArray) -> FloatArray:
+        """Where particles go in one frame without noise."""
+        return self.moved(particles, np.tile(self.noise.mean, (len(particles), 1)))
 
 
 @dataclass(frozen=True)
-class RandomWalk:
+class RandomWalk(BodyMotion):
     """The state stays as it is but for noise, (8).
 
     Attributes:
@@ -106,7 +105,7 @@ class RandomWalk:
 
 
 @dataclass(frozen=True)
-class ConstantVelocity:
+class ConstantVelocity(BodyMotion):
     """Velocity in image axes stays as it is but for noise, (9); two columns behind the state hold it.
 
     The noise of the position is that of the velocity, drawn once, so that the velocity stays the difference of the
@@ -134,7 +133,7 @@ class ConstantVelocity:
 
 
 @dataclass(frozen=True)
-class BodyFixedVelocity:
+class BodyFixedVelocity(BodyMotion):
     """Velocity in the body's own axes stays as it is but for noise, (16)-(17).
 
     As many columns behind the state hold its rates: body-fixed velocity, and the last change of heading and shape. The

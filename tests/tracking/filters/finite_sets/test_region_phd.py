@@ -11,20 +11,20 @@ from tsuiseki.datamodules.scenes.blob_clip import HUES, as_ground_truth, blob_fr
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings as SceneSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
-from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, PatchBirths
-from tsuiseki.tracking.filters.image_regions.region_likelihoods import WithoutOthers
-from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
-from tsuiseki.tracking.filters.image_regions.region_states import second_order
-from tsuiseki.tracking.filters.image_regions.region_updates import (
+from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     Calibrated,
     Equalised,
     Regions,
+    WithoutOthers,
     as_printed,
     average,
     calibrated,
     greatest,
 )
-from tsuiseki.tracking.filters.particles.weights import logarithms
+from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.motion.points import SteppingBox
+from tsuiseki.tracking.filters.particles.resampling import logarithms
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker, SingleBlobTracker
@@ -123,7 +123,7 @@ def still(boxes, weight=0.9):
     boxes = np.repeat(np.asarray(boxes, dtype=float), 10, axis=0)
     centres, sizes = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
     nothing = AnywhereBirths(mass=0.0, count=0, size=(20.0, 20.0))
-    chosen = RegionPhdFilter(second_order((1e-6,) * 2, (1e-6,) * 2), nothing, WithoutOthers(), survival=1.0)
+    chosen = RegionPhdFilter(SteppingBox(1e-6, 1e-6), nothing, WithoutOthers(), survival=1.0)
     labels = np.repeat(np.arange(1, len(boxes) // 10 + 1), 10)
     state = chosen.init(np.concatenate([centres, centres, sizes], axis=1), labels, weight * len(boxes) / 10)
     return chosen, state
@@ -217,7 +217,7 @@ def test_settings_out_of_range_are_refused(bad):
 
 def test_filter_refuses_what_is_no_probability():
     with pytest.raises(ValueError, match="survival"):
-        RegionPhdFilter(second_order((1, 1), (1, 1)), PatchBirths(), WithoutOthers(), survival=2.0)
+        RegionPhdFilter(SteppingBox(1, 1), PatchBirths(), WithoutOthers(), survival=2.0)
 
 
 @pytest.mark.parametrize("colour", HUES)

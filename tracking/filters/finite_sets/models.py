@@ -2,6 +2,12 @@
 
 States are ``(N, D)`` float64 with the position first on each axis: ``x, vx, y, vy`` and, turning, a rate ``omega`` in
 radians a second. Equation numbers are those of the finite-sets paper.
+
+Motions and sensors of points in two or three dimensions, and motions that take turns.
+
+States are ``(N, D)``: position and velocity on each axis, ``x, vx, y, vy`` or ``x, vx, y, vy, z, vz``; after them a
+rate of turn ``omega`` in radians a second where a motion needs one, and the number of the motion, from 0, where several
+take turns. A motion leaves the columns that are not its own as they are.
 """
 
 from __future__ import annotations
@@ -16,54 +22,6 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 StateFunction = Callable[[FloatArray], FloatArray]
 StateTest = Callable[[FloatArray], BoolArray]
-
-
-def constant_velocity(acceleration: float) -> Motion:
-    """Straight motion of states ``x, vx, y, vy`` with a random acceleration constant over each step, (1).
-
-    Args:
-        acceleration: its standard deviation along each axis, in units a second squared.
-    """
-
-    def move(particles: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-        # Column by column: a product with a 4x4 matrix costs several times more.
-        moved = np.empty_like(particles)
-        for place, noise in zip((0, 2), rng.standard_normal((2, len(particles))), strict=True):
-            gained = (acceleration * seconds) * noise
-            velocity = particles[:, place + 1]
-            moved[:, place] = particles[:, place] + seconds * velocity + (0.5 * seconds) * gained
-            moved[:, place + 1] = velocity + gained
-        return moved
-
-    return move
-
-
-def coordinated_turn(acceleration: float, turn: float) -> Motion:
-    """Motion on arcs of states ``x, vx, y, vy, omega``: the velocity turns at the rate ``omega``, (1).
-
-    Args:
-        acceleration: standard deviation of the random acceleration along each axis.
-        turn: standard deviation of the change of ``omega`` a second, in radians a second.
-    """
-
-    def move(particles: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-        gain = acceleration * np.array([seconds**2 / 2, seconds])
-        x, vx, y, vy, omega = particles.T
-        angle = omega * seconds
-        sine, cosine = np.sin(angle), np.cos(angle)
-        # sin(wT)/w and (1 - cos(wT))/w, whose limits at w = 0 are T and 0.
-        straight = seconds * np.sinc(angle / np.pi)
-        aside = seconds * np.sinc(angle / (2 * np.pi)) * np.sin(angle / 2)
-        noise = rng.standard_normal((3, len(particles)))
-        moved = np.empty_like(particles)
-        moved[:, 0] = x + straight * vx - aside * vy + gain[0] * noise[0]
-        moved[:, 1] = cosine * vx - sine * vy + gain[1] * noise[0]
-        moved[:, 2] = y + aside * vx + straight * vy + gain[0] * noise[1]
-        moved[:, 3] = sine * vx + cosine * vy + gain[1] * noise[1]
-        moved[:, 4] = omega + turn * seconds * noise[2]
-        return moved
-
-    return move
 
 
 def cartesian(particles: FloatArray) -> FloatArray:
@@ -249,3 +207,35 @@ def check_measurements(measurements: FloatArray, columns: int) -> FloatArray:
     if bad.any():
         raise ValueError(f"expected finite measurements, got {measurements[bad][0].tolist()} at row {np.argmax(bad)}")
     return measurements
+
+
+def linear_sensor(dimensions: int, origin: FloatArray) -> tuple[StateFunction, StateFunction]:
+    """Measured positions relative to ``origin`` ``(dimensions,)``, and back."""
+
+    def project(particles: FloatArray) -> FloatArray:
+        return particles[:, 0 : 2 * dimensions : 2] - origin
+
+    return project, lambda measurements: measurements + origin
+
+
+def polar_sensor(dimensions: int, origin: FloatArray) -> tuple[StateFunction, StateFunction]:
+    """Bearing (from the x axis towards y), in 3D elevation (from the plane towards z), range; and back.
+
+    Angles are radians; ``origin`` ``(dimensions,)`` is where the sensor stands.
+    """
+
+    def project(particles: FloatArray) -> FloatArray:
+        away = particles[:, 0 : 2 * dimensions : 2] - origin
+        bearing, across = np.arctan2(away[:, 1], away[:, 0]), np.hypot(away[:, 0], away[:, 1])
+        if dimensions == 2:
+            return np.stack([bearing, across], axis=1)
+        return np.stack([bearing, np.arctan2(away[:, 2], across), np.hypot(across, away[:, 2])], axis=1)
+
+    def invert(measurements: FloatArray) -> FloatArray:
+        bearing, reach = measurements[:, 0], measurements[:, -1]
+        elevation = measurements[:, 1] if dimensions == 3 else np.zeros(len(measurements))
+        across = reach * np.cos(elevation)
+        parts = [across * np.cos(bearing), across * np.sin(bearing), reach * np.sin(elevation)]
+        return np.stack(parts[:dimensions], axis=1) + origin
+
+    return project, invert

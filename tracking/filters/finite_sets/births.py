@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.filters.base import BornParticles
+from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, StateFunction
 from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs, groups_near
-from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor
-from tsuiseki.tracking.filters.particles.weights import logarithms
+from tsuiseki.tracking.filters.particles.resampling import logarithms
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 QUIET = 0.1
@@ -128,24 +128,28 @@ class MeasurementBirths:
         return BornParticles(particles, logarithms(weights), starts)
 
 
-def moving_from(
-    invert: Callable[[FloatArray], FloatArray], speed: float, turn: float | None = None
+def newborn(
+    invert: StateFunction, dimensions: int, speed: float, turn: float | None = None, modes: int = 1
 ) -> Callable[[FloatArray, np.random.Generator], FloatArray]:
-    """States at measured places with Gaussian velocities, the ``complete`` of :class:`MeasurementBirths`.
+    """States at measured places: the ``complete`` of `MeasurementBirths`.
 
     Args:
-        invert: measurements ``(K, Z)`` to positions ``(K, 2)``.
+        invert: measurements to positions.
+        dimensions: 2 or 3.
         speed: standard deviation of the velocity along each axis.
-        turn: standard deviation of ``omega``, for states that have one.
+        turn: standard deviation of ``omega``; None where states have none.
+        modes: motions that take turns; below 2 states have no mode.
     """
 
     def complete(measurements: FloatArray, rng: np.random.Generator) -> FloatArray:
         places = invert(measurements)
-        states = np.empty((len(places), 4 if turn is None else 5))
-        states[:, [0, 2]] = places
-        states[:, [1, 3]] = speed * rng.standard_normal((len(places), 2))
+        parts = np.empty((len(places), 2 * dimensions))
+        parts[:, ::2], parts[:, 1::2] = places, speed * rng.standard_normal(places.shape)
+        columns = [parts]
         if turn is not None:
-            states[:, 4] = turn * rng.standard_normal(len(places))
-        return states
+            columns.append(turn * rng.standard_normal((len(places), 1)))
+        if modes > 1:
+            columns.append(rng.integers(0, modes, (len(places), 1)).astype(np.float64))
+        return np.concatenate(columns, axis=1)
 
     return complete

@@ -14,7 +14,7 @@ from tsuiseki.tracking.types import FloatArray
 
 
 @dataclass(frozen=True)
-class RandomWalk:
+class RandomWalk3D:
     """Section 2.1 of the sphere paper: the position takes a random step, the velocity stays zero.
 
     Attributes:
@@ -31,7 +31,7 @@ class RandomWalk:
 
 
 @dataclass(frozen=True)
-class ConstantVelocity:
+class ConstantVelocity3D:
     """White-noise acceleration (Bar-Shalom et al., *Estimation with Applications*, 2001, section 6.2.2).
 
     Attributes:
@@ -62,7 +62,7 @@ class Manoeuvring:
     particles turn at every step, and win where the target did.
 
     Attributes:
-        agitation: between the manoeuvres, as in `ConstantVelocity`, m/s.
+        agitation: between the manoeuvres, as in `ConstantVelocity3D`, m/s.
         rate: of the manoeuvres, 1/s.
         kick: standard deviation of a manoeuvre's change of velocity along each axis, m/s.
     """
@@ -72,7 +72,7 @@ class Manoeuvring:
     kick: float = 3.0
 
     def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-        moved = ConstantVelocity(self.agitation)(states, seconds, rng)
+        moved = ConstantVelocity3D(self.agitation)(states, seconds, rng)
         count = rng.poisson(self.rate * seconds, len(states))
         kicks, places = rng.standard_normal((2, len(states), 3)) * self.kick * np.sqrt(count)[:, None]
         moved[:, 3:] += kicks
@@ -82,7 +82,7 @@ class Manoeuvring:
 
     def linear(self, seconds: float) -> tuple[FloatArray, FloatArray]:
         """Transition ``(6, 6)`` and covariance of the noise ``(6, 6)`` over ``seconds``."""
-        return ConstantVelocity(float(np.hypot(self.agitation, np.sqrt(self.rate) * self.kick))).linear(seconds)
+        return ConstantVelocity3D(float(np.hypot(self.agitation, np.sqrt(self.rate) * self.kick))).linear(seconds)
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Ballistic:
         floor: height of the floor, m.
         gravity: along -z, m/s^2.
         restitution: speed after a bounce over the speed before, [0, 1].
-        agitation: as in `ConstantVelocity`, m/s.
+        agitation: as in `ConstantVelocity3D`, m/s.
         drag: deceleration by the air over the speed squared, 1/m: density x drag coefficient x cross-section /
             (2 x mass), about 0.02 for a tennis ball and 0.1 for table tennis.
         spin: ``(3,)`` Magnus coefficient along the axis of spin, 1/s: the acceleration is its cross product with the
@@ -110,7 +110,7 @@ class Ballistic:
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-        moved = ConstantVelocity(self.agitation)(states, seconds, rng)
+        moved = ConstantVelocity3D(self.agitation)(states, seconds, rng)
         if self.drag or any(self.spin):
             # At the velocity before the step: second order in the time between frames.
             before = states[:, 3:]

@@ -6,16 +6,23 @@ as large as the particles bear. They are resampled, spread by a kernel that keep
 
 How the likelihood grows with the share is an argument. A product of mixtures must not be raised to a power as a whole:
 narrow peaks of single factors would win before the place where all factors agree is found.
+
+Weighing particles by several views, each of which may be covered.
+
+View c gives particle i a log-ratio l_ci: how likely its picture is if the target is at the particle, over how likely it
+is if the view is covered. The view is open with probability v_c, so its weight for the particle is
+``v_c exp(l_ci) + 1 - v_c``. A view that speaks against all particles weighs them all alike, and does not pull the
+estimate away. v_c follows a two-state Markov chain and is updated by Bayes' rule.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.filters.particles.resampling import systematic
-from tsuiseki.tracking.filters.particles.weights import effective_sample_size, normalise, probabilities
+from tsuiseki.tracking.filters.particles.resampling import effective_sample_size, normalise, probabilities, systematic
 from tsuiseki.tracking.types import FloatArray
 
 BISECTIONS = 10
@@ -66,3 +73,36 @@ def drawn_and_spread(
 
 def _size(log_weights: FloatArray) -> float:
     return effective_sample_size(normalise(log_weights))
+
+
+@dataclass(frozen=True)
+class Covering:
+    """How views get covered and free again.
+
+    Attributes:
+        covers: rate at which an open view is covered, 1/s.
+        opens: rate at which a covered view opens, 1/s.
+        floor: v_c stays in [floor, 1 - floor].
+    """
+
+    covers: float = 0.5
+    opens: float = 1.5
+    floor: float = 0.02
+
+    def predict(self, open_before: FloatArray, seconds: float) -> FloatArray:
+        """v_c after ``seconds`` without an observation, ``(C,)``."""
+        total = self.covers + self.opens
+        rest = self.opens / total
+        after = rest + (open_before - rest) * np.exp(-total * seconds)
+        return np.asarray(np.clip(after, self.floor, 1 - self.floor))
+
+
+def weigh_views(log_ratios: FloatArray, open_before: FloatArray) -> FloatArray:
+    """``log(v_c exp(l_ci) + 1 - v_c)`` ``(N, C)`` for log-ratios ``(N, C)`` and ``(C,)`` probabilities in (0, 1)."""
+    return np.logaddexp(np.log(open_before) + log_ratios, np.log1p(-open_before))
+
+
+def open_after(log_ratios: FloatArray, open_before: FloatArray, weights: FloatArray) -> FloatArray:
+    """v_c ``(C,)`` given what the views showed: the mean over particles, weighted after weighing, of Bayes' rule."""
+    share = np.exp(np.log(open_before) + log_ratios - weigh_views(log_ratios, open_before))
+    return np.asarray(weights @ share)

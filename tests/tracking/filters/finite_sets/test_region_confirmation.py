@@ -8,7 +8,7 @@ import pytest
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, blob_frames
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS
-from tsuiseki.tracking.filters.image_regions.region_confirmation import Confirmation, at_patches
+from tsuiseki.tracking.filters.finite_sets.region_births import Confirmation, at_patches
 from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker
 from tsuiseki.tracking.types import Frame
 

@@ -1,21 +1,122 @@
-"""How likely each pixel is the target's, by its colour, and what that says of places and sizes.
+"""How likely a colour is the target's and not its surroundings', by two histograms, and what that says of boxes.
 
-Bertinetto et al., "Staple: complementary learners for real-time tracking", CVPR 2016, section 3.2: histograms of the
-target and of its surroundings give a pixel the probability F / (F + B). Its mean over the target's box, for every
-shift of the box, is a response that bending and turning leave as it is; gradients fail on other frames. Its contrast
-between the box and a frame around it tells the size.
+`ForegroundColour` scores boxes by the mean of that probability. Colours do not depend on shape, so they fail on other
+frames than gradients do: a correlation filter that has drifted onto the background keeps a high response, and its
+colour score falls.
+
+`PixelColour` is Bertinetto et al., "Staple: complementary learners for real-time tracking", CVPR 2016, section 3.2: a
+pixel has the probability F / (F + B). Its mean over the target's box, for every shift of the box, is a response that
+bending and turning leave as it is. Its contrast between the box and a frame around it tells the size.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.single.colour_model import ColourModel, histogram, quantised
-from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
+
+LEVELS = 16  # of red, green and blue each
+_BITS = 4  # 256 / LEVELS values of a channel are one level
+_RARE = 1e-4  # a colour that was never seen counts as neither
+
+
+@dataclass(frozen=True)
+class ColourModel:
+    """Two histograms over 16 levels of red, green and blue.
+
+    Attributes:
+        target: ``(4096,)`` that sums to one.
+        around: likewise, of the surroundings.
+    """
+
+    target: FloatArray
+    around: FloatArray
+
+    def blend(self, new: Self, rate: float) -> Self:
+        """Moved towards ``new`` by ``rate`` in [0, 1]."""
+        return replace(
+            self,
+            target=self.target + rate * (new.target - self.target),
+            around=self.around + rate * (new.around - self.around),
+        )
+
+    @cached_property
+    def table(self) -> NDArray[np.float32]:
+        """``(4096,)`` probability in [0, 1] that a pixel of each colour is the target's."""
+        shares = (self.target + _RARE) / (self.target + self.around + 2 * _RARE)
+        return np.asarray(shares.astype(np.float32))
+
+
+def quantised(image: ImageArray) -> NDArray[np.int32]:
+    """``(H, W)`` number of the colour of each pixel of ``(H, W, 3)`` uint8, in [0, 4096)."""
+    levels = (image >> _BITS).astype(np.int32)
+    return np.asarray((levels[..., 0] * LEVELS + levels[..., 1]) * LEVELS + levels[..., 2])
+
+
+def histogram(colours: NDArray[np.int32]) -> FloatArray:
+    """``(4096,)`` shares of colours ``(N,)``; all zero where there is none."""
+    return np.bincount(colours, minlength=LEVELS**3) / max(len(colours), 1)
+
+
+CORE = (0.7, 0.8)  # shares of width and height that are target rather than background
+AROUND = (1.2, 0.8)  # margins of the surroundings, as shares of width and height, both sides together
+
+
+class ForegroundColour(ColourModel):
+    """The colours of a target's inner part and of its surroundings."""
+
+    @classmethod
+    def learn(cls, image: ImageArray, box: FloatArray) -> ForegroundColour | None:
+        """From an image ``(H, W, 3)`` and a box ``(4,)``; None where target or surroundings have no pixel."""
+        size = box[2:] - box[:2]
+        outer = np.concatenate([box[:2] - size * AROUND / 2, box[2:] + size * AROUND / 2])
+        x1, y1, x2, y2 = _clipped(outer, image)
+        if x2 <= x1 or y2 <= y1:
+            return None
+        colours = quantised(image[y1:y2, x1:x2])
+        inner = _mask(_shrunk(box[None])[0] - [x1, y1, x1, y1], colours.shape)
+        outside = ~_mask(box - [x1, y1, x1, y1], colours.shape)
+        if not inner.any() or not outside.any():
+            return None
+        return cls(histogram(colours[inner]), histogram(colours[outside]))
+
+    def score(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N,)`` in [0, 1] for boxes ``(N, 4)``; what lies outside the image counts as background."""
+        inner = _shrunk(boxes)
+        x1, y1, x2, y2 = _clipped(np.concatenate([inner[:, :2].min(axis=0), inner[:, 2:].max(axis=0)]), image)
+        if x2 <= x1 or y2 <= y1:
+            return np.zeros(len(boxes))
+        sums = cv2.integral(self.table.take(quantised(image[y1:y2, x1:x2])))
+        whole = np.round(inner).astype(int)
+        area = np.maximum((whole[:, 2] - whole[:, 0]) * (whole[:, 3] - whole[:, 1]), 1)
+        left, top, right, bottom = np.clip(whole - [x1, y1, x1, y1], 0, [x2 - x1, y2 - y1, x2 - x1, y2 - y1]).T
+        total = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+        return np.asarray(total / area)
+
+
+def _shrunk(boxes: FloatArray) -> FloatArray:
+    margin = (boxes[:, 2:] - boxes[:, :2]) * (1 - np.array(CORE)) / 2
+    return np.concatenate([boxes[:, :2] + margin, boxes[:, 2:] - margin], axis=1)
+
+
+def _clipped(box: FloatArray, image: ImageArray) -> tuple[int, int, int, int]:
+    height, width = image.shape[:2]
+    x1, y1, x2, y2 = (round(float(value)) for value in box)
+    return max(x1, 0), max(y1, 0), min(x2, width), min(y2, height)
+
+
+def _mask(box: FloatArray, shape: tuple[int, ...]) -> BoolArray:
+    mask = np.zeros(shape, dtype=np.bool_)
+    x1, y1, x2, y2 = (max(round(float(value)), 0) for value in box)
+    mask[y1:y2, x1:x2] = True
+    return mask
+
 
 Float32Array = NDArray[np.float32]
 

@@ -2,7 +2,7 @@
 
 States are rectangles with a memory, (63): ``x, y, x before, y before, width, height`` in pixels, centre and size. There
 are no measured points, so what enters the update (46) is an argument, one of
-:mod:`tsuiseki.tracking.filters.image_regions.region_updates`. Time is counted in frames, and a step is one frame.
+:mod:`tsuiseki.tracking.filters.finite_sets.region_likelihoods`. Time is counted in frames, and a step is one frame.
 """
 
 from __future__ import annotations
@@ -13,16 +13,22 @@ import numpy as np
 
 from tsuiseki.tracking.features.colour_region import ColourImage
 from tsuiseki.tracking.filters.base import Births, BornParticles, Motion, TargetEstimates
-from tsuiseki.tracking.filters.finite_sets.labelled_particles import (
+from tsuiseki.tracking.filters.finite_sets.clusters import (
     LabelledParticles,
     cluster_sizes,
     cluster_starts,
     first_particles,
 )
-from tsuiseki.tracking.filters.image_regions.region_births import ExplainedImage
-from tsuiseki.tracking.filters.image_regions.region_likelihoods import RegionLikelihood, background_level
-from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, cluster_means
-from tsuiseki.tracking.filters.image_regions.region_updates import Regions, Update, calibrated
+from tsuiseki.tracking.filters.finite_sets.region_births import ExplainedImage
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
+    RegionLikelihood,
+    Regions,
+    Update,
+    background_level,
+    boxes_of,
+    calibrated,
+    cluster_means,
+)
 from tsuiseki.tracking.filters.particles.resampling import Resampler, systematic
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import FloatArray, IntArray
