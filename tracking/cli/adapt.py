@@ -76,8 +76,7 @@ def adapt(
     """
     stretch = parse_frames(frames)
     with needs_train_extra():
-        from tsuiseki.tracking.drone.observation_cache import file_digest
-        from tsuiseki.trainers.adapt.rounds import Adaptation, file_state, resumed
+        from tsuiseki.trainers.adapt.rounds import Adaptation, contents_of, resumed
         from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
         from tsuiseki.trainers.adapt.watch import open_camera
         from tsuiseki.trainers.exporting.exported_weights import layout_of
@@ -97,9 +96,7 @@ def adapt(
     with output.run() as run:
         tell_reading(run, looking)
         key: dict[str, Any] = {"sources": sources, "frames": frames, "view": view, "settings": asdict(settings)}
-        key |= {"contents": [file_state(source) for source in sources], "options": asdict(detector_options)}
-        # By their contents: a file of the same name may have been written anew.
-        key |= {"detector": file_digest(start), "teacher": file_digest(teacher) if teacher else ""}
+        key |= {"options": asdict(detector_options), **contents_of(sources, start, teacher)}
         work = output.out / WORK
         if resumed(work, key):
             print("going on with what an earlier run has finished")

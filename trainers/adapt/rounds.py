@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.drone.observation_cache import file_digest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_detections
@@ -91,6 +92,12 @@ def file_state(source: str) -> list[int]:
     files = sorted(path.rglob("*")) if path.is_dir() else [path]
     found = [file.stat() for file in files if file.is_file()]
     return [len(found), sum(x.st_size for x in found), max((x.st_mtime_ns for x in found), default=0)]
+
+
+def contents_of(sources: Sequence[str], start: Path, teacher: Path | None) -> dict[str, Any]:
+    """What videos and models hold, as plain values: a file of the same name may have been written anew."""
+    models = {"detector": file_digest(start), "teacher": file_digest(teacher) if teacher else ""}
+    return {"contents": [file_state(source) for source in sources], **models}
 
 
 def resumed(work: Path, key: dict[str, Any]) -> bool:
