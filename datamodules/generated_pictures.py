@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.datamodules.footage import Source
-from tsuiseki.datamodules.scenes.clip import FrameTruth, ground_truth, numbered, write_image
+from tsuiseki.datamodules.scenes.clip import IMAGES, FrameTruth, ground_truth, write_image
 from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings, plan_drone
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
@@ -75,9 +75,8 @@ def write_pictures(source: Source, size: tuple[int, int]) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     together = _PER_CLIP if source.scene == "drone" else 1
     with output_folder(folder, overwrite=False) as work:
-        (work / "img1").mkdir()
         numbers = [range(start, min(start + together, count)) for start in range(0, count, together)]
-        found = on_all_cores(partial(_drawn, source, size, work / "img1"), numbers, 8 // together or 1)
+        found = on_all_cores(partial(_drawn, source, size, work), numbers, 8 // together or 1)
         truth = ground_truth([each for some in found for each in some])
         truth = replace(truth, ids=np.arange(1, len(truth) + 1))
         write_ground_truth(work / "gt" / "gt.txt", truth)
@@ -89,7 +88,7 @@ def _drawn(source: Source, size: tuple[int, int], folder: Path, numbers: range) 
     truths = []
     for number in numbers:
         image, boxes, visibility = _picture(source, size, number)
-        write_image(folder / numbered(number), image)
+        write_image(folder / IMAGES.format(number=number + 1), image)
         large = ((boxes[:, 2:] - boxes[:, :2]) > 1).all(axis=1)
         truths.append(FrameTruth(np.zeros(int(large.sum()), np.int64), boxes[large], visibility[large]))
     return truths

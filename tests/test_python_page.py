@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, write_blobs
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.types import Frame, Targets
 from tsuiseki.tracking.video.source import LiveSource, open_source
@@ -72,13 +73,13 @@ def film_ball(folder: Path) -> None:
 def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the page names: street.mp4, cup.mp4, balls.mp4, fish, flight, camera1, camera2, cameras.yaml."""
     folder = tmp_path_factory.mktemp("clips")
-    street = write_street(folder / "labelled", StreetSettings(frames=12), seed=100)
+    street = write_clip(folder / "labelled", plan_street(StreetSettings(frames=12), 100))
     as_video([frame.image for frame in open_source(street).frames()], folder / "street.mp4")
     as_video(cup(), folder / "cup.mp4")
-    balls = write_blobs(folder / "blobs", BlobSceneSettings(frames=8, width=320, height=240, objects=3), seed=1)
+    balls = write_clip(folder / "blobs", plan_blobs(BlobSceneSettings(frames=8, width=320, height=240, objects=3), 1))
     as_video([frame.image for frame in open_source(balls).frames()], folder / "balls.mp4")
-    write_goldfish(folder / "fish", GoldfishSettings(frames=4, fish=1), seed=4)
-    write_drone(folder / "flight", DroneSceneSettings(frames=6, width=320, height=240, people=3), 3)
+    write_clip(folder / "fish", plan_goldfish(GoldfishSettings(frames=4, fish=1), 4))
+    write_clip(folder / "flight", plan_drone(DroneSceneSettings(frames=6, width=320, height=240, people=3), 3))
     film_ball(folder)
     return folder
 

@@ -13,8 +13,8 @@ import numpy as np
 from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment, write_info
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.silhouettes import FOLDER
-from tsuiseki.tracking.formats.bodies.states import write_states
+from tsuiseki.tracking.formats.body_states import write_states
+from tsuiseki.tracking.formats.silhouettes import FOLDER
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.tracks import exact_track
 

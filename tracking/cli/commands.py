@@ -48,15 +48,16 @@ class Command:
 
 @dataclass(frozen=True)
 class Experiment(Command):
-    """A paper's experiment in the module ``place`` of `tsuiseki.trainers.experiments`."""
+    """A paper's experiment: ``module`` or ``module:function`` in `tsuiseki.trainers.experiments`."""
 
     def load(self, words: Sequence[str]) -> Callable[..., Any]:
         """See `Command.load`."""
         from tsuiseki.tracking.cli.reproduce import reproduction
 
+        module, _, function = self.place.partition(":")
         with needs_train_extra():
-            found = importlib.import_module(f"tsuiseki.trainers.experiments.{self.place}")
-        return reproduction(words[-1], found.reproduce)
+            found = importlib.import_module(f"tsuiseki.trainers.experiments.{module}")
+        return reproduction(words[-1], getattr(found, function or "reproduce"))
 
 
 @dataclass(frozen=True)
@@ -74,13 +75,16 @@ COMMANDS: Tree = {
     "simulate": Group(
         "make labelled video with exact truth",
         {
-            "street": Command("people on a street before a fixed camera"),
-            "sphere": Command("a ball carried through a room before several cameras"),
-            "blobs": Command("coloured objects over natural clutter"),
-            "goldfish": Command("fish that bend, or balls that squash"),
-            "drone": Command("people who act, before a drone's camera"),
-            "fisheye": Command("people in a room, under ceiling fisheye cameras"),
-            "sprites": Command("people rendered from body meshes, for the pictures that detectors learn from"),
+            "street": Command("people on a street before a fixed camera", "tracking.cli.simulate:street"),
+            "sphere": Command("a ball carried through a room before several cameras", "tracking.cli.simulate:sphere"),
+            "blobs": Command("coloured objects over natural clutter", "tracking.cli.simulate:blobs"),
+            "goldfish": Command("fish that bend, or balls that squash", "tracking.cli.simulate:goldfish"),
+            "drone": Command("people who act, before a drone's camera", "tracking.cli.simulate:drone"),
+            "fisheye": Command("people in a room, under ceiling fisheye cameras", "tracking.cli.simulate:fisheye"),
+            "sprites": Command(
+                "people rendered from body meshes, for the pictures that detectors learn from",
+                "tracking.cli.simulate:sprites",
+            ),
         },
     ),
     "train": Group(
@@ -146,13 +150,15 @@ COMMANDS: Tree = {
     "evaluate": Group(
         "score results against labels",
         {
-            "people": Command("tracks: HOTA, MOTA, IDF1 and more"),
-            "detection": Command("detections: average precision"),
-            "single": Command("one target: success and precision"),
-            "coverage": Command("tracks of many on one labelled person: coverage and switches"),
-            "points": Command("tracked points: OSPA, GOSPA and more"),
-            "states": Command("bodies that bend: position, heading, identity"),
-            "action": Command("what people do: F1 and average precision"),
+            "people": Command("tracks: HOTA, MOTA, IDF1 and more", "tracking.cli.evaluate:people"),
+            "detection": Command("detections: average precision", "tracking.cli.evaluate:detection"),
+            "single": Command("one target: success and precision", "tracking.cli.evaluate:single"),
+            "coverage": Command(
+                "tracks of many on one labelled person: coverage and switches", "tracking.cli.evaluate:coverage"
+            ),
+            "points": Command("tracked points: OSPA, GOSPA and more", "tracking.cli.evaluate:points"),
+            "states": Command("bodies that bend: position, heading, identity", "tracking.cli.evaluate:states"),
+            "action": Command("what people do: F1 and average precision", "tracking.cli.evaluate:action"),
         },
     ),
     "reproduce": Group(
@@ -162,10 +168,7 @@ COMMANDS: Tree = {
                 "correlation filters selected by a particle filter", "single.multi_correlation_filter"
             ),
             "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets.phd"),
-            "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish.pca_particle_filter"),
-            "goldfish-correlation": Experiment(
-                "whether shape and motion drawn together help few particles", "goldfish.fair_test"
-            ),
+            "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish"),
             "drone-action-features": Experiment(
                 "tracks and actions from a drone improve each other", "drone.action_features"
             ),

@@ -22,7 +22,7 @@ from tsuiseki.tracking.fisheye.tracker import (
 )
 from tsuiseki.tracking.fisheye.view import CeilingView
 from tsuiseki.tracking.formats.mot import read_detections
-from tsuiseki.tracking.formats.space.rotated import (
+from tsuiseki.tracking.formats.rotated import (
     as_detections,
     is_rotated,
     read_rotated_detections,
@@ -128,7 +128,7 @@ def given_detections(
     """The detections of each frame of a source in a file: MOTChallenge text, or rotated boxes by image.
 
     Args:
-        path: a det.txt, or what `tsuiseki.tracking.formats.space.rotated` reads: detections, or labels as such.
+        path: a det.txt, or what `tsuiseki.tracking.formats.rotated` reads: detections, or labels as such.
         view: the source, a folder of images where the boxes are rotated, since those name images; and its camera.
         score_range: smallest and largest score to expect; by default any.
 

@@ -13,7 +13,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.particles.views import Covering
-from tsuiseki.tracking.formats.space.ball_points import read_ball_points
+from tsuiseki.tracking.formats.correspondences import read_ball_points
 from tsuiseki.tracking.sphere.runs import FrameTimes, SphereRun
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.sphere_run import Seen, Start

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.action_crops import action_sequences
+from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.drone_clip import (
     MOTIONS,
     DroneSceneSettings,
     Viewpoint,
     draw_flight,
     fly,
+    plan_drone,
     plan_flight,
-    write_drone,
 )
 from tsuiseki.datamodules.scenes.people.activities import LEFT, RIGHT, drinking, lying, reach, running, sip, sitting
 from tsuiseki.datamodules.scenes.people.body import Build, Manner, Pose, place
@@ -26,7 +27,7 @@ from tsuiseki.datamodules.scenes.render.ground import ground_homography, look_do
 from tsuiseki.datamodules.scenes.render.insertion import clusters
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS, POSTURES
+from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS, POSTURES
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 
@@ -35,7 +36,7 @@ SMALL = DroneSceneSettings(width=320, height=180, frames=6, people=4, clutter=1)
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    return write_drone(tmp_path_factory.mktemp("drone") / "clip", SMALL, seed=3)
+    return write_clip(tmp_path_factory.mktemp("drone") / "clip", plan_drone(SMALL, 3))
 
 
 def test_a_clip_is_a_sequence_with_actions(clip):
@@ -54,7 +55,7 @@ def test_a_clip_is_a_sequence_with_actions(clip):
 
 def test_okutama_layout_holds_the_same_labels(clip, tmp_path):
     (tmp_path / "set").mkdir()
-    folder = write_drone(tmp_path / "set", SMALL, seed=3, layout="okutama")
+    folder = write_clip(tmp_path / "set", plan_drone(replace(SMALL, layout="okutama"), 3))
     (published,), (generated,) = action_sequences(folder), action_sequences(clip)
     assert published.name == "1.1.1"
     assert published.files[5].name == "5.jpg"

@@ -1,4 +1,4 @@
-"""Goldfish clips: exact states, silhouettes, water, sudden turns, the paper's two sets."""
+"""Goldfish clips: exact states, silhouettes, water."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, plan_goldfish, write_goldfish
-from tsuiseki.datamodules.scenes.goldfish_sets import count_sudden_turns, planned_clips, sudden_turns
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, plan_goldfish
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes, silhouette_of
-from tsuiseki.tracking.formats.bodies.states import read_states
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes, silhouette_of
 from tsuiseki.tracking.video.source import open_source
 
 SHORT = GoldfishSettings(frames=12, fish=3)
@@ -107,33 +107,9 @@ def test_a_fish_without_a_beat_only_glides():
     assert body_fixed(gliding)[60:, 0].mean() < 0.5 * body_fixed(driven)[60:, 0].mean()
 
 
-def corner(angle, step=6.0, frames=10, over=1):
-    """A way that turns by ``angle`` degrees, spread evenly ``over`` frames."""
-    direction = np.deg2rad(angle) * np.clip((np.arange(2 * frames) - frames + 1) / over, 0, 1)
-    return np.cumsum(step * np.stack([np.cos(direction), np.sin(direction)], axis=1), axis=0)
-
-
-@pytest.mark.parametrize(
-    ("way", "turns"),
-    [
-        (corner(90), 1),
-        (corner(-150), 1),
-        (corner(55), 0),
-        (corner(62, over=4), 1),
-        (corner(120, over=9), 0),
-        (corner(90, step=0.5), 0),
-        (np.concatenate([corner(90), corner(90)[-1] + corner(90)[:, ::-1]]), 2),
-        (np.zeros((1, 2)), 0),
-    ],
-)
-def test_sudden_turns_are_those_of_over_60_degrees_within_4_frames(way, turns):
-    assert count_sudden_turns(way) == turns
-    assert sudden_turns(way).shape == (len(way),)
-
-
 def test_clips_on_disk(tmp_path):
     settings = replace(SHORT, frames=3)
-    folder = write_goldfish(tmp_path / "clip", settings, seed=5)
+    folder = write_clip(tmp_path / "clip", plan_goldfish(settings, 5))
     frames = list(goldfish_frames(settings, seed=5))
     source = open_source(folder)
     assert (source.frame_rate, source.length) == (15.0, 3)
@@ -144,23 +120,6 @@ def test_clips_on_disk(tmp_path):
     assert np.array_equal(read_silhouettes(folder), np.stack([f.silhouettes for f in frames]))
 
 
-def test_the_sets_are_the_papers():
-    clips = planned_clips(seed=3)
-    fish = {name: sum(c.settings.fish for c in clips if c.name.startswith(name)) for name in ("learning", "test")}
-    assert fish == {"learning": 20, "test": 24}
-    assert {c.settings.frames / c.settings.frame_rate for c in clips} == {10.0}
-    seeds = [clip.seed for seed in range(3) for clip in planned_clips(seed)]
-    assert len(set(seeds)) == 60
-
-
-def test_at_least_nine_fish_of_a_test_set_turn_suddenly():
-    turning = 0
-    for clip in planned_clips(seed=0)[10:]:
-        states = plan_goldfish(clip.settings, np.random.default_rng(clip.seed).spawn(2)[0])
-        turning += sum(count_sudden_turns(states[:, k]) > 0 for k in range(states.shape[1]))
-    assert turning >= 9
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [({"fish": 0}, "1 to 5 fish"), ({"fish": 6}, "1 to 5 fish"), ({"frames": 0}, "at least one frame"),
@@ -169,8 +128,3 @@ def test_at_least_nine_fish_of_a_test_set_turn_suddenly():
 def test_wrong_settings_are_refused(wrong, message):
     with pytest.raises(RequestError, match=message):
         GoldfishSettings(**wrong)
-
-
-def test_a_wrong_seed_of_sets_is_refused():
-    with pytest.raises(RequestError, match="seed of clips from 0"):
-        planned_clips(-1)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes import street_clip as street
+from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.people.walkers import CrowdSettings, crowd
 from tsuiseki.datamodules.scenes.street_clip import (
     StreetSettings,
     as_ground_truth,
     draw_street,
     plan_street,
-    write_street,
 )
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
@@ -24,7 +24,7 @@ SETTINGS = StreetSettings(width=160, height=120, frames=6, frame_rate=10, people
 
 
 def test_clip_is_read_back_as_written(tmp_path: Path) -> None:
-    folder = write_street(tmp_path / "clip", SETTINGS, 3)
+    folder = write_clip(tmp_path / "clip", plan_street(SETTINGS, 3))
     sequence = read_sequence(folder)
     assert (sequence.length, sequence.width, sequence.height, sequence.frame_rate) == (6, 160, 120, 10)
     assert [s.name for s in find_sequences(tmp_path)] == ["clip"]
@@ -79,14 +79,14 @@ def test_an_interrupted_run_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(street, "write_ground_truth", broken)
     with pytest.raises(KeyboardInterrupt):
-        write_street(tmp_path / "clip", SETTINGS, 0)
+        write_clip(tmp_path / "clip", plan_street(SETTINGS, 0))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_overwriting_replaces_the_clip_and_nothing_else(tmp_path: Path) -> None:
-    folder = write_street(tmp_path / "clip", SETTINGS, 0)
+    folder = write_clip(tmp_path / "clip", plan_street(SETTINGS, 0))
     (folder / "mine.txt").write_text("precious")
-    write_street(folder, replace(SETTINGS, frames=2), 1, overwrite=True)
+    write_clip(folder, plan_street(replace(SETTINGS, frames=2), 1), overwrite=True)
     assert read_sequence(folder).length == 2
     assert len(list((folder / "img1").iterdir())) == 2
     assert (folder / "mine.txt").read_text() == "precious"
@@ -97,17 +97,17 @@ def test_an_existing_clip_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "mine.txt").write_text("precious")
     with pytest.raises(RequestError, match=r"already holds mine\.txt"):
-        write_street(tmp_path / "clip", SETTINGS, 0)
+        write_clip(tmp_path / "clip", plan_street(SETTINGS, 0))
     assert (tmp_path / "clip" / "mine.txt").read_text() == "precious"
     with pytest.raises(RequestError, match="is a file"):
-        write_street(tmp_path / "clip" / "mine.txt", SETTINGS, 0)
+        write_clip(tmp_path / "clip" / "mine.txt", plan_street(SETTINGS, 0))
     with pytest.raises(RequestError, match="cannot write"):
-        write_street(tmp_path / "clip" / "mine.txt" / "below", SETTINGS, 0)
+        write_clip(tmp_path / "clip" / "mine.txt" / "below", plan_street(SETTINGS, 0))
 
 
 def test_an_empty_folder_is_filled_and_the_name_can_be_given(tmp_path: Path) -> None:
     (tmp_path / "work").mkdir()
-    folder = write_street(tmp_path / "work", SETTINGS, 0, name="Corner")
+    folder = write_clip(tmp_path / "work", plan_street(SETTINGS, 0), name="Corner")
     assert read_sequence(folder).name == "Corner"
     assert [p.name for p in tmp_path.iterdir()] == ["work"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsuiseki.tracking.fisheye.page import FloorSection, corners, draw_floor_tracks, dwell_seconds, floor_page
-from tsuiseki.tracking.formats.space.world import HEADER, write_world
+from tsuiseki.tracking.formats.track3d import HEADER, write_world
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import FloorTrack
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.blob_clip import HUES, as_ground_truth, blob_frames, write_blobs
+from tsuiseki.datamodules.scenes.blob_clip import HUES, as_ground_truth, blob_frames, plan_blobs
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings as SceneSettings
+from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
 from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, PatchBirths
@@ -232,7 +233,7 @@ def test_natural_clutter_has_little_of_a_named_colour_and_the_object_much(colour
 
 def test_clips_are_written_read_and_repeatable(tmp_path):
     scene = SceneSettings(**{**vars(SCENE), "frames": 3})
-    folder = write_blobs(tmp_path / "clip", scene, seed=4)
+    folder = write_clip(tmp_path / "clip", plan_blobs(scene, 4))
     sequence = read_sequence(folder)
     assert (sequence.length, sequence.width, sequence.height) == (3, 320, 240)
     truth = read_ground_truth(sequence.ground_truth_path)
@@ -240,7 +241,7 @@ def test_clips_are_written_read_and_repeatable(tmp_path):
     np.testing.assert_array_equal(first[2][0], second[2][0])
     np.testing.assert_allclose(truth.boxes[truth.frames == 2], first[2][1][np.isfinite(first[2][1][:, 0])], atol=1e-3)
     with pytest.raises(RequestError, match="overwrite"):
-        write_blobs(folder, scene, seed=4)
+        write_clip(folder, plan_blobs(scene, 4))
 
 
 @pytest.mark.parametrize(
