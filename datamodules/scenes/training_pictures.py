@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.figures.standing import Standing, dressed, pictured_things, tilt_of
 from tsuiseki.datamodules.scenes.people.person import person_solids, random_person, random_pose
@@ -27,9 +28,10 @@ from tsuiseki.datamodules.scenes.things.clutter import (
 from tsuiseki.datamodules.scenes.things.town import random_town_thing
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+# Share of a silhouette that is in view of whoever is labelled, at least: anything at all.
+SEEN = 1e-9
 # Cameras tried until one shows people in the wanted size.
 CAMERAS = 300
 # Share of the image that one piece of clutter may cover.
@@ -213,7 +215,8 @@ def random_training_scene(
     image = degrade(colour, replace(how, exposure=how.exposure * automatic_exposure(colour)), rng)
     if settings.boxes == "steady":
         sightings = [_steady(s, thing, camera) for s, thing in zip(sightings, people, strict=True)]
-    return image, *seen_boxes(sightings, settings.width, settings.height)
+    truth, _ = people_in_view(sightings, (settings.width, settings.height), SEEN, 0.0)
+    return image, truth.boxes, truth.visibility
 
 
 def _scenery(
@@ -247,17 +250,6 @@ def _scenery(
         count = int(of_things.integers(settings.things[0], settings.things[1] + 1))
         static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
     return static
-
-
-def seen_boxes(sightings: list[Sighting | None], width: int, height: int) -> tuple[FloatArray, FloatArray]:
-    """Boxes ``(N, 4)`` clipped to the image and visibilities ``(N,)`` of those of which anything is seen.
-
-    A box may lie outside although an arm is seen, unless it is the silhouette's; such people are left out.
-    """
-    seen = [s for s in sightings if s is not None and s.visibility > 0]
-    boxes = clip_boxes(np.array([s.box for s in seen], dtype=np.float64).reshape(-1, 4), width, height)
-    inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
-    return boxes[inside], np.array([s.visibility for s in seen], dtype=np.float64)[inside]
 
 
 def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> tuple[PinholeCamera, FloatArray]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_states, plan_goldfish
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import goldfish
 from tsuiseki.trainers.experiments.goldfish import Trial, followed_counts, sudden_turns
@@ -83,7 +83,7 @@ def test_at_least_nine_fish_of_the_test_set_turn_suddenly():
     turning = 0
     for number, fish in enumerate(goldfish.TEST_FISH):
         rng = np.random.default_rng(goldfish.FIRST_SEEDS["test"] + number).spawn(2)[0]
-        states = plan_goldfish(GoldfishSettings(fish=fish), rng)
+        states = goldfish_states(GoldfishSettings(fish=fish), rng)
         turning += sum(sudden_turns(states[:, k]).any() for k in range(fish))
     assert turning >= 9
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.generated_pictures import write_scene_images
-from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings
+from tsuiseki.datamodules.footage import Source
+from tsuiseki.datamodules.generated_pictures import write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.video.image_folder import read_image
@@ -21,7 +21,7 @@ SHIPPED = Path(str(resources.files("tsuiseki.tracking") / "weights" / "detector_
 @pytest.mark.thesis_size
 def test_8_bit_weights_keep_the_boxes_and_say_what_they_cost(tmp_path):
     pictures = tmp_path / "pictures"
-    write_scene_images(pictures, 4, TrainingSettings(320, 240, people=(4, 8), person_height=(30, 120)), 5)
+    write_pictures(Source(str(pictures), generate=4, seed=5), (320, 240))
     before, after = quantise_detector(SHIPPED, tmp_path / "int8.onnx", pictures)
     card = Detector(tmp_path / "int8.onnx").model.card
     assert card.settings["int8"] is True

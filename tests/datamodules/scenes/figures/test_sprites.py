@@ -2,13 +2,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from tsuiseki.datamodules import generated_pictures
-from tsuiseki.datamodules.generated_pictures import VariedPictures
+from tsuiseki.datamodules.footage import Source
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.figure import random_figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
@@ -247,10 +248,14 @@ def test_rendered_people_take_the_places_of_drawn_ones_and_leave_the_rest(librar
     assert np.abs(drawn.astype(int) - shown.astype(int)).max() > 8
 
 
+def _varied(folder: Path, count: int, scene: Any = "varied", **given: Any) -> Source:
+    return Source(str(folder), generate=count, scene=scene, **given)
+
+
 def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generated_pictures, "on_all_cores", lambda work, items, _: map(work, items))
     folder = tmp_path / "pictures"
-    generated_pictures.write_varied_images(folder, 3, VariedPictures(96, 72, sprites=str(library)), 1)
+    generated_pictures.write_pictures(_varied(folder, 3, sprites=str(library), seed=1), (96, 72))
     assert len(list((folder / "img1").iterdir())) == 3
     assert len(read_ground_truth(folder / "gt" / "gt.txt").boxes) > 0
 
@@ -259,13 +264,9 @@ def test_things_are_refused_where_there_are_none(library: Path, tmp_path: Path) 
     (tmp_path / "photographs" / "views").mkdir(parents=True)
     cv2.imwrite(str(tmp_path / "photographs" / "views" / "grey.png"), np.full((8, 8, 3), 99, np.uint8))
     for photographs in ("", str(tmp_path / "photographs")):
+        source = _varied(tmp_path / "pictures", 1, sprites=str(library), photographs=photographs, things=True)
         with pytest.raises(RequestError, match="expected photographs of things"):
-            generated_pictures.write_varied_images(
-                tmp_path / "pictures",
-                1,
-                VariedPictures(96, 72, sprites=str(library), photographs=photographs, things=True),
-                1,
-            )
+            generated_pictures.write_pictures(source, (96, 72))
     assert not (tmp_path / "pictures").exists()
 
 
@@ -281,7 +282,7 @@ def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monk
     tilts = {}
     for scene in ("varied", "aerial"):
         asked.clear()
-        generated_pictures.write_varied_images(tmp_path / scene, 12, VariedPictures(96, 72, scene, str(library)), 3)
+        generated_pictures.write_pictures(_varied(tmp_path / scene, 12, scene, sprites=str(library), seed=3), (96, 72))
         assert len(read_ground_truth(tmp_path / scene / "gt" / "gt.txt").boxes) > 5
         tilts[scene] = np.degrees(asked)
     assert np.median(tilts["aerial"]) > np.median(tilts["varied"]) + 10
