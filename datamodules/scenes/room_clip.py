@@ -34,7 +34,7 @@ from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Picture, Sightin
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
-from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, write_floor_cameras
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_cameras
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.errors import RequestError
@@ -167,7 +167,7 @@ class RoomClip:
             write_ground_truth(home / "gt" / "gt.txt", ground_truth(of_camera))
             _write_places(home / PLACES_FILE, of_camera)
             write_info(home, home.name, self.settings)
-        write_floor_cameras(folder / CAMERAS_FILE, cameras_of(self))
+        write_cameras(folder / CAMERAS_FILE, cameras_of(self))
 
 
 def ceiling_lens(lens: OmnidirectionalLens | None, width: int, height: int) -> OmnidirectionalLens:
@@ -265,7 +265,7 @@ def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:
 def cameras_of(clip: RoomClip) -> list[CameraOverFloor]:
     """The clip's cameras as `cameras.yaml` has them."""
     rate = clip.settings.frame_rate
-    return [CameraOverFloor(f"camera{k + 1}", camera, clip.floor, rate) for k, camera in enumerate(clip.cameras)]
+    return [CameraOverFloor(f"camera{k + 1}", camera, rate, floor=clip.floor) for k, camera in enumerate(clip.cameras)]
 
 
 def _write_places(path: Path, truths: Sequence[FrameTruth]) -> None:

@@ -22,7 +22,7 @@ from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, sh
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Surfaces, boxes, cone_spheres
 from tsuiseki.datamodules.scenes.things.room import Colour, draw_hall, hall_furniture
-from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.track3d import write_path3d

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.cameras.calibration import Calibration, calibrate_camera, locate_camera
-from tsuiseki.tracking.cameras.files import read_intrinsics
+from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import PersonModel, stand
 from tsuiseki.tracking.cameras.pose import Camera, locate_over_floor

@@ -115,8 +115,8 @@ COMMANDS: Tree = {
                 "from a checkpoint, or from torchvision's COCO weights",
                 "trainers.exporting.export_detector",
             ),
-            "appearance": Command("from a checkpoint", "trainers.exporting.export_appearance"),
-            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_action"),
+            "appearance": Command("from a checkpoint", "trainers.exporting.export_crops:export_appearance"),
+            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_crops:export_action"),
             "association": Command(
                 "costs of the flow, from a checkpoint", "trainers.exporting.export_association:export_trained"
             ),

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, read_floor_cameras
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
 from tsuiseki.tracking.cameras.person_model import PersonModel, cached_table
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detect
@@ -80,7 +80,7 @@ def open_ceiling(
         RequestError: the numbers differ, there are no images, a calibration is of another size, or one of several
             sources is live.
     """
-    placed = read_floor_cameras(cameras)
+    placed = read_cameras(cameras)
     if len(sources) != len(placed):
         raise RequestError(
             f"expected one source for each camera, got {len(sources)} sources and {len(placed)} cameras in {cameras}"

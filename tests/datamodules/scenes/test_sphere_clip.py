@@ -1,5 +1,7 @@
 """The ball's film: the truth is where the picture shows the ball."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 

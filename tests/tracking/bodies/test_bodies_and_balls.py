@@ -15,7 +15,7 @@ from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_gol
 from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.tracking.bodies.tracker import DeformableSettings
 from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformable
-from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import read_states

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
-from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import distance_to_position
