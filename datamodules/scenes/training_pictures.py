@@ -137,33 +137,30 @@ def varied_settings(rng: np.random.Generator, width: int, height: int) -> Traini
     return kinds[int(rng.choice(len(kinds), p=(0.35, 0.3, 0.2, 0.15)))]
 
 
-def sparse_settings(rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
+def sparse_settings(width: int, height: int) -> TrainingSettings:
     """Few people among many things: what scores are calibrated on, as most of a real view shows nobody."""
-    del rng
     few = TrainingSettings(width, height, people=(0, 2), clutter=(6, 26), person_height=(20.0, 200.0))
     return replace(few, night=0.1, facades=0.8)
 
 
-def near_settings(rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
+def near_settings(width: int, height: int) -> TrainingSettings:
     """A few people who fill a good part of the picture, among many things, from about as high as their heads."""
-    del rng
     near = TrainingSettings(width, height, people=(0, 9), clutter=(4, 16), person_height=(80.0, 0.95 * height))
     return replace(near, camera_height=(1.0, 4.5), beside=0.5, night=0.15)
 
 
-def aerial_settings(rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
+def aerial_settings(width: int, height: int) -> TrainingSettings:
     """A few people among many things from 4 to 14 m above, up to nearly straight below."""
-    del rng
     above = TrainingSettings(width, height, people=(0, 14), clutter=(6, 30), person_height=(13.0, 120.0))
     return replace(above, camera_height=(4.0, 14.0), night=0.05, photographs=0.75, facades=0.2)
 
 
 SETTINGS_OF_SCENE: dict[str, Callable[[np.random.Generator, int, int], TrainingSettings]] = {
-    "street": lambda _, width, height: TrainingSettings(width, height),
+    "street": lambda _, *size: TrainingSettings(*size),
     "varied": varied_settings,
-    "sparse": sparse_settings,
-    "aerial": aerial_settings,
-    "near": near_settings,
+    "sparse": lambda _, *size: sparse_settings(*size),
+    "aerial": lambda _, *size: aerial_settings(*size),
+    "near": lambda _, *size: near_settings(*size),
 }
 
 

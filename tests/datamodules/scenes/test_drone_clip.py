@@ -79,7 +79,7 @@ def test_a_hard_sun_changes_the_light_and_nothing_else():
     )
     assert light < 0.35 < shade
     before, after = (flight.draw_frame(4) for flight in (plain, sunny))
-    np.testing.assert_array_equal(before[1].people.boxes, after[1].people.boxes)
+    np.testing.assert_array_equal(before[1].boxes, after[1].boxes)
     assert np.abs(before[0].astype(int) - after[0]).mean() > 1
 
 

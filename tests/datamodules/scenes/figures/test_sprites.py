@@ -120,40 +120,6 @@ def test_pictures_with_steady_boxes_are_the_same_pictures(library: Path) -> None
     assert 0 < moved.max() < 0.3 * (boxes[:, 3] - boxes[:, 1]).max()
 
 
-def test_one_labeller_draws_all_boxes_of_a_picture_and_another_those_of_the_next(library: Path) -> None:
-    settings = TrainingSettings(160, 120, people=(4, 4), clutter=(2, 2), rendered=1.0, person_height=(20, 60))
-    stock = Stock(SpriteLibrary(library))
-    kinds = set()
-    for seed in range(16):
-        plain, steady, drawn = (
-            random_training_scene(np.random.default_rng(seed), replace(settings, boxes=boxes), stock)[1]
-            for boxes in ("silhouettes", "steady", "random")
-        )
-        if not len(plain) == len(steady) == len(drawn):
-            continue  # somebody's box lies outside the picture
-        whole = np.all([((b > 1) & (b < [158, 118, 158, 118])).all(axis=1) for b in (plain, steady, drawn)], axis=0)
-        if not whole.any():
-            continue
-        tall = (plain[:, 3] - plain[:, 1])[whole]
-        room = (plain - drawn)[whole][:, 1] / tall
-        # As much room above as below, a share of the height that is the same for all.
-        np.testing.assert_allclose((drawn - plain)[whole][:, 3] / tall, room, atol=1e-9)
-        np.testing.assert_allclose(room, room[0], atol=1e-9)
-        assert 0 <= room[0] <= 0.05
-        inner = drawn[whole] + (room * tall)[:, None] * [1, 1, -1, -1]
-        shapes = (inner[:, 2] - inner[:, 0]) / tall
-        if np.allclose(inner, plain[whole]):
-            kinds.add("silhouettes")
-        elif np.allclose(inner, steady[whole]):
-            kinds.add("steady")
-        else:
-            np.testing.assert_allclose(shapes, shapes[0], atol=1e-9)
-            np.testing.assert_allclose(inner[:, [0, 2]].sum(axis=1), steady[whole][:, [0, 2]].sum(axis=1), atol=1e-6)
-            assert 0.34 <= shapes[0] <= 0.44
-            kinds.add("one shape")
-    assert kinds == {"silhouettes", "steady", "one shape"}
-
-
 def test_a_library_without_steady_sides_is_refused(library: Path, tmp_path: Path) -> None:
     rows = (library / "sprites.csv").read_text().splitlines()
     (tmp_path / "sprites.csv").write_text("\n".join(",".join(row.split(",")[:-2]) for row in rows))
