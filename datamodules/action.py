@@ -13,8 +13,8 @@ from tsuiseki.datamodules.action_batches import ActionAugmentation, ActionBatch,
 from tsuiseki.datamodules.action_crops import CropSettings, clips_to_cut, cut_clip, has_crops, load_crops
 from tsuiseki.datamodules.readers.acting import ActionSequence, action_sequences
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName
-from tsuiseki.tracking.features.motion.optical_flow import FlowName
+from tsuiseki.tracking.features.action import STREAMS, StreamName
+from tsuiseki.tracking.features.optical_flow import FlowName
 
 
 class ActionData(lightning.LightningDataModule):

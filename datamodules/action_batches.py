@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from tsuiseki.datamodules.action_crops import ActionCrops
-from tsuiseki.tracking.features.action_inputs import NO_MOTION, StreamName
+from tsuiseki.tracking.features.action import NO_MOTION, StreamName
 from tsuiseki.tracking.types import ImageArray, IntArray
 
 Changes: TypeAlias = dict[str, NDArray[Any]]

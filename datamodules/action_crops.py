@@ -22,8 +22,8 @@ import numpy as np
 from tsuiseki.datamodules.action_frames import ReadFrame, frame_reader
 from tsuiseki.datamodules.readers.acting import ActionSequence
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName, crop_squares, flow_to, square_boxes
-from tsuiseki.tracking.features.motion.optical_flow import FlowName
+from tsuiseki.tracking.features.action import STREAMS, StreamName, crop_squares, flow_to, square_boxes
+from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import ActionLabels
 

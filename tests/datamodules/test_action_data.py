@@ -14,7 +14,7 @@ from tsuiseki.datamodules.action_batches import ActionAugmentation, ActionBatche
 from tsuiseki.datamodules.action_crops import CropSettings, cut_clip, has_crops, load_crops
 from tsuiseki.datamodules.readers.acting import action_sequences
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action_inputs import NO_MOTION, STREAMS
+from tsuiseki.tracking.features.action import NO_MOTION, STREAMS
 
 SETTINGS = CropSettings(size=16, margin=0.125, step=2)
 QUIET = ActionAugmentation(0, 0, 0)

@@ -21,14 +21,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.flow_window import CONTEXT, FlowWindow
+from tsuiseki.tracking.association.flow_window import CONTEXT, FlowWindow
 from tsuiseki.tracking.association.nearby import Pairs
-from tsuiseki.tracking.association.tracklets.interpolation import SmoothingSettings
-from tsuiseki.tracking.association.tracklets.joining import join
-from tsuiseki.tracking.association.tracklets.smoothness import fit_smoothing
-from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
-from tsuiseki.tracking.people.flow_output import long_tracks, reported
-from tsuiseki.tracking.people.flow_settings import FlowSettings
+from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
+from tsuiseki.tracking.association.tracklets import join
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, solve_window
+from tsuiseki.tracking.people.whole_flow import long_tracks, reported
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Targets, Track
 
 # Decisions in one delay: the more, the later in its delay a frame is settled, and the more is computed.

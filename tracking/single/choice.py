@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.features.objectness import read_objectness
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.single.combined import Combined

@@ -19,7 +19,7 @@ from torch.nn import functional
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc
-from tsuiseki.tracking.features.networks.exported import Appearance, open_appearance
+from tsuiseki.tracking.features.exported import Appearance, open_appearance
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.types import BoolArray, FloatArray

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity
 from tsuiseki.tracking.association.costs import ScoreCost
-from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, Affinity
+from tsuiseki.tracking.association.pairwise_flow import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence, restrict
 from tsuiseki.tracking.types.frame_range import FrameRange

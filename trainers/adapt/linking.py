@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 
-from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt.examples import between, first_held_out, joined, named

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.seen import Seen
-from tsuiseki.tracking.association.occlusion import hidden_parts
+from tsuiseki.tracking.association.detection_tables import Seen
+from tsuiseki.tracking.association.nearby import hidden_parts
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # Chance of a gap at a detection that nobody hides, beside that of one that is hidden altogether.

@@ -11,22 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.cost_network import CostChanges
-from tsuiseki.tracking.association.flow.evidence import (
-    DETECTION_FEATURES,
-    JOIN_FEATURES,
-    detection_evidence,
-    link_evidence,
-)
-from tsuiseki.tracking.association.flow.flow_rounds import mean_features
-from tsuiseki.tracking.association.flow.flow_window import FlowWindow
-from tsuiseki.tracking.association.flow.link_pricing import LinkParts, Pricing, priced
-from tsuiseki.tracking.association.flow.seen import Seen, select_detections
-from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
-from tsuiseki.tracking.association.tracklets.joining import Ends, evidence_of_joins, join_parts
+from tsuiseki.tracking.association.chain_motion import beliefs_along
+from tsuiseki.tracking.association.detection_tables import Seen, select_detections
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, detection_evidence, link_evidence
+from tsuiseki.tracking.association.flow_rounds import mean_features
+from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.learnt_costs import CostChanges
+from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
+from tsuiseki.tracking.association.tracklets import Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
-from tsuiseki.tracking.people.flow import FlowSettings
-from tsuiseki.tracking.people.flow_input import FlowInput
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin

@@ -15,8 +15,8 @@ from torch import Tensor, nn
 from torch.optim import AdamW
 
 from tsuiseki.models.association import AppearanceProjection, AssociationNetwork
-from tsuiseki.tracking.association.flow.cost_network import FeatureNames
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.learnt_costs import FeatureNames
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import AssociationData, TrainingWindow

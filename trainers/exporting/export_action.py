@@ -16,7 +16,7 @@ from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, clips_t
 from tsuiseki.datamodules.readers.acting import action_sequences
 from tsuiseki.models.action import StreamProbability
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action_inputs import ActionInput, StreamName
+from tsuiseki.tracking.features.action import ActionInput, StreamName
 from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.preprocessing import normalise

@@ -9,7 +9,7 @@ import numpy as np
 
 from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.preprocessing import fit_image, normalise
 from tsuiseki.tracking.types import ImageArray

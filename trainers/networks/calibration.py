@@ -18,7 +18,7 @@ from sklearn.linear_model import LogisticRegression
 from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detect, Detector
+from tsuiseki.tracking.features.exported import Detect, Detector
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.video.image_folder import read_image

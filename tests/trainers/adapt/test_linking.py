@@ -12,7 +12,7 @@ from onnx import numpy_helper
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.association.costs import ProbabilityCost
-from tsuiseki.tracking.features.networks.exported import open_appearance
+from tsuiseki.tracking.features.exported import open_appearance
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.tracking.weights import shipped

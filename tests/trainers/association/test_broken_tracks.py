@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.flow.seen import Seen, no_detections
-from tsuiseki.tracking.association.tracklets.chain_motion import Measurements
+from tsuiseki.tracking.association.detection_tables import Measurements, Seen, no_detections
 from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.data import RandomWindows
 from tsuiseki.trainers.association.labelled_flow import next_of_owner

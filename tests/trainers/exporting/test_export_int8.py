@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.datamodules.scene_images import write_scene_images
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.exporting.export_int8 import quantise_detector
 

@@ -16,7 +16,7 @@ from tsuiseki.datamodules.appearance import AppearanceData
 from tsuiseki.models import appearance
 from tsuiseki.models.backbones import Trunk
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance, crop_boxes
+from tsuiseki.tracking.features.exported import Appearance, crop_boxes
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_appearance import export_appearance
 from tsuiseki.trainers.exporting.model_file import ModelFile

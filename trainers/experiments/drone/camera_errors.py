@@ -13,7 +13,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, plan_flight
 from tsuiseki.datamodules.scenes.drone.flight import ground_homography
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.types import FloatArray
 
 PLACES = 5  # to each side
