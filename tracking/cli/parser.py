@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard, get_type_hints
 
-from jsonargparse import ArgumentError, ArgumentParser, Namespace
-from jsonargparse._actions import ActionConfigFile, _ActionConfigLoad
+from jsonargparse import ActionConfigFile, ArgumentError, ArgumentParser, Namespace
 
 from tsuiseki.tracking.cli.config import config_text
 from tsuiseki.tracking.cli.options import Given, Output
@@ -266,7 +265,7 @@ def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> N
     for action in actions:
         if action.dest == "help":
             action.help = "show this help and exit"
-        elif action.dest.endswith(".help") or isinstance(action, _ActionConfigLoad):
+        elif action.dest.endswith(".help") or action.metavar == "CONFIG":
             action.help = SUPPRESS
         elif "print_config" in action.dest:
             action.help = PRINT_HELP

@@ -17,7 +17,8 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.output import output_file
-from tsuiseki.tracking.video.source import image_folder, open_source
+from tsuiseki.tracking.video import image_folder
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.video.webm import VideoWriter
 
 FRAMES = 10

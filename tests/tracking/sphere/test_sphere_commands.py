@@ -13,7 +13,7 @@ from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras, write_ca
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.evaluation.space import distance_to_position
 from tsuiseki.tracking.formats.space.track3d import read_path3d
-from tsuiseki.tracking.video.source import source as video
+from tsuiseki.tracking.video import source as video
 
 FRAMES = 8
 
