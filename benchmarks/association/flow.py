@@ -25,7 +25,7 @@ from ortools.graph.python import min_cost_flow
 
 from benchmarks.machine import machine, peak_memory
 from benchmarks.walkers import walking_people
-from tsuiseki.tracking.association.detection_tables import Seen
+from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.network_flow import FlowGraph, scaled
 from tsuiseki.tracking.association.sliding_flow import solve_in_windows
@@ -97,7 +97,7 @@ def _timed(best: dict[str, float], name: str, step: Callable[[], Result]) -> Res
     return result
 
 
-def _build(seen: Seen, observation: FloatArray, settings: FlowSettings) -> FlowGraph:
+def _build(seen: DetectionTable, observation: FloatArray, settings: FlowSettings) -> FlowGraph:
     """The network of the first round."""
     window = FlowWindow(settings.costs, FRAME_RATE, None)
     window.add(seen)

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.detection_tables import Measurements, Seen
+from tsuiseki.tracking.association.detection_tables import DetectionTable, Measurements
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Which covariance belongs to x, y, log width and log height.
@@ -92,21 +92,21 @@ def joined_beliefs(one: Beliefs, other: Beliefs) -> Beliefs:
     )
 
 
-def beliefs_alone(seen: Measurements, noise: MotionNoise) -> Beliefs:
+def beliefs_alone(measured: Measurements, noise: MotionNoise) -> Beliefs:
     """What single detections say: their place, and P = diag(r², v²)."""
-    count = len(seen.times)
+    count = len(measured.times)
     covariance = np.zeros((count, 3, 3))
-    covariance[:, :, 0] = np.square(noise.measurement) * np.square(seen.noise)[:, None]
+    covariance[:, :, 0] = np.square(noise.measurement) * np.square(measured.noise)[:, None]
     covariance[:, :, 2] = np.square(noise.velocity)
-    return Beliefs(seen.places, np.zeros((count, 4)), covariance)
+    return Beliefs(measured.places, np.zeros((count, 4)), covariance)
 
 
-def beliefs_along(labels: IntArray, seen: Measurements, noise: MotionNoise) -> tuple[Beliefs, Beliefs]:
+def beliefs_along(labels: IntArray, measured: Measurements, noise: MotionNoise) -> tuple[Beliefs, Beliefs]:
     """What the past of its chain says at each detection, itself included, and what its future says.
 
     Args:
         labels: ``(N,)`` number of the chain from 0 on; a detection of -1 is a chain by itself.
-        seen: the detections, in the order of time.
+        measured: the detections, in the order of time.
         noise: of the filter.
     """
     count = len(labels)
@@ -118,7 +118,7 @@ def beliefs_along(labels: IntArray, seen: Measurements, noise: MotionNoise) -> t
     starts = np.ones(count, dtype=np.bool_)
     starts[1:] = change
     both = np.concatenate([order, order[::-1]])
-    place, velocity, covariance = _filtered(np.concatenate([starts, ends[::-1]]), both, seen, noise)
+    place, velocity, covariance = _filtered(np.concatenate([starts, ends[::-1]]), both, measured, noise)
     past, future = slice(0, count), slice(count, 2 * count)
     return (
         _scattered(place[:, past], velocity[:, past], covariance[..., past], order, 1.0),
@@ -139,7 +139,7 @@ def _scattered(
 
 
 def _filtered(
-    starts: BoolArray, order: IntArray, seen: Measurements, noise: MotionNoise
+    starts: BoolArray, order: IntArray, measured: Measurements, noise: MotionNoise
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The filter along chains that follow each other in ``order`` and begin where ``starts`` says.
 
@@ -156,11 +156,11 @@ def _filtered(
     fresh = starts[now] | (at <= 0)
     fresh[0] = True
     direction = np.repeat([1.0, -1.0], count)
-    times, wander = direction * seen.times[order], direction * seen.wander[order]
+    times, wander = direction * measured.times[order], direction * measured.wander[order]
     tau = np.diff(times[now], axis=0, prepend=0.0)
     camera = np.diff(wander[now], axis=0, prepend=0.0).clip(min=0)
     r2, q2, v2 = (np.square(values)[:, None] for values in (noise.measurement, noise.acceleration, noise.velocity))
-    measured, spread = np.ascontiguousarray(seen.places[order].T), np.square(seen.noise[order])
+    places, spread = np.ascontiguousarray(measured.places[order].T), np.square(measured.noise[order])
     place, velocity, covariance = np.zeros((4, 2 * count)), np.zeros((4, 2 * count)), np.zeros((3, 3, 2 * count))
     x, v = np.zeros((4, 2 * blocks)), np.zeros((4, 2 * blocks))
     a, b, c = np.zeros((3, 2 * blocks)), np.zeros((3, 2 * blocks)), np.zeros((3, 2 * blocks))
@@ -173,7 +173,7 @@ def _filtered(
         b = b + c * t + q2 * t**2 / 2
         c = c + q2 * t
         # Update by the measurement.
-        r, z = r2 * spread[rows], measured[:, rows]
+        r, z = r2 * spread[rows], places[:, rows]
         gain_x, gain_v = a / (a + r), b / (a + r)
         off = z - x
         x = np.where(new, z, x + gain_x[GROUPS] * off)
@@ -208,11 +208,11 @@ class Along:
     beginning: BoolArray
 
     @classmethod
-    def alone(cls, seen: Seen, motion: MotionNoise) -> Along:
+    def alone(cls, table: DetectionTable, motion: MotionNoise) -> Along:
         """Of detections of which each is a track by itself."""
-        never = np.zeros(len(seen), dtype=np.bool_)
-        past, future = (beliefs_alone(seen.measured, motion) for _ in range(2))
-        return cls(np.full(len(seen), -1), past, future, never, never)
+        never = np.zeros(len(table), dtype=np.bool_)
+        past, future = (beliefs_alone(table.measured, motion) for _ in range(2))
+        return cls(np.full(len(table), -1), past, future, never, never)
 
     def select(self, which: BoolArray) -> Along:
         """Of the detections at a mask."""
@@ -249,33 +249,33 @@ class Changed:
 
 
 def followed(
-    known: Along, seen: Seen, labels: IntArray, follower: IntArray, motion: MotionNoise, reach: int
+    known: Along, table: DetectionTable, labels: IntArray, follower: IntArray, motion: MotionNoise, reach: int
 ) -> tuple[Along, Changed]:
     """What is known along other tracks.
 
     Args:
         known: what was known along the tracks before.
-        seen: the detections.
+        table: the detections.
         labels: ``(N,)`` track of each now, -1 for none.
         follower: ``(N,)`` number of what follows each now, -1 for nothing.
         motion: noise of the filter.
         reach: detections of its track by which something is known of a detection; see `RUN_UP`.
     """
-    own = np.where(labels < 0, int(labels.max(initial=-1)) + 1 + np.arange(len(seen)), labels)
+    own = np.where(labels < 0, int(labels.max(initial=-1)) + 1 + np.arange(len(table)), labels)
     order = np.argsort(own, kind="stable")
     stretch = Stretches.of(own[order])
-    before, after = seen.rows(known.follower), seen.rows(follower)
+    before, after = table.rows(known.follower), table.rows(follower)
     past = stretch.any_within((_came_from(before) != _came_from(after))[order], reach, 0)
     future = stretch.any_within((before != after)[order], 0, reach)
     needed = stretch.any_within(past, 0, RUN_UP) | stretch.any_within(future, RUN_UP, 0)
-    changed = Changed(np.empty(len(seen), np.bool_), np.empty(len(seen), np.bool_))
+    changed = Changed(np.empty(len(table), np.bool_), np.empty(len(table), np.bool_))
     changed.past[order], changed.future[order] = past, future
     # A part of a track that lies apart from its other parts is filtered by itself.
     part = np.cumsum(np.diff(stretch.first, prepend=-1).astype(np.bool_) | (needed & ~np.roll(needed, 1)))
-    label = np.empty(len(seen), dtype=np.int64)
+    label = np.empty(len(table), dtype=np.int64)
     label[order] = part
     again = np.sort(order[needed])
-    behind, ahead = beliefs_along(label[again], seen.measured.select(again), motion)
+    behind, ahead = beliefs_along(label[again], table.measured.select(again), motion)
     now = Along(
         follower.copy(),
         known.past.replaced(again[changed.past[again]], behind.select(changed.past[again])),

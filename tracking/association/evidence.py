@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsuiseki.tracking.association.chain_motion import Beliefs, MotionNoise
-from tsuiseki.tracking.association.detection_tables import Seen
+from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.link_pricing import LinkParts
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.geometry import iou_pairs
@@ -28,44 +28,44 @@ JOIN_FEATURES = (*LINK_FEATURES, "detections_before", "detections_after", "secon
 FARTHEST, DEAREST = 2.0, 12.0
 
 
-def detection_evidence(seen: Seen, cost: FloatArray, logit: FloatArray) -> FloatArray:
+def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArray) -> FloatArray:
     """``(N, 15)`` features of N detections: `DETECTION_FEATURES`.
 
     Args:
-        seen: the detections.
+        table: the detections.
         cost: ``(N,)`` c_obsv by default.
         logit: ``(N,)`` of the probability that each is right.
     """
-    count = len(seen)
+    count = len(table)
     if count == 0:
         return np.empty((0, len(DETECTION_FEATURES)))
-    size = sizes(seen.image)
+    size = sizes(table.image)
     log_height = np.log(size[:, 1])
-    before, after = _overlaps(seen, 1)
-    now, neighbours = _overlaps_now(seen)
+    before, after = _overlaps(table, 1)
+    now, neighbours = _overlaps_now(table)
     ones = np.ones(count)
     columns = {
         "cost": cost,
         "logit": logit,
-        "noise": seen.measured.noise,
+        "noise": table.measured.noise,
         "size": log_height - np.median(log_height),
         "aspect": np.log(size[:, 0]) - log_height,
-        **_borders(seen, size[:, 1]),
+        **_borders(table, size[:, 1]),
         "overlap_before": before,
         "overlap_after": after,
         "overlap_now": now,
         "neighbours": np.log1p(neighbours),
-        "interval": np.log(30 / seen.frame_rate) * ones,
-        "since_start": np.minimum(seen.frames / seen.frame_rate, 1.0),
+        "interval": np.log(30 / table.frame_rate) * ones,
+        "since_start": np.minimum(table.frames / table.frame_rate, 1.0),
     }
     return np.stack([columns[name] for name in DETECTION_FEATURES], axis=1)
 
 
-def link_evidence(seen: Seen, parts: LinkParts, motion: MotionNoise) -> FloatArray:
+def link_evidence(table: DetectionTable, parts: LinkParts, motion: MotionNoise) -> FloatArray:
     """``(P, 25)`` features of P links: `LINK_FEATURES`.
 
     Args:
-        seen: the detections.
+        table: the detections.
         parts: the links and what their costs are made of.
         motion: noise of the filter.
     """
@@ -73,32 +73,32 @@ def link_evidence(seen: Seen, parts: LinkParts, motion: MotionNoise) -> FloatArr
         return np.empty((0, len(LINK_FEATURES)))
     i, j = parts.i, parts.j
     ahead, back, speed, turn = _errors(parts, motion)
-    change = seen.measured.places[j, 2:] - seen.measured.places[i, 2:]
+    change = table.measured.places[j, 2:] - table.measured.places[i, 2:]
     known, acting = ~np.isnan(parts.distance), ~np.isnan(parts.action)
     columns = {
         "cost": parts.cost.clip(-DEAREST, 2 * DEAREST),
         "mismatch": parts.mismatch.clip(-DEAREST, 2 * DEAREST),
         "seconds": parts.seconds,
-        "gap": np.log(np.maximum(parts.seconds * seen.frame_rate, 1.0)),
+        "gap": np.log(np.maximum(parts.seconds * table.frame_rate, 1.0)),
         "hidden": parts.hidden,
         "appearance": np.where(known, parts.distance, 0.25),
         "appearance_known": known.astype(np.float64),
-        "noise_tail": seen.measured.noise[i],
-        "noise_head": seen.measured.noise[j],
+        "noise_tail": table.measured.noise[i],
+        "noise_head": table.measured.noise[j],
         "ahead_x": ahead[:, 0],
         "ahead_y": ahead[:, 1],
         "back_x": back[:, 0],
         "back_y": back[:, 1],
         "width": change[:, 0].clip(-1, 1),
         "height": change[:, 1].clip(-1, 1),
-        "overlap": iou_pairs(seen.boxes[i], seen.boxes[j]),
+        "overlap": iou_pairs(table.boxes[i], table.boxes[j]),
         "known_past": np.log(parts.past.covariance[i, 0, 2]),
         "known_future": np.log(parts.future.covariance[j, 0, 2]),
         "speed": np.log1p(speed),
         "turn": np.log1p(turn),
-        "above_tail": _above_rivals(parts.cost, i, len(seen)),
-        "above_head": _above_rivals(parts.cost, j, len(seen)),
-        "interval": np.full(len(i), np.log(30 / seen.frame_rate)),
+        "above_tail": _above_rivals(parts.cost, i, len(table)),
+        "above_head": _above_rivals(parts.cost, j, len(table)),
+        "interval": np.full(len(i), np.log(30 / table.frame_rate)),
         "action": np.where(acting, parts.action, 0.0).clip(-DEAREST, DEAREST),
         "action_known": acting.astype(np.float64),
     }
@@ -106,7 +106,7 @@ def link_evidence(seen: Seen, parts: LinkParts, motion: MotionNoise) -> FloatArr
 
 
 def join_evidence(
-    seen: Seen,
+    table: DetectionTable,
     parts: LinkParts,
     motion: MotionNoise,
     counts: tuple[IntArray, IntArray],
@@ -115,14 +115,14 @@ def join_evidence(
     """``(P, 29)`` features of P joins of tracklets: `JOIN_FEATURES`.
 
     Args:
-        seen: the detections.
+        table: the detections.
         parts: the last detections of the earlier and the first ones of the later tracklets.
         motion: noise of the filter.
         counts: ``(P,)`` detections of the earlier and of the later tracklets.
         spans: ``(P,)`` frames from their first to their last one.
     """
-    more = [np.log(counts[0]), np.log(counts[1]), *(np.log1p(span / seen.frame_rate) for span in spans)]
-    return np.concatenate([link_evidence(seen, parts, motion), np.stack(more, axis=1)], axis=1)
+    more = [np.log(counts[0]), np.log(counts[1]), *(np.log1p(span / table.frame_rate) for span in spans)]
+    return np.concatenate([link_evidence(table, parts, motion), np.stack(more, axis=1)], axis=1)
 
 
 def _errors(parts: LinkParts, motion: MotionNoise) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -165,35 +165,35 @@ def _above_rivals(cost: FloatArray, end: IntArray, count: int) -> FloatArray:
     return np.asarray((cost - np.where(best, second[end], cheapest[end])).clip(-DEAREST, DEAREST))
 
 
-def _borders(seen: Seen, height: FloatArray) -> dict[str, FloatArray]:
+def _borders(table: DetectionTable, height: FloatArray) -> dict[str, FloatArray]:
     """How far each box lies from the image's borders, heights; far where the size of the image is not known."""
-    if seen.size is None:
-        return {name: np.full(len(seen), FARTHEST) for name in ("left", "right", "top", "bottom")}
-    width, tall = seen.size
-    x1, y1, x2, y2 = seen.image.T
+    if table.size is None:
+        return {name: np.full(len(table), FARTHEST) for name in ("left", "right", "top", "bottom")}
+    width, tall = table.size
+    x1, y1, x2, y2 = table.image.T
     away = {"left": x1, "right": width - x2, "top": y1, "bottom": tall - y2}
     return {name: (value / height).clip(-1.0, FARTHEST) for name, value in away.items()}
 
 
-def _overlaps(seen: Seen, gap: int) -> tuple[FloatArray, FloatArray]:
+def _overlaps(table: DetectionTable, gap: int) -> tuple[FloatArray, FloatArray]:
     """``(N,)`` largest intersection over union with a box of the frame before, and of the frame after."""
-    every, centre = np.arange(len(seen)), centres(seen.boxes)
-    i, j = near_pairs(seen.frames, centre, sizes(seen.boxes), gap, every, every)
-    overlap = iou_pairs(seen.boxes[i], seen.boxes[j])
-    before, after = np.zeros(len(seen)), np.zeros(len(seen))
+    every, centre = np.arange(len(table)), centres(table.boxes)
+    i, j = near_pairs(table.frames, centre, sizes(table.boxes), gap, every, every)
+    overlap = iou_pairs(table.boxes[i], table.boxes[j])
+    before, after = np.zeros(len(table)), np.zeros(len(table))
     np.maximum.at(after, i, overlap)
     np.maximum.at(before, j, overlap)
     return before, after
 
 
-def _overlaps_now(seen: Seen) -> tuple[FloatArray, FloatArray]:
+def _overlaps_now(table: DetectionTable) -> tuple[FloatArray, FloatArray]:
     """``(N,)`` largest intersection over union with another box of the frame, and how many overlap."""
-    every = np.arange(len(seen))
-    i, j = near_pairs(seen.frames, centres(seen.image), sizes(seen.image), 0, every, every)
+    every = np.arange(len(table))
+    i, j = near_pairs(table.frames, centres(table.image), sizes(table.image), 0, every, every)
     other: BoolArray = i != j
     i, j = i[other], j[other]
-    overlap = iou_pairs(seen.image[i], seen.image[j])
-    most = np.zeros(len(seen))
+    overlap = iou_pairs(table.image[i], table.image[j])
+    most = np.zeros(len(table))
     np.maximum.at(most, i, overlap)
     np.maximum.at(most, j, overlap)
-    return most, np.bincount(i[overlap > 0], minlength=len(seen)).astype(np.float64)
+    return most, np.bincount(i[overlap > 0], minlength=len(table)).astype(np.float64)

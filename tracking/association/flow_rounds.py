@@ -25,7 +25,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.chain_motion import Along, Changed
 from tsuiseki.tracking.association.costs import window_means
-from tsuiseki.tracking.association.detection_tables import Seen
+from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.link_pricing import Pricing, priced
 from tsuiseki.tracking.association.nearby import (
@@ -105,61 +105,65 @@ class RoundSettings:
             raise ValueError("expected window and near above 0, ends and rounds from 0 and keep in [0, 1)")
 
 
-def candidates(seen: Seen, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost) -> Pairs:
+def candidates(
+    table: DetectionTable, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost
+) -> Pairs:
     """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
     if len(tails) == 0 or len(heads) == 0:
         return joined([])
-    x, y = centres(seen.boxes).T.copy()
+    x, y = centres(table.boxes).T.copy()
     # In the order of their places, so that what is looked up lies together.
-    tails = tails[np.lexsort((x[tails], seen.frames[tails]))]
-    side = sizes(seen.boxes).max(axis=1)
-    furthest = _reach(seen, tails, side[tails], np.array([longest]), cost)[:, 0].max()
-    strips = Strips.of(seen.frames, x, heads, tails, float(furthest))
-    log_height = seen.measured.places[:, 3].copy()
+    tails = tails[np.lexsort((x[tails], table.frames[tails]))]
+    side = sizes(table.boxes).max(axis=1)
+    furthest = _reach(table, tails, side[tails], np.array([longest]), cost)[:, 0].max()
+    strips = Strips.of(table.frames, x, heads, tails, float(furthest))
+    log_height = table.measured.places[:, 3].copy()
     pairs: list[Pairs] = []
     count = len(tails)
     for start in range(0, count * (longest - shortest + 1), BOXES_AT_ONCE):
         which = np.arange(start, min(start + BOXES_AT_ONCE, count * (longest - shortest + 1)))
         tail, gap = tails[which % count], shortest + which // count
-        reach = _reach(seen, tail, side[tail], gap, cost)
-        i, j = near_places(strips, x, y, tail, seen.frames[tail] + gap, reach[:, 0], reach[:, 1])
+        reach = _reach(table, tail, side[tail], gap, cost)
+        i, j = near_places(strips, x, y, tail, table.frames[tail] + gap, reach[:, 0], reach[:, 1])
         alike = np.flatnonzero(np.abs(log_height[j] - log_height[i]) < cost.size)
         pairs.append((i[alike], j[alike]))
     return joined(pairs)
 
 
-def _reach(seen: Seen, tails: IntArray, side: FloatArray, gap: IntArray, cost: LinkCost) -> FloatArray:
+def _reach(table: DetectionTable, tails: IntArray, side: FloatArray, gap: IntArray, cost: LinkCost) -> FloatArray:
     """``(T, 2)`` largest differences of centres, pixels, for T boxes of ``(T,)`` longer sides.
 
     The gaps, one for all or ``(T,)``, are in frames. Reaches grow by how far the camera's motion over them may be off.
     """
-    reach = cost.limits(side, gap / seen.frame_rate)
-    wander = seen.measured.wander
+    reach = cost.limits(side, gap / table.frame_rate)
+    wander = table.measured.wander
     if wander[-1] > wander[0]:
-        later = wander[np.searchsorted(seen.frames, gap + seen.frames[tails], side="right") - 1]
+        later = wander[np.searchsorted(table.frames, gap + table.frames[tails], side="right") - 1]
         doubt = np.sqrt(np.maximum(later - wander[tails], 0))
         reach += (side * cost.doubt * doubt)[:, None]
     return reach
 
 
-def near_ends(seen: Seen, labels: IntArray, seconds: float) -> tuple[IntArray, IntArray]:
+def near_ends(table: DetectionTable, labels: IntArray, seconds: float) -> tuple[IntArray, IntArray]:
     """Detections near the last, and near the first detection of their tracks; those of no track are near both."""
-    frames = gaps(seconds, seen.frame_rate)
+    frames = gaps(seconds, table.frame_rate)
     count = int(labels.max(initial=-1)) + 1
     first, last = np.full(count + 1, np.iinfo(np.int64).max // 4), np.full(count + 1, -1)
-    np.minimum.at(first, labels, seen.frames)
-    np.maximum.at(last, labels, seen.frames)
+    np.minimum.at(first, labels, table.frames)
+    np.maximum.at(last, labels, table.frames)
     alone = labels < 0
-    ending = alone | (last[labels] - seen.frames <= frames)
-    beginning = alone | (seen.frames - first[labels] <= frames)
+    ending = alone | (last[labels] - table.frames <= frames)
+    beginning = alone | (table.frames - first[labels] <= frames)
     return np.flatnonzero(ending), np.flatnonzero(beginning)
 
 
-def mean_features(seen: Seen, labels: IntArray, features: FloatArray, seconds: float) -> tuple[FloatArray, FloatArray]:
+def mean_features(
+    table: DetectionTable, labels: IntArray, features: FloatArray, seconds: float
+) -> tuple[FloatArray, FloatArray]:
     """``(N, D)`` mean features over the last seconds of each detection's track, and over the next: eq. 5.3 one-sided.
 
     Args:
-        seen: the detections.
+        table: the detections.
         labels: ``(N,)`` track of each, -1 for none, which keeps its own features.
         features: ``(N, D)``, NaN where not known.
         seconds: length of the windows.
@@ -169,10 +173,10 @@ def mean_features(seen: Seen, labels: IntArray, features: FloatArray, seconds: f
     """
     known = np.asarray(~np.isnan(features).any(axis=1))
     counted = np.concatenate([np.where(known[:, None], features, 0), known[:, None]], axis=1)
-    reach = gaps(seconds, seen.frame_rate)
+    reach = gaps(seconds, table.frame_rate)
     both = []
     for window in ((reach, 0), (0, reach)):
-        mean = window_means(seen.frames, labels, counted, seen.frames, labels, window)
+        mean = window_means(table.frames, labels, counted, table.frames, labels, window)
         length = np.linalg.norm(mean[:, :-1], axis=1, keepdims=True)
         both.append(np.divide(mean[:, :-1], length, out=np.full_like(features, np.nan), where=length > 0))
     return both[0], both[1]
@@ -180,7 +184,7 @@ def mean_features(seen: Seen, labels: IntArray, features: FloatArray, seconds: f
 
 def repriced(
     links: Links,
-    seen: Seen,
+    table: DetectionTable,
     labels: IntArray,
     known: Along,
     changed: Changed,
@@ -194,7 +198,7 @@ def repriced(
 
     Args:
         links: as they were.
-        seen: the detections.
+        table: the detections.
         labels: ``(N,)`` track of each detection, -1 for none.
         known: what is known along the tracks.
         changed: where that is new.
@@ -205,19 +209,19 @@ def repriced(
     Returns:
         The links, and what is known, with the ends from and to which links were looked for.
     """
-    means = None if seen.features is None else mean_features(seen, labels, seen.features, settings.averaged)
-    tail, head = seen.rows(links.tail), seen.rows(links.head)
+    means = None if table.features is None else mean_features(table, labels, table.features, settings.averaged)
+    tail, head = table.rows(links.tail), table.rows(links.head)
     again = changed.past[tail] | changed.future[head] | np.isnan(links.price)
     if by.change is not None:
         again[:] = True
-    ending, beginning = (_mask(ends, len(seen)) & free for ends in near_ends(seen, labels, settings.ends))
+    ending, beginning = (_mask(ends, len(table)) & free for ends in near_ends(table, labels, settings.ends))
     fresh = ending & (changed.past | ~known.ending), beginning & (changed.future | ~known.beginning)
-    more = _fresh_candidates(seen, (ending, beginning), fresh, settings, by.cost)
-    more = _without(more, tail, head, len(seen))
+    more = _fresh_candidates(table, (ending, beginning), fresh, settings, by.cost)
+    more = _without(more, tail, head, len(table))
     i, j = np.append(tail[again], more[0]), np.append(head[again], more[1])
     hidden = np.append(links.hidden[again], np.full(len(more[0]), np.nan))
     kept, price, hidden = priced(
-        seen, (i, j), (known.past, known.future), by, means=means, hidden=hidden, labels=labels
+        table, (i, j), (known.past, known.future), by, means=means, hidden=hidden, labels=labels
     )
     old = links.select(~again)
     old.cost[:] += (1 - settings.keep) * (old.price - old.cost)
@@ -225,23 +229,23 @@ def repriced(
     before = np.append(np.where(np.isnan(links.price[again]), np.nan, links.cost[again]), np.full(len(more[0]), np.nan))
     before = before[kept]
     near = price + np.where(np.isnan(before), 0.0, settings.keep * (before - price))
-    new = Links(seen.numbers[i[kept]], seen.numbers[j[kept]], near, price, hidden)
+    new = Links(table.numbers[i[kept]], table.numbers[j[kept]], near, price, hidden)
     return joined_links(old, new), replace(known, ending=ending, beginning=beginning)
 
 
 def _fresh_candidates(
-    seen: Seen,
+    table: DetectionTable,
     ends: tuple[BoolArray, BoolArray],
     fresh: tuple[BoolArray, BoolArray],
     settings: RoundSettings,
     cost: LinkCost,
 ) -> Pairs:
     """Links over all gaps from and to ends of tracks, of which one end at least is fresh."""
-    longest = gaps(settings.window, seen.frame_rate)
+    longest = gaps(settings.window, table.frame_rate)
     tails, heads = np.flatnonzero(fresh[0]), np.flatnonzero(ends[1])
-    one = candidates(seen, tails, heads, 1, longest, cost)
+    one = candidates(table, tails, heads, 1, longest, cost)
     tails, heads = np.flatnonzero(ends[0] & ~fresh[0]), np.flatnonzero(fresh[1])
-    return joined([one, candidates(seen, tails, heads, 1, longest, cost)])
+    return joined([one, candidates(table, tails, heads, 1, longest, cost)])
 
 
 def _without(pairs: Pairs, tails: IntArray, heads: IntArray, count: int) -> Pairs:

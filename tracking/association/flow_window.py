@@ -10,11 +10,8 @@ import numpy as np
 from tsuiseki.tracking.association.chain_motion import RUN_UP, Along, followed
 from tsuiseki.tracking.association.costs import TransitionCost
 from tsuiseki.tracking.association.detection_tables import (
-    Seen,
-    joined_detections,
-    no_detections,
+    DetectionTable,
     rows_of_numbers,
-    select_detections,
 )
 from tsuiseki.tracking.association.evidence import detection_evidence, link_evidence
 from tsuiseki.tracking.association.flow_rounds import (
@@ -94,9 +91,9 @@ class FlowWindow:
         self._flow = SlidingFlow(self.overlap, most, most_undecided)
         self._transition = transition
         self.changes = changes
-        self._seen = no_detections(frame_rate, size)
+        self._table = DetectionTable.empty(frame_rate, size)
         self._links = Links()
-        self._known = Along.alone(self._seen, costs.link.motion)
+        self._known = Along.alone(self._table, costs.link.motion)
         # Of decided detections: what follows them. Of undecided ones: what followed them in the last round.
         self._follower = np.empty(0, dtype=np.int64)
         # Where decided tracks begin and end.
@@ -108,9 +105,9 @@ class FlowWindow:
         return self._flow.exact
 
     @property
-    def seen(self) -> Seen:
+    def table(self) -> DetectionTable:
         """The detections that are kept, undecided and decided ones."""
-        return self._seen
+        return self._table
 
     @property
     def links(self) -> Links:
@@ -122,31 +119,31 @@ class FlowWindow:
         """``(N,)`` numbers of what follows the detections that are kept, by the last solution; -1 for nothing."""
         return self._follower
 
-    def add(self, new: Seen) -> None:
+    def add(self, new: DetectionTable) -> None:
         """Take the detections of the next frames."""
         if len(new) == 0:
             return
-        self._seen = joined_detections(self._seen, new)
+        self._table = self._table.and_then(new)
         self._follower = np.append(self._follower, np.full(len(new), -1))
         nothing, none = np.empty(0), np.empty(0, dtype=np.int64)
         entry, exit = (np.full(len(new), cost) for cost in (self.costs.entry, self.costs.exit))
         self._flow.extend(new.frames, FlowGraph(np.zeros(len(new)), entry, exit, none, none, nothing))
-        seen, rounds = self._seen, self.costs.rounds
+        table, rounds = self._table, self.costs.rounds
         free = np.flatnonzero(self.free())
-        fresh = np.flatnonzero(seen.numbers >= new.numbers[0])
-        longest = gaps(min(rounds.near, rounds.window), seen.frame_rate)
-        i, j = candidates(seen, free, fresh, 1, longest, self.costs.link)
+        fresh = np.flatnonzero(table.numbers >= new.numbers[0])
+        longest = gaps(min(rounds.near, rounds.window), table.frame_rate)
+        i, j = candidates(table, free, fresh, 1, longest, self.costs.link)
         link = self.costs.link
-        alone = Along.alone(seen, link.motion)
-        self._known = self._known.and_then(alone.select(seen.numbers >= new.numbers[0]))
+        alone = Along.alone(table, link.motion)
+        self._known = self._known.and_then(alone.select(table.numbers >= new.numbers[0]))
         kept, cost, hidden = priced(
-            seen,
+            table,
             (i, j),
             (alone.past, alone.future),
             self._pricing(),
-            mismatch=link.mismatch_alone(seen.measured, 1 / seen.frame_rate),
+            mismatch=link.mismatch_alone(table.measured, 1 / table.frame_rate),
         )
-        tail, head = seen.numbers[i[kept]], seen.numbers[j[kept]]
+        tail, head = table.numbers[i[kept]], table.numbers[j[kept]]
         found = Links(tail, head, cost, np.full(len(kept), np.nan), hidden)
         self._links = joined_links(self._links, found)
 
@@ -167,18 +164,18 @@ class FlowWindow:
             rounds: how often links are priced again at most; by default as often as the settings say.
             believed: by which it is told whether first prices are too high; by default none are.
         """
-        free, seen, places = self.free(), self._seen, self.costs.places
+        free, table, places = self.free(), self._table, self.costs.places
         nothing = np.zeros(int(free.sum()))
         start, end = (nothing if change is None else change for change in (start, end))
         here = nothing, nothing
         if places is not None:
-            here = place_costs(self._counts, seen.image[free], seen.size, places)
+            here = place_costs(self._counts, table.image[free], table.size, places)
         before: set[bytes] = set()
         rounds = self.costs.rounds.rounds if rounds is None else rounds
         for number in range(rounds + 1):
             self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
             if number == 0 and believed is not None and believed.left_out(self._flow.solution().used):
-                self._links = with_known_velocity(self._links, self.costs.link, seen.frame_rate)
+                self._links = with_known_velocity(self._links, self.costs.link, table.frame_rate)
                 observation = observation + believed.change
                 self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
             solution = self._flow.solution()
@@ -190,13 +187,13 @@ class FlowWindow:
                 return
             before.add(key)
             if places is not None:
-                here = self.place_costs(seen.image[free])
+                here = self.place_costs(table.image[free])
             labels, costs = self.labels(), self.costs
-            reach = max(RUN_UP, gaps(costs.rounds.averaged, seen.frame_rate))
-            known, changed = followed(self._known, seen, labels, self._follower, costs.link.motion, reach)
+            reach = max(RUN_UP, gaps(costs.rounds.averaged, table.frame_rate))
+            known, changed = followed(self._known, table, labels, self._follower, costs.link.motion, reach)
             self._links, self._known = repriced(
                 self._links,
-                seen,
+                table,
                 labels,
                 known,
                 changed,
@@ -210,14 +207,14 @@ class FlowWindow:
         if self.costs.places is None:
             return np.zeros(len(boxes)), np.zeros(len(boxes))
         counts = self._counts.and_then(self._told(self.costs.places).select(self.free() & (self.labels() >= 0)))
-        return place_costs(counts, boxes, self._seen.size, self.costs.places)
+        return place_costs(counts, boxes, self._table.size, self.costs.places)
 
     def _told(self, places: EntryPlaces) -> Counts:
         """What the last solution says of where tracks begin and end, of the detections that are kept."""
-        seen = self._seen
-        margin = places.unknown * seen.frame_rate
-        known = (margin, float(seen.frames.max(initial=0)) - margin)
-        return Counts(seen.image, *starts_and_ends(self.labels(), seen.frames, known, places.shortest))
+        table = self._table
+        margin = places.unknown * table.frame_rate
+        known = (margin, float(table.frames.max(initial=0)) - margin)
+        return Counts(table.image, *starts_and_ends(self.labels(), table.frames, known, places.shortest))
 
     def decide(self, last_frame: int, before: int, *, whatever: bool = False) -> Decision:
         """Decide what lies before a frame and no frame after ``last_frame`` can change, or ``whatever`` those say."""
@@ -225,9 +222,9 @@ class FlowWindow:
         counts = None if self.costs.places is None else self._told(self.costs.places)
         decision = flow.decide_before(before) if whatever else flow.decide(last_frame, before)
         if counts is not None:
-            counts = counts.select(np.isin(self._seen.numbers, decision.numbers[decision.used]))
+            counts = counts.select(np.isin(self._table.numbers, decision.numbers[decision.used]))
             self._counts = self._counts.and_then(counts).select(slice(-MEMORY, None))
-        place = np.searchsorted(self._seen.numbers, decision.numbers)
+        place = np.searchsorted(self._table.numbers, decision.numbers)
         self._follower[place] = np.where(decision.used, decision.follower, -1)
         self._forget()
         return decision
@@ -244,7 +241,7 @@ class FlowWindow:
         """
         tails, heads = joins
         self._flow.settle(settled, before, last_frame, tails)
-        self._follower[np.searchsorted(self._seen.numbers, tails)] = heads
+        self._follower[np.searchsorted(self._table.numbers, tails)] = heads
         # What leads to a settled detection is settled, too.
         self._links = self._links.select(~np.isin(self._links.head, settled))
         self._keep(kept)
@@ -265,7 +262,7 @@ class FlowWindow:
 
     def free(self) -> BoolArray:
         """``(N,)`` which of the detections that are kept are not decided."""
-        return np.isin(self._seen.numbers, self._flow.undecided, assume_unique=True)
+        return np.isin(self._table.numbers, self._flow.undecided, assume_unique=True)
 
     def graph(
         self, observation: FloatArray, start: FloatArray | None = None, end: FloatArray | None = None
@@ -292,7 +289,7 @@ class FlowWindow:
         free = self.free()
         if self.changes is None:
             return np.zeros((int(free.sum()), 3))
-        return self.changes.detections(detection_evidence(self._seen, observation, logit)[free])
+        return self.changes.detections(detection_evidence(self._table, observation, logit)[free])
 
     def _pricing(self) -> Pricing:
         return Pricing(self.costs.link, self.costs.rounds.dearest, self._transition, self._link_change())
@@ -302,26 +299,26 @@ class FlowWindow:
         if changes is None:
             return None
         motion = self.costs.link.motion
-        return lambda seen, parts: changes.links(link_evidence(seen, parts, motion))
+        return lambda table, parts: changes.links(link_evidence(table, parts, motion))
 
     def labels(self) -> IntArray:
         """``(N,)`` tracks of all detections that are kept, by the last solution; -1 for undecided ones of no track."""
-        follower, solution = self._seen.rows(self._follower), self._flow.solution()
+        follower, solution = self._table.rows(self._follower), self._flow.solution()
         used = np.ones(len(follower), dtype=np.bool_)
         used[self.free()] = solution.used
         return track_labels(FlowSolution(used, follower, np.zeros(len(follower)), 0.0))
 
     def _forget(self) -> None:
         """Drop links of decided detections, and detections too old to matter."""
-        frames, free = self._seen.frames, self.free()
+        frames, free = self._table.frames, self.free()
         oldest = frames[free].min() if free.any() else frames.max(initial=0)
-        self._keep(oldest - self.overlap - round(CONTEXT * self._seen.frame_rate))
+        self._keep(oldest - self.overlap - round(CONTEXT * self._table.frame_rate))
 
     def _keep(self, first: int) -> None:
         """Keep the links of undecided detections, and of the decided ones those from a frame on."""
         numbers, links = self._flow.undecided, self._links
         ends = (rows_of_numbers(numbers, part) >= 0 for part in (links.tail, links.head))
         self._links = links.select(next(ends) & next(ends))
-        recent = self.free() | (self._seen.frames >= first)
-        self._seen = select_detections(self._seen, recent)
+        recent = self.free() | (self._table.frames >= first)
+        self._table = self._table.select(recent)
         self._follower, self._known = self._follower[recent], self._known.select(recent)

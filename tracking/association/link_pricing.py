@@ -9,7 +9,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.chain_motion import Beliefs
 from tsuiseki.tracking.association.costs import TransitionCost, cosine_distances, inner_products, pair_features
-from tsuiseki.tracking.association.detection_tables import Seen
+from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost, Mismatch
 from tsuiseki.tracking.association.nearby import Hiding, Pairs
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -48,7 +48,7 @@ class LinkParts:
 
 
 # Changes of the costs of links, ``(P,)``.
-LinkChange = Callable[[Seen, LinkParts], FloatArray]
+LinkChange = Callable[[DetectionTable, LinkParts], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Pricing:
 
 
 def priced(
-    seen: Seen,
+    table: DetectionTable,
     pairs: Pairs,
     beliefs: tuple[Beliefs, Beliefs],
     by: Pricing,
@@ -82,7 +82,7 @@ def priced(
     """Which links do not cost too much, what they cost, and how much of the person is hidden in between.
 
     Args:
-        seen: the N detections.
+        table: the N detections.
         pairs: ``(P,)`` indices of the earlier, and of the later detections of the links.
         beliefs: what the past of its track says at each detection, and what the future says.
         by: what they are priced by.
@@ -97,14 +97,14 @@ def priced(
     """
     (i, j), (past, future), cost, change = pairs, beliefs, by.cost, by.change
     if mismatch is None:
-        mismatch = cost.mismatch_along(seen.measured, past, future, 1 / seen.frame_rate)
+        mismatch = cost.mismatch_along(table.measured, past, future, 1 / table.frame_rate)
     doing = None
-    if cost.action is not None and seen.actions is not None:
-        doing = (seen.actions, seen.actions)
+    if cost.action is not None and table.actions is not None:
+        doing = (table.actions, table.actions)
         if labels is not None:
-            doing = cost.action.means(seen.frames, labels, seen.actions, seen.frame_rate)
-    hiding = Hiding.of(seen.frames, seen.image, seen.size)
-    prices = _Prices(seen, by, mismatch, hiding, means, doing, labels is not None)
+            doing = cost.action.means(table.frames, labels, table.actions, table.frame_rate)
+    hiding = Hiding.of(table.frames, table.image, table.size)
+    prices = _Prices(table, by, mismatch, hiding, means, doing, labels is not None)
     if hidden is None:
         # A view of one number.
         hidden = np.broadcast_to(np.nan, len(i))
@@ -112,11 +112,11 @@ def priced(
         # Learnt changes compare links with each other.
         of = prices(i, j, hidden)
         kept = of.kept
-        seconds = (seen.frames[j[kept]] - seen.frames[i[kept]]) / seen.frame_rate
+        seconds = (table.frames[j[kept]] - table.frames[i[kept]]) / table.frame_rate
         parts = LinkParts(
             i[kept], j[kept], past, future, seconds, of.distance, of.motion, of.hidden, of.price, of.action
         )
-        return kept, np.maximum(of.price + change(seen, parts), -MOST_WORTH), of.hidden
+        return kept, np.maximum(of.price + change(table, parts), -MOST_WORTH), of.hidden
     found = []
     for start in range(0, max(len(i), 1), PAIRS_AT_ONCE):
         part = slice(start, start + PAIRS_AT_ONCE)
@@ -151,7 +151,7 @@ class _Priced:
 class _Prices:
     """What is needed to price links, see `priced`; ``doing`` are actions of the earlier and of the later ones."""
 
-    seen: Seen
+    table: DetectionTable
     by: Pricing
     mismatch: Mismatch
     hiding: Hiding
@@ -161,15 +161,15 @@ class _Prices:
 
     def __call__(self, i: IntArray, j: IntArray, hidden: FloatArray) -> _Priced:
         """Those of P links that are kept."""
-        seen, cost, one_frame = self.seen, self.by.cost, 1 / self.seen.frame_rate
-        gap = seen.frames[j] - seen.frames[i]
+        table, cost, one_frame = self.table, self.by.cost, 1 / self.table.frame_rate
+        gap = table.frames[j] - table.frames[i]
         seconds = np.asarray(gap * one_frame, dtype=np.float64)
-        motion = self.mismatch(i, j, seconds, seen.measured.wander[j] - seen.measured.wander[i])
+        motion = self.mismatch(i, j, seconds, table.measured.wander[j] - table.measured.wander[i])
         total, distance, action = motion.copy(), np.full(len(i), np.nan), np.full(len(i), np.nan)
-        if seen.features is not None:
+        if table.features is not None:
             averaged = self.means is not None
             distance = (
-                cosine_distances(seen.features, i, j)
+                cosine_distances(table.features, i, j)
                 if self.means is None
                 else np.clip(1 - inner_products(*self.means, i, j), 0, 2)
             )
@@ -178,7 +178,7 @@ class _Prices:
             total += np.where(unlearnt, cost.appearance_cost(distance, averaged=averaged), 0)
         if self.by.transition is not None:
             learnt = np.flatnonzero(gap <= self._learnt_up_to())
-            pairs = pair_features(seen.boxes, seen.features, i[learnt], j[learnt], gap[learnt])
+            pairs = pair_features(table.boxes, table.features, i[learnt], j[learnt], gap[learnt])
             total[learnt] += cost.learnt(self.by.transition(replace(pairs, appearance=distance[learnt])))
         if cost.action is not None and self.doing is not None:
             averaged = self.along and cost.action.averaged

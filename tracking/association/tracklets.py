@@ -23,7 +23,7 @@ import scipy
 
 from tsuiseki.tracking.association.chain_motion import beliefs_along
 from tsuiseki.tracking.association.costs import cosine_distances
-from tsuiseki.tracking.association.detection_tables import Seen
+from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import join_evidence
 from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.association.link_cost import LinkCost
@@ -141,7 +141,7 @@ class JoinSettings:
 
 
 def join(
-    seen: Seen,
+    table: DetectionTable,
     labels: IntArray,
     appearance: FloatArray | None,
     link: LinkCost,
@@ -153,7 +153,7 @@ def join(
     """``(N,)`` track of each detection, -1 for none; tracks are numbered by their first tracklet.
 
     Args:
-        seen: the detections; their own features are not used.
+        table: the detections; their own features are not used.
         labels: ``(N,)`` tracklet of each from 0 on, -1 for none.
         appearance: ``(M, D)`` mean features of the tracklets, NaN where not known; None where not described.
         link: what links cost.
@@ -169,10 +169,10 @@ def join(
         ends = Ends.of(labels)
         if len(ends.track) == 0:
             break
-        i, j, parts = join_parts(seen, labels, ends, appearance, link, settings)
+        i, j, parts = join_parts(table, labels, ends, appearance, link, settings)
         cost = parts.cost
         if changes is not None:
-            cost = cost + changes.joins(evidence_of_joins(seen, labels, ends, parts, link))
+            cost = cost + changes.joins(evidence_of_joins(table, labels, ends, parts, link))
         if started is not None:
             cost = np.where(started[j], np.inf, cost)
         if places is not None:
@@ -215,21 +215,26 @@ class Ends:
 
 
 def join_parts(
-    seen: Seen, labels: IntArray, ends: Ends, appearance: FloatArray | None, link: LinkCost, settings: JoinSettings
+    table: DetectionTable,
+    labels: IntArray,
+    ends: Ends,
+    appearance: FloatArray | None,
+    link: LinkCost,
+    settings: JoinSettings,
 ) -> tuple[IntArray, IntArray, LinkParts]:
     """Numbers of the tracks that may follow each other, and what it costs to join their ends."""
-    i, j = _in_time(seen, ends, settings.appearance_window if appearance is not None else settings.window)
-    past, future = beliefs_along(labels, seen.measured, link.motion)
+    i, j = _in_time(table, ends, settings.appearance_window if appearance is not None else settings.window)
+    past, future = beliefs_along(labels, table.measured, link.motion)
     tails, heads = ends.last[i], ends.first[j]
-    one_frame = 1 / seen.frame_rate
-    seconds = np.asarray((seen.frames[heads] - seen.frames[tails]) * one_frame, dtype=np.float64)
-    wander = seen.measured.wander[heads] - seen.measured.wander[tails]
+    one_frame = 1 / table.frame_rate
+    seconds = np.asarray((table.frames[heads] - table.frames[tails]) * one_frame, dtype=np.float64)
+    wander = table.measured.wander[heads] - table.measured.wander[tails]
     mismatch = link.mismatch(past, future, tails, heads, seconds, wander)
-    hidden = hidden_between(tails, heads, seen.frames, seen.image, seen.size)
+    hidden = hidden_between(tails, heads, table.frames, table.image, table.size)
     cost = mismatch + link.waiting(seconds, one_frame, hidden)
     action = np.full(len(i), np.nan)
-    if link.action is not None and seen.actions is not None:
-        doing = link.action.means(seen.frames, labels, seen.actions, seen.frame_rate)
+    if link.action is not None and table.actions is not None:
+        doing = link.action.means(table.frames, labels, table.actions, table.frame_rate)
         action = link.action(*doing, tails, heads, seconds, averaged=link.action.averaged)
         cost = cost + action
     distance = np.full(len(i), np.nan)
@@ -247,21 +252,23 @@ def join_parts(
     )
 
 
-def evidence_of_joins(seen: Seen, labels: IntArray, ends: Ends, parts: LinkParts, link: LinkCost) -> FloatArray:
+def evidence_of_joins(
+    table: DetectionTable, labels: IntArray, ends: Ends, parts: LinkParts, link: LinkCost
+) -> FloatArray:
     """``(P, 29)`` features of joins, see `evidence`."""
     counts = np.bincount(labels[labels >= 0], minlength=int(labels.max(initial=-1)) + 1)
     spans = np.zeros(len(counts), dtype=np.int64)
-    spans[ends.track] = seen.frames[ends.last] - seen.frames[ends.first]
+    spans[ends.track] = table.frames[ends.last] - table.frames[ends.first]
     before, after = labels[parts.i], labels[parts.j]
-    return join_evidence(seen, parts, link.motion, (counts[before], counts[after]), (spans[before], spans[after]))
+    return join_evidence(table, parts, link.motion, (counts[before], counts[after]), (spans[before], spans[after]))
 
 
-def _in_time(seen: Seen, ends: Ends, window: float) -> Pairs:
+def _in_time(table: DetectionTable, ends: Ends, window: float) -> Pairs:
     """All pairs of tracks of which the second starts within a window after the first ends."""
-    order = np.argsort(seen.frames[ends.first], kind="stable")
-    starts, ending = seen.frames[ends.first][order], seen.frames[ends.last]
+    order = np.argsort(table.frames[ends.first], kind="stable")
+    starts, ending = table.frames[ends.first][order], table.frames[ends.last]
     first = np.searchsorted(starts, ending, side="right")
-    count = np.searchsorted(starts, ending + window * seen.frame_rate + 1e-9, side="right") - first
+    count = np.searchsorted(starts, ending + window * table.frame_rate + 1e-9, side="right") - first
     i = np.repeat(np.arange(len(starts)), count)
     return i, order[np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)]
 

@@ -12,7 +12,7 @@ import numpy as np
 from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
 from tsuiseki.tracking.association.chain_motion import MotionNoise
 from tsuiseki.tracking.association.costs import ScoreCost
-from tsuiseki.tracking.association.detection_tables import DetectionRows, Measurements, Seen, rows_of
+from tsuiseki.tracking.association.detection_tables import DetectionRows, DetectionTable, Measurements, rows_of
 from tsuiseki.tracking.association.flow_rounds import Believed
 from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
 from tsuiseki.tracking.association.nearby import centres, hidden_parts, near_pairs, sizes
@@ -113,7 +113,7 @@ class FlowInput:
         other.camera, other.evidence = self.camera.copy(), self.evidence.copy()
         return other
 
-    def rows(self, found: Sequence[Detections]) -> tuple[Seen, FloatArray]:
+    def rows(self, found: Sequence[Detections]) -> tuple[DetectionTable, FloatArray]:
         """The detections of the next frames, and their scores.
 
         Args:
@@ -138,7 +138,7 @@ class FlowInput:
             self._noise(rows),
             self.camera.variance(rows.frames),
         )
-        seen = Seen(
+        seen = DetectionTable(
             rows.numbers,
             rows.frames,
             rows.boxes,

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.detection_tables import Seen, joined_detections, no_detections
+from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.sliding_flow import Decision
 from tsuiseki.tracking.association.smoothing import GapSettings, SmoothingSettings, fill_gaps, fit_smoothing, smooth
@@ -40,8 +40,8 @@ class WholeFlow:
         self._tracklets = Tracklets()
         self._frame = 0
         self._waiting: list[Detections] = []
-        self._every = no_detections(given.frame_rate, given.size)
-        self._parts: list[Seen] = []
+        self._every = DetectionTable.empty(given.frame_rate, given.size)
+        self._parts: list[DetectionTable] = []
         self._scores = np.empty(0)
 
     def update(self, found: Detections) -> None:
@@ -65,9 +65,9 @@ class WholeFlow:
         """Decide all that is left; the tracks."""
         self._absorb()
         window, tracklets = self.window, self._tracklets
-        solve_window(window, self.input, self._scores[window.seen.numbers])
+        solve_window(window, self.input, self._scores[window.table.numbers])
         rest = window.remainder()
-        tracklets.add(self._chained(rest, window.seen))
+        tracklets.add(self._chained(rest, window.table))
         every = self._table()
         labels = tracklets.labels(len(every))
         if self.settings.join is not None and len(every):
@@ -82,38 +82,38 @@ class WholeFlow:
         """Solve the window and let go of what is decided."""
         self._absorb()
         window, settings = self.window, self.settings
-        solve_window(window, self.input, self._scores[window.seen.numbers])
-        seen = window.seen
+        solve_window(window, self.input, self._scores[window.table.numbers])
+        table = window.table
         margin = round((settings.costs.rounds.window + settings.settle) * self.input.frame_rate)
         decision = window.decide(self._frame - 1, self._frame - margin)
-        self._tracklets.add(self._chained(decision, seen))
+        self._tracklets.add(self._chained(decision, table))
 
     def _absorb(self) -> None:
         """Take in the waiting frames."""
         if not self._waiting:
             return
-        seen, scores = self.input.rows(self._waiting)
+        table, scores = self.input.rows(self._waiting)
         self._waiting = []
         self.window.costs = self.input.flow_costs(self.settings.costs)
-        self.window.add(seen)
-        self._parts.append(replace(seen, features=None))
+        self.window.add(table)
+        self._parts.append(replace(table, features=None))
         self._scores = np.append(self._scores, scores)
 
     @staticmethod
-    def _chained(decision: Decision, seen: Seen) -> Chained:
+    def _chained(decision: Decision, table: DetectionTable) -> Chained:
         used = decision.used
-        place = np.searchsorted(seen.numbers, decision.numbers[used])
-        features = None if seen.features is None else seen.features[place]
+        place = np.searchsorted(table.numbers, decision.numbers[used])
+        features = None if table.features is None else table.features[place]
         return Chained(decision.numbers[used], decision.follower[used], features)
 
-    def _table(self) -> Seen:
+    def _table(self) -> DetectionTable:
         """The rows of all detections."""
         for part in self._parts:
-            self._every = joined_detections(self._every, part)
+            self._every = self._every.and_then(part)
         self._parts = []
         return self._every
 
-    def _finished(self, every: Seen, labels: IntArray) -> list[Track]:
+    def _finished(self, every: DetectionTable, labels: IntArray) -> list[Track]:
         """The tracks with enough detections, their gaps filled, by the frame they start in."""
         rate, settings = self.input.frame_rate, self.settings
         longest = round(settings.fill * rate)

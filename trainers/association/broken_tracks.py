@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.detection_tables import Seen
+from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.nearby import hidden_parts
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -44,7 +44,7 @@ class Breaks:
 
 
 def broken(
-    seen: Seen, labels: IntArray, owners: IntArray, breaks: Breaks, rng: np.random.Generator
+    seen: DetectionTable, labels: IntArray, owners: IntArray, breaks: Breaks, rng: np.random.Generator
 ) -> tuple[IntArray, IntArray]:
     """Tracklets with gaps.
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tsuiseki.tracking.association.chain_motion import beliefs_along
-from tsuiseki.tracking.association.detection_tables import Seen, select_detections
+from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, detection_evidence, link_evidence
 from tsuiseki.tracking.association.flow_rounds import mean_features
 from tsuiseki.tracking.association.flow_window import FlowWindow
@@ -68,22 +68,27 @@ def sequence_graphs(
 
 
 def _broken_graphs(
-    video: DetectedVideo, seen: Seen, owners: IntArray, labels: IntArray, settings: FlowSettings, breaks: Breaks
+    video: DetectedVideo,
+    seen: DetectionTable,
+    owners: IntArray,
+    labels: IntArray,
+    settings: FlowSettings,
+    breaks: Breaks,
 ) -> tuple[Graph, ...]:
     """The second level, as often as asked for, with tracks broken on purpose."""
     whose = _owners_of_tracks(owners, labels, int(labels.max(initial=-1)) + 1)
     graphs = []
     for copy in range(breaks.copies):
         left, pieces = broken(seen, labels, whose, breaks, np.random.default_rng([breaks.seed, copy]))
-        graphs.append(_tracklet_graph(video, select_detections(seen, left), owners[left], pieces, settings))
+        graphs.append(_tracklet_graph(video, seen.select(left), owners[left], pieces, settings))
     return tuple(graphs)
 
 
-def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
+def _link_parts(seen: DetectionTable, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
     """All links that the tracker considers, at the prices along its tracks without learnt changes."""
     found: list[LinkParts] = []
 
-    def keep(_: Seen, parts: LinkParts) -> FloatArray:
+    def keep(_: DetectionTable, parts: LinkParts) -> FloatArray:
         found.append(parts)
         return np.zeros(len(parts.i))
 
@@ -99,7 +104,7 @@ def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: Flow
 
 def _detection_graph(
     video: DetectedVideo,
-    seen: Seen,
+    seen: DetectionTable,
     owners: IntArray,
     tracks: IntArray,
     parts: LinkParts,
@@ -134,7 +139,7 @@ def _detection_graph(
     return labelled(taken_out(graph, short))
 
 
-def _origin(video: DetectedVideo, seen: Seen, logit: FloatArray, settings: FlowSettings) -> Origin:
+def _origin(video: DetectedVideo, seen: DetectionTable, logit: FloatArray, settings: FlowSettings) -> Origin:
     """The anchors and scores of the detections that the tracker took, which leaves out duplicates."""
     anchors, scores = np.empty(len(seen), dtype=np.int64), np.empty(len(seen))
     for frame in np.unique(seen.frames):
@@ -152,7 +157,7 @@ def _origin(video: DetectedVideo, seen: Seen, logit: FloatArray, settings: FlowS
 
 
 def _tracklet_graph(
-    video: DetectedVideo, seen: Seen, owners: IntArray, labels: IntArray, settings: FlowSettings
+    video: DetectedVideo, seen: DetectionTable, owners: IntArray, labels: IntArray, settings: FlowSettings
 ) -> Graph:
     """Tracklets in place of detections, joins of their ends in place of links; an owner has half of one."""
     ends = Ends.of(labels)

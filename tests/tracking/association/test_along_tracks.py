@@ -14,14 +14,14 @@ from tsuiseki.tracking.association.chain_motion import (
     beliefs_along,
     followed,
 )
-from tsuiseki.tracking.association.detection_tables import Measurements, Seen, rows_of_numbers
+from tsuiseki.tracking.association.detection_tables import DetectionTable, Measurements, rows_of_numbers
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.types import IntArray
 
 MOTION = MotionNoise()
 
 
-def walkers(rng: np.random.Generator, people: int, frames: int) -> tuple[Seen, IntArray]:
+def walkers(rng: np.random.Generator, people: int, frames: int) -> tuple[DetectionTable, IntArray]:
     """Detections of people who walk at random, one in five missed, numbers with gaps; and who each is."""
     place = rng.uniform(0, 500, (people, 2)) + np.cumsum(rng.normal(0, 3, (frames, people, 2)), axis=0)
     frame, who = np.nonzero(rng.random((frames, people)) > 0.2)
@@ -32,10 +32,10 @@ def walkers(rng: np.random.Generator, people: int, frames: int) -> tuple[Seen, I
     boxes = np.concatenate([centre - half, centre + half], axis=1)
     measured = Measurements(frame / 25.0, np.concatenate([centre, size], axis=1), noise, wander)
     numbers = np.cumsum(rng.integers(1, 3, count))
-    return Seen(numbers, frame, boxes, boxes, measured, None, 25.0, None), who
+    return DetectionTable(numbers, frame, boxes, boxes, measured, None, 25.0, None), who
 
 
-def linked(seen: Seen, labels: IntArray) -> IntArray:
+def linked(seen: DetectionTable, labels: IntArray) -> IntArray:
     """``(N,)`` the number of what follows each on its track."""
     follower = np.full(len(seen), -1)
     for track in range(int(labels.max()) + 1):

@@ -9,7 +9,7 @@ import pytest
 
 from tsuiseki.tracking.association.chain_motion import beliefs_along
 from tsuiseki.tracking.association.costs import ActionCost
-from tsuiseki.tracking.association.detection_tables import Seen
+from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import (
     DETECTION_FEATURES,
     JOIN_FEATURES,
@@ -27,16 +27,16 @@ from tsuiseki.tracking.types import Detections, FloatArray
 COST = LinkCost()
 
 
-def seen_of(boxes: list[list[list[float]]], size: tuple[int, int] | None = (640, 480)) -> Seen:
+def seen_of(boxes: list[list[list[float]]], size: tuple[int, int] | None = (640, 480)) -> DetectionTable:
     """Detections of each frame at 30 frames a second."""
     prepared = FlowInput(InputSettings(camera=None), COST.motion, 30.0, size)
     return prepared.rows([Detections(np.array(frame).reshape(-1, 4), np.ones(len(frame))) for frame in boxes])[0]
 
 
-def parts_of(seen: Seen, i: list[int], j: list[int], cost: LinkCost = COST) -> LinkParts:
+def parts_of(seen: DetectionTable, i: list[int], j: list[int], cost: LinkCost = COST) -> LinkParts:
     found: list[LinkParts] = []
 
-    def keep(_: Seen, parts: LinkParts) -> FloatArray:
+    def keep(_: DetectionTable, parts: LinkParts) -> FloatArray:
         found.append(parts)
         return np.zeros(len(parts.i))
 
@@ -96,7 +96,7 @@ def test_unlike_looks_are_seen() -> None:
     assert table["appearance"] == table["appearance_known"] == 1
 
 
-def acting(least: float = 0.0) -> tuple[Seen, LinkParts, LinkCost]:
+def acting(least: float = 0.0) -> tuple[DetectionTable, LinkParts, LinkCost]:
     """One who goes on with what they did and one who does something else, where actions have a price."""
     seen = seen_of([[[100, 100, 140, 200]], [[102, 100, 142, 200], [104, 100, 144, 200]]])
     seen = replace(seen, actions=np.array([[0.9, 0.1], [0.9, 0.1], [0.1, 0.9]]))

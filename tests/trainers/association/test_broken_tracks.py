@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.detection_tables import Measurements, Seen, no_detections
+from tsuiseki.tracking.association.detection_tables import DetectionTable, Measurements
 from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.data import RandomWindows
 from tsuiseki.trainers.association.labelled_flow import next_of_owner
@@ -18,7 +18,7 @@ RATE = 10.0
 OFTEN = Breaks(copies=1, every=2.0, shortest=0.5, longest=1.0)
 
 
-def side_by_side(frames: int = 100, people: int = 3) -> tuple[Seen, np.ndarray]:
+def side_by_side(frames: int = 100, people: int = 3) -> tuple[DetectionTable, np.ndarray]:
     """``people`` in rows, of whom the second stands partly behind the first in the second half."""
     when = np.repeat(np.arange(frames), people)
     who = np.tile(np.arange(people), frames)
@@ -28,7 +28,7 @@ def side_by_side(frames: int = 100, people: int = 3) -> tuple[Seen, np.ndarray]:
     places = np.concatenate([(boxes[:, :2] + boxes[:, 2:]) / 2, np.log(size)], axis=1)
     measured = Measurements(when / RATE, places, np.ones(len(when)), np.zeros(len(when)))
     seen = replace(
-        no_detections(RATE, (640, 480)),
+        DetectionTable.empty(RATE, (640, 480)),
         numbers=np.arange(len(when)),
         frames=when,
         image=boxes,
