@@ -40,6 +40,7 @@ _MOST_ROWS = 1000
 _FEWEST_QUERIES = 50
 # How far, in strides, the centre of a box may lie from its cell.
 _REACH = 4.0
+# Share of cells, or of queries in a picture of noise, that count as nearly all.
 _NEARLY_ALL = 0.9
 # Where people stand in COCO, by how many classes a network tells: 80 without gaps, 90 or 91 with COCO's own numbers.
 COCO = {80: 0, 90: 1, 91: 1}
@@ -168,8 +169,6 @@ def _of_so_many_classes(found: list[LayoutName], arrays: Outputs, classes: int |
     return [n for n in found if told[n] in (None, classes) or (LAYOUTS[n].paired and told[n] == classes + 1)]
 
 
-# Share of the queries that see no object in a picture of noise, at least.
-_NEARLY_ALL = 0.9
 # From here on a softmax cannot be ruled out.
 _HALF = 0.5
 

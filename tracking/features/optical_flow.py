@@ -229,7 +229,6 @@ def _gradient(image: Float32) -> Float32:
 
 
 FlowField: TypeAlias = NDArray[np.float32]
-Grey: TypeAlias = NDArray[np.uint8]
 FlowMethod: TypeAlias = Callable[[Grey, Grey], FlowField]
 FlowName = Literal["tv-l1", "dis", "dis_fast", "farneback"]
 DisPreset = Literal["ultrafast", "fast", "medium"]
