@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from benchmarks.machine import machine
-from tsuiseki.datamodules.scenes.drone.flow_pairs import FlowPair, end_point_error, random_flow_pair
+from tsuiseki.datamodules.scenes.flow_pairs import FlowPair, end_point_error, random_flow_pair
 from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, TvL1Settings, dis_flow, optical_flow, tv_l1
 from tsuiseki.tracking.types import ImageArray
 

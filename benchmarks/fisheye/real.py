@@ -39,7 +39,7 @@ from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, Un
 from tsuiseki.tracking.fisheye.tracking import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
 from tsuiseki.tracking.fisheye.view import CeilingView
-from tsuiseki.tracking.formats.space.rotated import (
+from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,
     about_bodies,
     as_detections,

@@ -18,9 +18,8 @@ from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer
 from tsuiseki.tracking.features.view_choice import ViewedDetector
-from tsuiseki.tracking.formats.drone.okutama import read_okutama
-from tsuiseki.tracking.formats.drone.okutama_folders import ADVICE, check_frames, is_okutama_file
 from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.formats.okutama import ADVICE, check_frames, is_okutama_file, read_okutama
 from tsuiseki.tracking.people.inputs import people_detect
 from tsuiseki.tracking.people.settings import NONE, FindingOptions
 from tsuiseki.tracking.types import Detections, IntArray, Track

@@ -17,7 +17,7 @@ from tsuiseki.tracking.drone.page import ActionReport, action_page, captions_of
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracking import DroneResult, link
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.acting_tracks import write_acting_tracks
+from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.report.overlay import write_overlay

@@ -17,7 +17,8 @@ from tsuiseki.tracking.weights import shipped
 if TYPE_CHECKING:
     from tsuiseki.tracking.fisheye.page import FloorSection
     from tsuiseki.tracking.fisheye.tracking import CeilingSource
-    from tsuiseki.tracking.fisheye.view import FloorGate
+    from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
+    from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
     from tsuiseki.tracking.types import Detections
     from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -91,9 +92,7 @@ def fisheye(
         open_ceiling,
         people_on_floor,
     )
-    from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
-    from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
-    from tsuiseki.tracking.formats.space.rotated import write_rotated_detections
+    from tsuiseki.tracking.formats.rotated import write_rotated_detections
 
     if detections is not None and (len(detections) != len(source) or finding.detector is not None):
         raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
@@ -163,7 +162,7 @@ def _written(run: Run, view: CeilingSource, tracks: list[FloorTrack], prefix: st
     """Write what one camera gives; what the page needs of it."""
     from tsuiseki.tracking.fisheye.page import FloorSection, dwell_figure, floor_figure, write_floor_overlay
     from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.formats.space.world import write_world
+    from tsuiseki.tracking.formats.track3d import write_world
 
     position = view.placed.camera.position
     run.write(f"{prefix}tracks.txt", lambda path: write_tracks(path, [t.track for t in tracks]))

@@ -18,7 +18,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable
 from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
 from tsuiseki.tracking.features.exported import Describe
-from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, about_bodies, half_turned
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies, half_turned
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray
 from tsuiseki.tracking.types.floor import FloorDetections

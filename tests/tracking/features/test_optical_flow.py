@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.flow_pairs import end_point_error, random_flow_pair
+from tsuiseki.datamodules.scenes.flow_pairs import end_point_error, random_flow_pair
 from tsuiseki.tracking.features.optical_flow import (
     FLOW_METHODS,
     TvL1Settings,

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, plan_flight
-from tsuiseki.datamodules.scenes.drone.flight import ground_homography
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_flight
+from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.types import FloatArray
 

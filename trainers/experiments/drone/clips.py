@@ -11,12 +11,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.drone.models import as_detections
 from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
-from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions, read_labelled_actions
+from tsuiseki.tracking.evaluation.action_files import LabelledActions, read_labelled_actions
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.exported import Appearance, Detector

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.gathering import gather
+from tsuiseki.datamodules.scenes.people.gathering import gather
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.costs import ActionCost, ActionFeatures
@@ -30,7 +30,7 @@ from tsuiseki.tracking.drone.tracker import DroneTracker
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums, scores_of
-from tsuiseki.tracking.formats.drone.actions import LYING, OKUTAMA_ACTIONS, SITTING, WITH_OBJECTS
+from tsuiseki.tracking.formats.acting_tracks import LYING, OKUTAMA_ACTIONS, SITTING, WITH_OBJECTS
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth

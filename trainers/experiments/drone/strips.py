@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.drone.page import captions_of
 from tsuiseki.tracking.features.action import crop_squares
 from tsuiseki.tracking.formats.mot_sequence import list_images

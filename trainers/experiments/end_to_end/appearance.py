@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 import torch
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.data import FLOWS, TrackerName, WindowImages

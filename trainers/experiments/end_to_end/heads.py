@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.evaluation.detection import evaluate_detections, labelled_boxes
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.geometry import clip_boxes

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip_files import write_info
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, as_ground_truth, street_frames, write_street
+from tsuiseki.datamodules.scenes.clip import write_info
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, as_ground_truth, street_frames, write_street
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections, write_ground_truth
 from tsuiseki.trainers.association.videos import LIKE_REAL

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, plan_flight
-from tsuiseki.datamodules.scenes.drone.flight import ground_homography
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_flight
+from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.trainers.experiments.drone.camera_errors import _best_similarity, _moved, flight_errors
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.clip import draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.drone_clip import draw_flight, plan_flight
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.trainers.experiments.drone.camera_errors import flight_errors
