@@ -17,8 +17,7 @@ from tsuiseki.tracking.weights import shipped
 if TYPE_CHECKING:
     from tsuiseki.tracking.fisheye.page import FloorSection
     from tsuiseki.tracking.fisheye.tracking import CeilingSource
-    from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
-    from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
+    from tsuiseki.tracking.fisheye.view import FloorGate
     from tsuiseki.tracking.types import Detections
     from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -92,6 +91,8 @@ def fisheye(
         open_ceiling,
         people_on_floor,
     )
+    from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
+    from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
     from tsuiseki.tracking.formats.rotated import write_rotated_detections
 
     if detections is not None and (len(detections) != len(source) or finding.detector is not None):
