@@ -12,7 +12,7 @@ from tsuiseki.tracking.cameras.camera_files import read_projective_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.particles.views import Covering
+from tsuiseki.tracking.filters.particles.stages import Covering
 from tsuiseki.tracking.formats.correspondences import read_ball_points
 from tsuiseki.tracking.sphere.runs import FrameTimes, SphereRun
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion

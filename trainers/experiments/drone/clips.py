@@ -34,8 +34,8 @@ SECOND_SCENE = DroneSceneSettings(frames=200, camera="calm", people=4, altitude=
 FAULTS = DetectorFaults(jitter=0.07, missed=0.35, hidden=0.8, false_alarms=0.6)
 FIRST_SEED, SECOND_SEED = 3000, 9000
 # Of clips that the networks of actions learnt from, that chose the settings of the flow and of DeepSORT, that the costs
-# of actions come from (docs/drone.md), and that the detector's scores were made probabilities on
-# (docs/drone-detector.md).
+# of actions come from (docs/methods/drone.md), and that the detector's scores were made probabilities on
+# (docs/methods/drone-detector.md).
 SEEN = frozenset(
     [
         *range(1000, 1013),

@@ -14,7 +14,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, blob_frames
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange
-from tsuiseki.tracking.filters.image_regions.region_births import PatchBirths
+from tsuiseki.tracking.filters.finite_sets.region_births import PatchBirths
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, Track

@@ -16,11 +16,20 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, blob_frames, plan_blobs
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
-from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths
-from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, RegionLikelihood, WithoutOthers
-from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
-from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, second_order
-from tsuiseki.tracking.filters.image_regions.region_updates import Equalised, Update, as_printed, average, calibrated
+from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
+    EachAlone,
+    Equalised,
+    RegionLikelihood,
+    Update,
+    WithoutOthers,
+    as_printed,
+    average,
+    boxes_of,
+    calibrated,
+)
+from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.plots import plot_particles
@@ -99,9 +108,7 @@ def run_arm(name: str, settings: BlobSceneSettings, seed: int, density: int, con
     born = max(round(density * condition.births), 1) if condition.births else 0
     births = AnywhereBirths(condition.births, born, size=(32.0, 32.0))
     fixed = 0 if name == "calibrated" else density * settings.objects
-    chosen = RegionPhdFilter(
-        second_order((1.5, 1.5), (0.5, 0.5)), births, likelihood, update, density, fixed, condition.survival
-    )
+    chosen = RegionPhdFilter(SteppingBox(1.5, 0.5), births, likelihood, update, density, fixed, condition.survival)
     counts, expected = [], []
     state = None
     for image, boxes in blob_frames(settings, seed):
