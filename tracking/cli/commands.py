@@ -125,12 +125,12 @@ COMMANDS: Tree = {
     "calibrate": Group(
         "find out where cameras are and how they see",
         {
-            "points": Command("from known points in space", "tracking.calibrate.points"),
+            "points": Command("from known points in space", "tracking.calibrate.run:points"),
             "checkerboard": Command(
-                "a camera's focal length and lens, from pictures of a board", "tracking.calibrate.checkerboard"
+                "a camera's focal length and lens, from pictures of a board", "tracking.calibrate.run:checkerboard"
             ),
-            "convert": Command("a fisheye calibration in another program's format", "tracking.calibrate.convert"),
-            "pose": Command("over a floor, from height and tilt or from points", "tracking.calibrate.pose"),
+            "convert": Command("a fisheye calibration in another program's format", "tracking.calibrate.run:convert"),
+            "pose": Command("over a floor, from height and tilt or from points", "tracking.calibrate.run:pose"),
         },
     ),
     "track": Group(

@@ -14,8 +14,8 @@ import numpy as np
 from tsuiseki.datamodules.scenes.clip import FrameTruth, ground_truth
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.fisheye.looking import CeilingLook, looking
+from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.fisheye.unrolled import CeilingLook, looking
 from tsuiseki.tracking.fisheye.view import CeilingView, Crops
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
