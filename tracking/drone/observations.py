@@ -19,7 +19,7 @@ from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.features.networks.exported import Describe, Detect
 from tsuiseki.tracking.features.networks.streaming import stream
 from tsuiseki.tracking.people.bridging import Bridge, BridgingSettings
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
 
 

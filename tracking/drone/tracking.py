@@ -27,7 +27,7 @@ from tsuiseki.tracking.people.finding import GivenDetections
 from tsuiseki.tracking.people.flow_output import long_tracks
 from tsuiseki.tracking.people.frame_log import FrameLog, shifted
 from tsuiseki.tracking.people.given_tracks import as_detections
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.tracks import ActingTrack

@@ -12,7 +12,7 @@ from typing import Any
 from tsuiseki.tracking.drone.observation_cache import cached_observations, files_key
 from tsuiseki.tracking.drone.observations import Observation, Observers, observe
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import open_source

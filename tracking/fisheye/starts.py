@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.types.floor import FloorDetections
+from tsuiseki.tracking.types.tracks import FloorDetections
 
 
 @dataclass

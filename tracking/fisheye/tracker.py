@@ -33,8 +33,7 @@ from tsuiseki.tracking.fisheye.pairwise_flow import PairwiseCosts, pairwise_trac
 from tsuiseki.tracking.people.flow_output import long_tracks
 from tsuiseki.tracking.people.record import Record
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
-from tsuiseki.tracking.types.floor import FloorDetections
-from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 
 # Side of the square that stands for a person on the floor's plan, metres: distances in heights are then in metres.
 SQUARE = 1.0

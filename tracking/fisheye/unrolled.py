@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.cameras.camera import Camera
 from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
+from tsuiseki.tracking.cameras.projective import Camera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detect
 from tsuiseki.tracking.geometry import rotated_intersections

@@ -11,9 +11,9 @@ from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, Per
 from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
 from tsuiseki.tracking.features.networks.exported import Describe
 from tsuiseki.tracking.formats.rotated import about_bodies
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
-from tsuiseki.tracking.types.floor import FloorDetections
+from tsuiseki.tracking.types.tracks import FloorDetections
 
 Crops = Literal["image", "upright", "standing"]
 # Height and width of a crop, pixels: what the shipped appearance network takes.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.people.tracker import PeopleTracker
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 
 

@@ -24,7 +24,7 @@ from tsuiseki.tracking.association.flow.link_pricing import LinkParts, Pricing, 
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
 from tsuiseki.tracking.association.tracklets.joining import Ends, evidence_of_joins, join_parts
-from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
+from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.people.flow import FlowSettings
 from tsuiseki.tracking.people.flow_input import FlowInput
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray

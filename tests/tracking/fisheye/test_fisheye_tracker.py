@@ -16,7 +16,7 @@ from tsuiseki.tracking.fisheye.tracker import (
     flow_on_floor,
 )
 from tsuiseki.tracking.types import Detections
-from tsuiseki.tracking.types.floor import FloorDetections
+from tsuiseki.tracking.types.tracks import FloorDetections
 
 
 def floor_detections(places, features=None, scores=None):
