@@ -15,7 +15,7 @@ import numpy as np
 from tsuiseki.datamodules.augmentation import Augmentation, fitted_scale
 from tsuiseki.datamodules.footage import Footage
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import SizedDetect, open_detector
+from tsuiseki.tracking.features.exported import SizedDetect, open_detector
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 

@@ -19,8 +19,8 @@ ALLOWED = {
     "tracking": {"tracking"},
     "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
                     "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output",
-                    "tracking.processes", "tracking.options", "tracking.features.action_inputs",
-                    "tracking.features.motion.optical_flow", "tracking.features.networks.exported"},
+                    "tracking.processes", "tracking.options", "tracking.features.action",
+                    "tracking.features.optical_flow", "tracking.features.exported"},
     "trainers": {"trainers", "models", "datamodules", "tracking"},
     "configs": set(),
 }  # fmt: skip

@@ -23,9 +23,9 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.street_clip import StreetSettings, draw_street, plan_street
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections, labelled_boxes
+from tsuiseki.tracking.features.exported import open_detector
+from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.ground_plane import GroundPlane
-from tsuiseki.tracking.features.networks.exported import open_detector
-from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.mot import read_ground_truth

@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.machine import machine
 from tsuiseki.datamodules.scenes.street_clip import StreetSettings, street_frames
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 

@@ -17,7 +17,7 @@ from tsuiseki.models.backbones import build_trunk
 from tsuiseki.models.detector import people_detector
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.trainers.networks.detector_network import take_over
 from tsuiseki.trainers.networks.fit import fit_action, fit_appearance, fit_detector
 

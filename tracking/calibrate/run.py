@@ -176,7 +176,6 @@ def checkerboard(
         coefficients: of the lens: 5 for usual lenses, 8 or 12 for wide ones.
         every: use every so many frames of a video.
     """
-    from tsuiseki.tracking.calibrate.run import calibrate_from_checkerboards
     from tsuiseki.tracking.cameras.intrinsic_files import write_intrinsics
     from tsuiseki.tracking.cli.progress import progress
 

@@ -24,10 +24,10 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
     from tsuiseki.tracking.drone.models import DroneModels
-    from tsuiseki.tracking.drone.tracker import DroneSettings
-    from tsuiseki.tracking.drone.writing import follow
+    from tsuiseki.tracking.drone.run import follow
+    from tsuiseki.tracking.drone.settings import DroneSettings
     from tsuiseki.tracking.formats.mot import read_ground_truth
-    from tsuiseki.tracking.people.finding_options import FindingOptions
+    from tsuiseki.tracking.people.settings import FindingOptions
     from tsuiseki.tracking.video.source import open_source
 
     with output.run() as run:
@@ -39,7 +39,7 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
                 watch=lambda drawn: run.watched(drawn, "generating", frames),
             )
         source = open_source(clip)
-        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads), bridging=None)
+        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads))
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         cache = str(clip), run.work / "observations"
         results = {
@@ -59,7 +59,7 @@ def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> No
     from tsuiseki.tracking.demo.page import drone_report
     from tsuiseki.tracking.demo.people import DRONE_METHODS
     from tsuiseki.tracking.drone.page import ActionReport, captions_of
-    from tsuiseki.tracking.drone.writing import write_result
+    from tsuiseki.tracking.drone.run import write_result
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.report.page import write_report
 

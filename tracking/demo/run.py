@@ -13,7 +13,7 @@ from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.demo.page import DemoResult
-    from tsuiseki.tracking.people.frame_log import FrameLog
+    from tsuiseki.tracking.people.tracker import FrameLog
 
 REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
 FRAMES, FRAME_RATE = 180, 25.0
@@ -59,9 +59,9 @@ def demo(
     from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
-    from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
+    from tsuiseki.tracking.features.standing_camera import StandingCamera
     from tsuiseki.tracking.formats.mot import read_ground_truth
-    from tsuiseki.tracking.people.frame_log import run_trackers
+    from tsuiseki.tracking.people.tracker import run_trackers
     from tsuiseki.tracking.video.source import open_source
     from tsuiseki.trainers.shipped_models import make_models
 

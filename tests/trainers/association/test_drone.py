@@ -10,9 +10,9 @@ import pytest
 import torch
 
 from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
-from tsuiseki.tracking.association.flow.evidence import JOIN_FEATURES, LINK_FEATURES
+from tsuiseki.tracking.association.evidence import JOIN_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.drone.tracker import DRONE_FLOW
+from tsuiseki.tracking.drone.settings import DRONE_FLOW
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.data import AssociationData

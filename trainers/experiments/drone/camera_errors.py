@@ -13,7 +13,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_flight
 from tsuiseki.datamodules.scenes.render.ground import ground_homography
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.types import FloatArray
 
 PLACES = 5  # to each side

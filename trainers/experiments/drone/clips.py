@@ -13,16 +13,14 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.drone.observation_cache import file_digest
-from tsuiseki.tracking.drone.observations import Observation, Observers
-from tsuiseki.tracking.drone.video_observations import video_observations
+from tsuiseki.tracking.drone.models import as_detections
+from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
 from tsuiseki.tracking.evaluation.action_files import LabelledActions, read_labelled_actions
 from tsuiseki.tracking.features.action import ActionRecogniser
-from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks, write_detections
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.people.given_tracks import as_detections
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.types import IntArray
 from tsuiseki.tracking.types.labels import GroundTruth

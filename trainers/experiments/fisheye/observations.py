@@ -15,8 +15,8 @@ from tsuiseki.datamodules.scenes.clip import ground_truth
 from tsuiseki.datamodules.scenes.room_clip import RoomTruth
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.fisheye.looking import CeilingLook, looking
+from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.fisheye.unrolled import CeilingLook, looking
 from tsuiseki.tracking.fisheye.view import CeilingView, Crops
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray

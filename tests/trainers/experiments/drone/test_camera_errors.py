@@ -8,7 +8,7 @@ import pytest
 
 from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_flight
 from tsuiseki.datamodules.scenes.render.ground import ground_homography
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.trainers.experiments.drone.camera_errors import _best_similarity, _moved, flight_errors
 
 SCENE = DroneSceneSettings(frames=8, width=320, height=180, camera="violent", people=1)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.drone_clip import draw_flight, plan_flight
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.trainers.experiments.drone.camera_errors import flight_errors
 from tsuiseki.trainers.experiments.drone.clips import TEST_SCENE
 
