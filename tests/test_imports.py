@@ -25,7 +25,7 @@ ALLOWED = {
     "configs": set(),
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here.
-LAYERS = ("errors", "opencv", "weights", "types", "geometry", "timing", "output", "options", "processes", "onnx",
+LAYERS = ("errors", "weights", "types", "geometry", "output", "options", "processes", "onnx",
           "preprocessing", "interchange", "formats", "result", "video", "cameras", "features", "filters", "association",
           "evaluation", "report", "cli", "single", "people", "drone", "fisheye", "animals", "bodies", "points",
           "sphere", "calibrate", "demo", "front")  # fmt: skip

@@ -164,7 +164,7 @@ def _imported(module: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        from tsuiseki.tracking.opencv import explained
+        from tsuiseki.tracking.errors import explained
 
         known = explained(error)
         if known is None:

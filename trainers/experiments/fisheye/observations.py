@@ -17,10 +17,10 @@ from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.fisheye.unrolled import CeilingLook, looking
 from tsuiseki.tracking.fisheye.view import CeilingView, Crops
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
-from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.trainers.experiments.fisheye.rendered import RATE, Sequence, plan, read_rendered
 
 # Detections below it are not kept: the lowest score that the experiment chooses from.
