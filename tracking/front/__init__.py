@@ -31,10 +31,16 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.people.ocsort import OcSort, OcSortSettings
     from tsuiseki.tracking.people.sort import Sort, SortSettings
     from tsuiseki.tracking.people.tracking import follow_people, track_people
-    from tsuiseki.tracking.points.blob_tracker import BlobSettings
-    from tsuiseki.tracking.points.measurement_tracking import follow_measurements, track_measurements
-    from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
-    from tsuiseki.tracking.points.tracking import follow_blobs, follow_points, track_blobs, track_points
+    from tsuiseki.tracking.points.run import (
+        follow_blobs,
+        follow_measurements,
+        follow_points,
+        track_blobs,
+        track_measurements,
+        track_points,
+    )
+    from tsuiseki.tracking.points.settings import BlobSettings, PointSettings
+    from tsuiseki.tracking.points.tracker import PointTracker
     from tsuiseki.tracking.single.run import follow
     from tsuiseki.tracking.sphere.points import track_sphere_points
     from tsuiseki.tracking.sphere.settings import SphereSettings
@@ -54,25 +60,24 @@ _MODULES = {
     "formats.mot": "read_tracks write_tracks",
     "interchange": "as_detections",
     "animals.tracking": "SkeletonSettings track_animals",
-    "points.tracking": "follow_blobs follow_points track_blobs track_points",
+    "points.run": "follow_blobs follow_measurements follow_points track_blobs track_measurements track_points",
     "bodies.tracking": "follow_deformable track_deformable",
     "drone.tracking": "track_drone",
     "evaluation.calls": "evaluate_people evaluate_points evaluate_target",
-    "points.measurement_tracking": "follow_measurements track_measurements",
     "people.tracking": "follow_people track_people",
     "single.run": "follow",
     "sphere.tracking": "follow_sphere track_sphere",
     "sphere.points": "track_sphere_points",
     "sphere.settings": "SphereSettings",
     "animals.linking": "AnimalSettings",
-    "points.blob_tracker": "BlobSettings",
+    "points.settings": "BlobSettings PointSettings",
     "people.bytetrack": "ByteTrack ByteTrackSettings",
     "people.deepsort": "DeepSort DeepSortSettings",
     "bodies.tracker": "DeformableSettings",
     "drone.tracker": "DroneSettings",
     "people.flow": "FlowSettings FlowTracker",
     "people.ocsort": "OcSort OcSortSettings",
-    "points.tracker": "PointSettings PointTracker",
+    "points.tracker": "PointTracker",
     "people.sort": "Sort SortSettings",
     "types": "Detections Estimate Frame Position Target Targets Track",
     "types.labels": "GroundTruth",

@@ -16,7 +16,8 @@ from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evalua
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange
 from tsuiseki.tracking.filters.finite_sets.region_births import PatchBirths
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker
+from tsuiseki.tracking.points.settings import BlobSettings
+from tsuiseki.tracking.points.tracker import BlobTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, Track
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 

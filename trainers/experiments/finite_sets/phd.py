@@ -16,7 +16,8 @@ from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.people.record import run_tracker
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import PeopleTracker
-from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
+from tsuiseki.tracking.points.settings import PointSettings
+from tsuiseki.tracking.points.tracker import PointTracker
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.plots import plot_ospa, plot_scaling
 from tsuiseki.trainers.experiments.finite_sets.runs import METHODS, ScenarioRow, scaling, scenario_row

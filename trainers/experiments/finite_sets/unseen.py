@@ -9,7 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.tracking.points.measurement_tracker import Lag, MeasurementMethod, MeasurementTracker
+from tsuiseki.tracking.points.settings import Lag, SetMethod
+from tsuiseki.tracking.points.tracker import MeasurementTracker
 from tsuiseki.tracking.types.measurements import SensingModel
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.peer_choice import DEVELOPMENT, PACKAGES, PROGRAM, choose, run_peer
@@ -20,7 +21,7 @@ from tsuiseki.trainers.experiments.intervals import interval
 from tsuiseki.trainers.experiments.peers import find_peer
 
 TOLD = "told which measurement is whose"
-METHODS: Mapping[str, tuple[MeasurementMethod, Lag]] = {
+METHODS: Mapping[str, tuple[SetMethod, Lag]] = {
     "labelled": ("labelled", 0),
     "labelled, a scan later": ("labelled", 1),
     "phd": ("phd", 0),
@@ -96,7 +97,7 @@ def reproduce(
 def run_ours(
     settings: UnseenSettings,
     seed: int,
-    method: MeasurementMethod,
+    method: SetMethod,
     particles: int,
     lag: Lag = 0,
     model: SensingModel | None = None,
