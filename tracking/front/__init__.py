@@ -14,10 +14,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.animals.linking import AnimalSettings
-    from tsuiseki.tracking.animals.tracking import SkeletonSettings, track_animals
-    from tsuiseki.tracking.bodies.tracker import DeformableSettings
-    from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformable
+    from tsuiseki.tracking.animals.run import track_animals
+    from tsuiseki.tracking.animals.settings import AnimalSettings, SkeletonSettings
+    from tsuiseki.tracking.bodies.run import follow_deformable, track_deformable
+    from tsuiseki.tracking.bodies.settings import DeformableSettings
     from tsuiseki.tracking.drone.tracker import DroneSettings
     from tsuiseki.tracking.drone.tracking import track_drone
     from tsuiseki.tracking.errors import RequestError, RunError
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.points.tracker import PointTracker
     from tsuiseki.tracking.single.run import follow
     from tsuiseki.tracking.sphere.points import track_sphere_points
+    from tsuiseki.tracking.sphere.run import follow_sphere, track_sphere
     from tsuiseki.tracking.sphere.settings import SphereSettings
-    from tsuiseki.tracking.sphere.tracking import follow_sphere, track_sphere
     from tsuiseki.tracking.types import Detections, Estimate, Frame, Position, Target, Targets, Track
     from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
@@ -59,21 +59,21 @@ _MODULES = {
     "features.networks.exported": "Appearance Detector",
     "formats.mot": "read_tracks write_tracks",
     "interchange": "as_detections",
-    "animals.tracking": "SkeletonSettings track_animals",
+    "animals.run": "track_animals",
     "points.run": "follow_blobs follow_measurements follow_points track_blobs track_measurements track_points",
-    "bodies.tracking": "follow_deformable track_deformable",
+    "bodies.run": "follow_deformable track_deformable",
     "drone.tracking": "track_drone",
     "evaluation.calls": "evaluate_people evaluate_points evaluate_target",
     "people.tracking": "follow_people track_people",
     "single.run": "follow",
-    "sphere.tracking": "follow_sphere track_sphere",
+    "sphere.run": "follow_sphere track_sphere",
     "sphere.points": "track_sphere_points",
     "sphere.settings": "SphereSettings",
-    "animals.linking": "AnimalSettings",
+    "animals.settings": "AnimalSettings SkeletonSettings",
     "points.settings": "BlobSettings PointSettings",
     "people.bytetrack": "ByteTrack ByteTrackSettings",
     "people.deepsort": "DeepSort DeepSortSettings",
-    "bodies.tracker": "DeformableSettings",
+    "bodies.settings": "DeformableSettings",
     "drone.tracker": "DroneSettings",
     "people.flow": "FlowSettings FlowTracker",
     "people.ocsort": "OcSort OcSortSettings",

@@ -24,7 +24,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.particles.stages import Covering
-from tsuiseki.tracking.sphere.sphere_search import find_ball
+from tsuiseki.tracking.sphere.search import find_ball
 from tsuiseki.tracking.sphere.tracker import (
     START_SPEED,
     SphereState,
