@@ -18,8 +18,8 @@ from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box,
 from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model
 from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.finding import given_detections
-from tsuiseki.tracking.people.frame_log import shifted
+from tsuiseki.tracking.people.inputs import given_detections
+from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.points.blobs import SingleBlobTracker
 from tsuiseki.tracking.points.observed import points_as_boxes, positions_of, region_of
 from tsuiseki.tracking.points.settings import (
@@ -381,7 +381,7 @@ def points(
         file: CSV with the columns time (seconds, which need not be even) or frame, and the sensor's: x,y or x,y,z or
             bearing,range or bearing,elevation,range; with sd_x,… or cov_x_x,… where errors differ. A row with a time
             alone says that nothing was measured then.
-        model: YAML with the keys sensor, motion, detection, survival, clutter, region, births (docs/points.md).
+        model: YAML with the keys sensor, motion, detection, survival, clutter, region, births (docs/methods/points.md).
         method: labelled multi-Bernoulli filter, or phd.
         particles: of each target.
         period: seconds from one frame to the next, where the file has frames.

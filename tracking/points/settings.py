@@ -9,7 +9,7 @@ from typing import Literal
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
-from tsuiseki.tracking.people.finding_options import check_score_range
+from tsuiseki.tracking.people.settings import check_score_range
 
 SetMethod = Literal["labelled", "phd"]
 """The finite-set filter: labelled multi-Bernoulli, or PHD."""

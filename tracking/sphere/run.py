@@ -15,6 +15,7 @@ from tsuiseki.tracking.cameras.volume import check_volume, common_volume
 from tsuiseki.tracking.cli.options import Drawing, SeededOutput
 from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.sphere.following import Seen, SphereLog, SphereRun, Start, check_start
 from tsuiseki.tracking.sphere.search import find_ball
 from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion, frame_count
@@ -26,12 +27,10 @@ from tsuiseki.tracking.sphere.views import (
     ViewLikelihood,
     median_background,
 )
-from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import FloatArray, Frame, Position
 from tsuiseki.tracking.video.image_folder import read_image
-from tsuiseki.tracking.video.latest_frames import LatestFrames
 from tsuiseki.tracking.video.source import Source, open_source
-from tsuiseki.tracking.video.synchronise import Moment, moments_with_images
+from tsuiseki.tracking.video.synchronise import LatestFrames, Moment, moments_with_images
 
 BACKGROUND_FRAMES = 25
 

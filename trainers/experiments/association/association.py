@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.people.flow import FlowSettings
-from tsuiseki.tracking.people.methods import PeopleMethod
+from tsuiseki.tracking.people.flow_input import FlowSettings
+from tsuiseki.tracking.people.settings import PeopleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.camera import camera_table
 from tsuiseki.trainers.experiments.association.choice import choice_table
@@ -38,8 +38,8 @@ from tsuiseki.trainers.experiments.association.tables import (
     values_of,
 )
 from tsuiseki.trainers.experiments.association.tracks import boxes_alone, filled, method_tracks, observed_only
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
+from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 
 FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
 # Where the settings of our methods come from; the peers' are their package's defaults.

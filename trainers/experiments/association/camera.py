@@ -14,15 +14,16 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.evaluation.resampling import score_sums, scores_of
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.trainers.experiments.association.labelled import with_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip
-from tsuiseki.trainers.experiments.experiment import Bench, Table
+from tsuiseki.trainers.experiments.study import Bench, Table
 
 SEQUENCE, VIDEO, FRAMES = "MOT17-13", "mot/mot17-13-video/MOT17-13-960x540.h265", "377-750"
 # Pictures are half as wide and high as the boxes' pixels count.

@@ -15,7 +15,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.tables import action_values
-from tsuiseki.tracking.features.action_inputs import STREAMS
+from tsuiseki.tracking.features.action import STREAMS
 from tsuiseki.tracking.weights import shipped, shipped_or_file
 from tsuiseki.trainers.experiments.drone.bridging_rows import bridging_rows
 from tsuiseki.trainers.experiments.drone.camera_errors import flight_errors
@@ -48,7 +48,7 @@ from tsuiseki.trainers.experiments.drone.rows import (
     with_labelled_actions,
 )
 from tsuiseki.trainers.experiments.drone.tables import tables
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, at_least_one
+from tsuiseki.trainers.experiments.study import Bench, Outcome, at_least_one
 
 LEAST_SWITCHES, RECALL = 2.0, (30.0, 90.0)
 

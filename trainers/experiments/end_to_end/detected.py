@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
-from tsuiseki.tracking.association.flow.cost_network import CostChanges
+from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import score_sums
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.frame_range import parse_frames
@@ -34,7 +33,7 @@ from tsuiseki.trainers.experiments.end_to_end.simple_changes import Shrunk
 from tsuiseki.trainers.experiments.end_to_end.streets import write_pictured
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
 from tsuiseki.trainers.experiments.end_to_end.through_pictures import LOOK_ALIKES, PETS, UNLIKE, pictured_clips
-from tsuiseki.trainers.experiments.experiment import Bench, Table
+from tsuiseki.trainers.experiments.study import Bench, Table
 
 FIT = Fit(steps=300)
 PAIRS, DEFAULT = "trees of pairs that ship", "default"

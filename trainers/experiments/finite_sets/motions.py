@@ -8,11 +8,11 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from tsuiseki.tracking.types.measurements import MotionSettings, SensingModel
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.unseen import run_ours
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import STANDARD_PLACES, UnseenSettings
 from tsuiseki.trainers.experiments.finite_sets.unseen_scores import UnseenRun
 from tsuiseki.trainers.experiments.intervals import interval
+from tsuiseki.trainers.experiments.study import Bench, Outcome, Table, at_least_one
 
 CALM, AGILE = 1.0, 20.0
 """Standard deviations of the acceleration, units a second squared."""

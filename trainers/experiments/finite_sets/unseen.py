@@ -12,13 +12,13 @@ import numpy as np
 from tsuiseki.tracking.points.settings import Lag, SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
 from tsuiseki.tracking.types.measurements import SensingModel
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.peer_choice import DEVELOPMENT, PACKAGES, PROGRAM, choose, run_peer
 from tsuiseki.trainers.experiments.finite_sets.told_filter import told_filter
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import KINDS, UnseenSettings, unseen_scenario
 from tsuiseki.trainers.experiments.finite_sets.unseen_scores import UnseenRun, inside, scored
 from tsuiseki.trainers.experiments.intervals import interval
 from tsuiseki.trainers.experiments.peers import find_peer
+from tsuiseki.trainers.experiments.study import Bench, Outcome, Table, at_least_one
 
 TOLD = "told which measurement is whose"
 METHODS: Mapping[str, tuple[SetMethod, Lag]] = {

@@ -13,7 +13,6 @@ from tsuiseki.datamodules.readers.multiview_drone import DroneFlight, read_drone
 from tsuiseki.tracking.cameras.moving_target import TimedCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
 from tsuiseki.trainers.experiments.sphere.flights import (
     AGITATIONS,
     CAMERA_COUNTS,
@@ -29,6 +28,7 @@ from tsuiseki.trainers.experiments.sphere.flights import (
 )
 from tsuiseki.trainers.experiments.sphere.look_ahead import LookAhead, look_ahead, look_ahead_table
 from tsuiseki.trainers.experiments.sphere.multiview_filter import FlightSettings, track_points
+from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 
 
 def reproduce(bench: Bench, data: Path = Path("../shared/data/stereo/multiview-drone-3"), seed: int = 0) -> Outcome:

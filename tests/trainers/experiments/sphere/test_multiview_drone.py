@@ -9,7 +9,6 @@ from tsuiseki.tracking.cameras.moving_target import TimedCamera, calibrate_by_pa
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.experiments.experiment import Watch
 from tsuiseki.trainers.experiments.sphere.flights import (
     LAGS,
     FlightScores,
@@ -22,6 +21,7 @@ from tsuiseki.trainers.experiments.sphere.flights import (
 )
 from tsuiseki.trainers.experiments.sphere.look_ahead import look_ahead
 from tsuiseki.trainers.experiments.sphere.multiview_filter import FlightSettings, track_points
+from tsuiseki.trainers.experiments.study import Watch
 
 
 @pytest.fixture(scope="module")
