@@ -23,9 +23,9 @@ from tsuiseki.datamodules.identity_crops import (
     write_crops,
 )
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.exported import crop_boxes
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types.labels import GroundTruth
 
 NOTHING = CropAugmentation(0, 0, 0, 0, 0, lowest_height=64, blur=0, noise=0, jpeg=0, occlude=0)

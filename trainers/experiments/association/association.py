@@ -38,8 +38,8 @@ from tsuiseki.trainers.experiments.association.tables import (
     values_of,
 )
 from tsuiseki.trainers.experiments.association.tracks import boxes_alone, filled, method_tracks, observed_only
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 
 FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
 # Where the settings of our methods come from; the peers' are their package's defaults.

@@ -23,7 +23,7 @@ from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.trainers.experiments.association.labelled import with_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip
-from tsuiseki.trainers.experiments.study import Bench, Table
+from tsuiseki.trainers.experiments.experiment import Bench, Table
 
 SEQUENCE, VIDEO, FRAMES = "MOT17-13", "mot/mot17-13-video/MOT17-13-960x540.h265", "377-750"
 # Pictures are half as wide and high as the boxes' pixels count.

@@ -20,7 +20,7 @@ from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.labelled import with_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, DataSet
 from tsuiseki.trainers.experiments.association.tracks import tracks_by
-from tsuiseki.trainers.experiments.study import Bench, Table
+from tsuiseki.trainers.experiments.experiment import Bench, Table
 
 # The same footage as MOT17-09, -10, -05 and -02, the first of which is kept apart.
 TWINS = ("ADL-Rundle-6-first", "ADL-Rundle-8", "ETH-Pedcross2", "Venice-2")

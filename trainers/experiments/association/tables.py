@@ -13,7 +13,7 @@ from tsuiseki.tracking.evaluation.resampling import COUNTS, SCORES, Interval, pa
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.oracle import LinkCounts
 from tsuiseki.trainers.experiments.association.runs import Result
-from tsuiseki.trainers.experiments.study import Table
+from tsuiseki.trainers.experiments.experiment import Table
 
 HEADINGS = ("HOTA", "DetA", "AssA", "MOTA", "IDF1", "IDSW", "FP", "FN")
 SAMPLES = 2000

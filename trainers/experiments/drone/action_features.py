@@ -48,7 +48,7 @@ from tsuiseki.trainers.experiments.drone.rows import (
     with_labelled_actions,
 )
 from tsuiseki.trainers.experiments.drone.tables import tables
-from tsuiseki.trainers.experiments.study import Bench, Outcome, at_least_one
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, at_least_one
 
 LEAST_SWITCHES, RECALL = 2.0, (30.0, 90.0)
 

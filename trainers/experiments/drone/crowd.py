@@ -36,8 +36,8 @@ from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.drone.borrowed_actions import borrowed, place_of
 from tsuiseki.trainers.experiments.drone.tables import COMPARED, difference_cell
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Table, at_least_one
 
 STEPS = 30  # of the simulation in a second
 SAMPLES = 2000

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tsuiseki.trainers.experiments.drone.rows import ComparedMethod
-from tsuiseki.trainers.experiments.study import Table
+from tsuiseki.trainers.experiments.experiment import Table
 
 # Thesis Table 5.3: recall, precision, IDs, MOTA, MOTP; the names are those of the table's rows.
 PAPER_PEOPLE: dict[ComparedMethod, tuple[float, float, int, float, float]] = {

@@ -33,7 +33,7 @@ from tsuiseki.trainers.experiments.end_to_end.simple_changes import Shrunk
 from tsuiseki.trainers.experiments.end_to_end.streets import write_pictured
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
 from tsuiseki.trainers.experiments.end_to_end.through_pictures import LOOK_ALIKES, PETS, UNLIKE, pictured_clips
-from tsuiseki.trainers.experiments.study import Bench, Table
+from tsuiseki.trainers.experiments.experiment import Bench, Table
 
 FIT = Fit(steps=300)
 PAIRS, DEFAULT = "trees of pairs that ship", "default"

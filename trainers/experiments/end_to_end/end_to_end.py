@@ -26,7 +26,7 @@ from tsuiseki.trainers.experiments.end_to_end.streets import STREETS, StreetCoun
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
 from tsuiseki.trainers.experiments.end_to_end.through_pictures import appearance_tables, heads_tables
 from tsuiseki.trainers.experiments.end_to_end.unseen import unseen_tables
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
 
 # Sets that can teach each other.
 POOL = ("mot15", "mot17", "kitti-pedestrians")

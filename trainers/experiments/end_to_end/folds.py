@@ -13,8 +13,8 @@ from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.experiments.association.runs import Result, clip_sums
 from tsuiseki.trainers.experiments.association.sequences import Clip, DataSet
+from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench
 
 # How many groups the sequences of a set are cut into.
 FOLDS = {"mot15": 6, "mot17": 4, "kitti-pedestrians": 5, "kitti-cars": 4, "streets": 4}

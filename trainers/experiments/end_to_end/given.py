@@ -24,7 +24,7 @@ from tsuiseki.trainers.experiments.end_to_end.choosing import (
 from tsuiseki.trainers.experiments.end_to_end.folds import OF_OTHERS, Learner, folds_of, groups_of, learnt_rows
 from tsuiseki.trainers.experiments.end_to_end.pairwise import mixed_tables, pairwise_tables
 from tsuiseki.trainers.experiments.end_to_end.runs import default_table, learnt_tables, shared_tables
-from tsuiseki.trainers.experiments.study import Bench
+from tsuiseki.trainers.experiments.experiment import Bench
 
 GAP = 2.0
 DEFAULT, LOGISTIC, TREES, ORACLE = "default", "pairs, logistic", "pairs, boosted trees", "right links"

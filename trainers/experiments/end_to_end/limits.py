@@ -18,7 +18,7 @@ from tsuiseki.trainers.experiments.end_to_end.mending import mended
 from tsuiseki.trainers.experiments.end_to_end.runs import lost_links
 from tsuiseki.trainers.experiments.end_to_end.tables import limit_table
 from tsuiseki.trainers.experiments.end_to_end.telling import BINS, SAYS, Told, told
-from tsuiseki.trainers.experiments.study import Bench, Table
+from tsuiseki.trainers.experiments.experiment import Bench, Table
 
 
 def limits(bench: Bench, one: DataSet, clips: list[Clip]) -> tuple[list[Table], dict[str, Any]]:

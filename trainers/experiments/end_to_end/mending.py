@@ -17,7 +17,7 @@ from tsuiseki.trainers.experiments.association.oracle import Repair
 from tsuiseki.trainers.experiments.association.runs import Result, repaired_sums, right_sums
 from tsuiseki.trainers.experiments.association.sequences import Clip, tracks_of
 from tsuiseki.trainers.experiments.end_to_end.runs import default_table
-from tsuiseki.trainers.experiments.study import Bench
+from tsuiseki.trainers.experiments.experiment import Bench
 
 UNFILLED = "default, gaps not filled"
 MENDED: dict[str, Repair] = {"… its links mended": "links", "… its false boxes left out": "false boxes"}

@@ -9,7 +9,7 @@ import numpy as np
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, scores_of
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.runs import Result
-from tsuiseki.trainers.experiments.study import Table
+from tsuiseki.trainers.experiments.experiment import Table
 
 SAMPLES = 2000
 GAINS = ("hota", "mota", "idf1")

@@ -19,7 +19,7 @@ from tsuiseki.trainers.experiments.end_to_end.heads import heads_sums
 from tsuiseki.trainers.experiments.end_to_end.pictured import Stretch
 from tsuiseki.trainers.experiments.end_to_end.streets import StreetCount, write_drones, write_pictured
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
-from tsuiseki.trainers.experiments.study import Bench, Table
+from tsuiseki.trainers.experiments.experiment import Bench, Table
 
 PETS = "mot/PETS09-S2L1-first"
 FRAMES, CLIPS = 60, 6

@@ -18,7 +18,7 @@ from tsuiseki.trainers.experiments.end_to_end.given import DEFAULT, default
 from tsuiseki.trainers.experiments.end_to_end.runs import learnt_tables, shared_tables, shipped_table
 from tsuiseki.trainers.experiments.end_to_end.streets import STREETS
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
-from tsuiseki.trainers.experiments.study import Bench, Table
+from tsuiseki.trainers.experiments.experiment import Bench, Table
 
 KEYS = ("mot17", "mot15", "kitti-pedestrians", "pets", "tud")
 FIT = Fit(steps=300)

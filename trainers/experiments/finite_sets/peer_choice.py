@@ -9,10 +9,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import KINDS, UnseenSettings, unseen_scenario
 from tsuiseki.trainers.experiments.finite_sets.unseen_scores import UnseenRun, inside, scored
 from tsuiseki.trainers.experiments.peers import Peer
-from tsuiseki.trainers.experiments.study import Bench
 
 PROGRAM = Path(__file__).with_name("peer_program.py")
 PACKAGES = "stonesoup and multisensor-lmb-filters-rs"

@@ -22,6 +22,7 @@ from tsuiseki.datamodules.scenes.room_clip import CAMERAS, Room
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, CeilingLook
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, at_least_one
 from tsuiseki.trainers.experiments.fisheye.measures import (
     Found,
     detections_found,
@@ -38,7 +39,6 @@ from tsuiseki.trainers.experiments.fisheye.rendered import frames_of, parts_of, 
 from tsuiseki.trainers.experiments.fisheye.rows import ROWS
 from tsuiseki.trainers.experiments.fisheye.selection import RULES, Graded, Rule, lowest_score, select, tracked
 from tsuiseki.trainers.experiments.fisheye.tables import PAPER, notes, tables
-from tsuiseki.trainers.experiments.study import Bench, Outcome, at_least_one
 
 ROOMS: tuple[Room, ...] = ("large", "small")
 VALIDATION_SEEDS = (900, 901)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.trainers.experiments import intervals
+from tsuiseki.trainers.experiments.experiment import Table
 from tsuiseki.trainers.experiments.fisheye.observations import STAGES
-from tsuiseki.trainers.experiments.study import Table
 
 # MOTA of Table 4.3 at 1 and 15 frames a second: large, small, large, small.
 PAPER: dict[str, tuple[float, float, float, float]] = {

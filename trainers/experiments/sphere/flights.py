@@ -19,8 +19,8 @@ from tsuiseki.tracking.cameras.moving_target import TimedCamera, calibrate_by_pa
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.evaluation.space import acceleration
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.experiment import Watch
 from tsuiseki.trainers.experiments.sphere.multiview_filter import Course, FlightSettings, track_points
-from tsuiseki.trainers.experiments.study import Watch
 
 CAMERA_COUNTS = (2, 3, 4, 6)
 STEP = 0.04

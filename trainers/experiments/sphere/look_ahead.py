@@ -16,9 +16,9 @@ from tsuiseki.tracking.cameras.moving_target import TimedCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.evaluation.space import acceleration
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.experiment import Table
 from tsuiseki.trainers.experiments.sphere.flights import LAGS, STEP, half_of
 from tsuiseki.trainers.experiments.sphere.multiview_filter import Course
-from tsuiseki.trainers.experiments.study import Table
 
 WINDOWS = (0.12, 0.24, 0.48, 0.96)
 """Seconds behind that a local fit sees."""

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 
 from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, plan_sphere
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.intervals import interval
 from tsuiseki.trainers.experiments.sphere.configurations import Configuration, Group, configurations
 from tsuiseki.trainers.experiments.sphere.films import FilmErrors, over_seeds, run_film
 from tsuiseki.trainers.experiments.sphere.plots import Results, errors_figure, paths_figure, pictures_figure
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Table, at_least_one
 
 # Mean, maximum and standard deviation of the distance to the path, metres (section 3).
 PAPER = {"background": (0.200, 0.295, 0.0990), "contour": (0.0320, 0.0488, 0.0103)}

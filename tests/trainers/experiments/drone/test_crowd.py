@@ -10,8 +10,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS, WITH_OBJECTS
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.trainers.experiments.drone.crowd import CrowdScene, compare, draw_crowd, reproduce
+from tsuiseki.trainers.experiments.experiment import Bench, Watch
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench, Watch
 
 SCENE = CrowdScene(people=4, seconds=6)
 

@@ -20,8 +20,8 @@ from tsuiseki.trainers.experiments.end_to_end.gradient import crossing, draw_gra
 from tsuiseki.trainers.experiments.end_to_end.pairwise import fit_pairs
 from tsuiseki.trainers.experiments.end_to_end.runs import graphs_of_clip, learnt_tables, lost_links
 from tsuiseki.trainers.experiments.end_to_end.tables import gain_table
+from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench
 
 LENGTH = 40
 

@@ -18,8 +18,8 @@ from tsuiseki.trainers.experiments.end_to_end.gradient import crossing
 from tsuiseki.trainers.experiments.end_to_end.limits import together, told_table
 from tsuiseki.trainers.experiments.end_to_end.runs import default_table
 from tsuiseki.trainers.experiments.end_to_end.streets import STREETS, StreetCount, write_streets
+from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench
 
 SET = DataSet("set", "Set", "set")
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from tsuiseki.tracking.evaluation.points import PointScores
+from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.finite_sets import peer_choice
 from tsuiseki.trainers.experiments.finite_sets.unseen_scenarios import UnseenSettings
 from tsuiseki.trainers.experiments.finite_sets.unseen_scores import UnseenRun
 from tsuiseki.trainers.experiments.peers import Peer
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench
 
 LMB = "multisensor-lmb-filters-rs LMB"
 

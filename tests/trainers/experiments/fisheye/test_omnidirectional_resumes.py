@@ -7,12 +7,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from tsuiseki.trainers.experiments.experiment import Bench, Watch
 from tsuiseki.trainers.experiments.fisheye import omnidirectional
 from tsuiseki.trainers.experiments.fisheye import rendered as rendered_module
 from tsuiseki.trainers.experiments.fisheye.observations import CROPS, STAGES, Networks, observe, read_observed
 from tsuiseki.trainers.experiments.fisheye.rendered import PART, Sequence, frames_of, parts_of, render
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench, Watch
 
 RENDERED: list[Sequence] = []
 STOPPED_AT = 40

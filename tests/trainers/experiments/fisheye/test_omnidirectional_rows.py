@@ -11,6 +11,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
+from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.fisheye import selection
 from tsuiseki.trainers.experiments.fisheye.observations import STAGES, Observed
 from tsuiseki.trainers.experiments.fisheye.omnidirectional import reproduce
@@ -28,7 +29,6 @@ from tsuiseki.trainers.experiments.fisheye.rows import (
 from tsuiseki.trainers.experiments.fisheye.selection import Graded, best_choice, grade, lowest_score, worth
 from tsuiseki.trainers.experiments.fisheye.tables import interval, notes, tables
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench
 
 
 def observed(seconds=12, seed=0):
