@@ -162,24 +162,22 @@ COMMANDS: Tree = {
             "multi-correlation-filter": Experiment(
                 "correlation filters selected by a particle filter", "single.multi_correlation_filter"
             ),
-            "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets.phd"),
+            "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets"),
             "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish"),
             "drone-action-features": Experiment(
                 "tracks and actions from a drone improve each other", "drone.action_features"
             ),
             "drone-crowd": Experiment("where what people do tells them apart", "drone.crowd"),
-            "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "finite_sets.unseen"),
-            "phd-motions": Experiment("targets that are calm and agile by turns", "finite_sets.motions"),
-            "blobs": Experiment("coloured objects, beside components and SORT", "finite_sets.blobs"),
-            "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),
+            "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "sensed"),
+            "blobs": Experiment("coloured objects, beside components and SORT", "coloured:blobs"),
+            "phd-equalisation": Experiment("equal likelihoods keep the weak target", "coloured:equalisation"),
             "association": Experiment(
                 "people and cars linked on given detections, with peers", "association.association"
             ),
             "end-to-end": Experiment("costs learnt through the flow", "end_to_end.end_to_end"),
             "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
-            "stereo-sphere": Experiment("a ball in space from two cameras", "sphere.stereo_sphere"),
-            "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere.measured_points"),
-            "multiview-drone": Experiment("a drone in space from measured pixels", "sphere.multiview_drone"),
+            "stereo-sphere": Experiment("a ball in space from two cameras", "sphere"),
+            "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere_points"),
         },
     ),
 }

@@ -24,7 +24,7 @@ from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths
 from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, WithoutOthers
 from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.image_regions.region_states import second_order
-from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity, Manoeuvring, RandomWalk
+from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity, RandomWalk
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
 from tsuiseki.tracking.points.tracker import box_motion
 from tsuiseki.tracking.single.particles import random_walk
@@ -135,7 +135,6 @@ MOTIONS = {
     "walk of filters": (random_walk(np.array([2.0, 3.0])), 3),
     "walk in space": (RandomWalk(), 6),
     "constant velocity in space": (ConstantVelocity(), 6),
-    "manoeuvring": (Manoeuvring(), 6),
     "ballistic": (Ballistic(0.1), 6),
 }
 
