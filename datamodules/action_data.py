@@ -36,7 +36,7 @@ class ActionData(lightning.LightningDataModule):
     """Crops of people from clips labelled with actions, cut once and kept on disk.
 
     Args:
-        train_folders: folders of Okutama-Action, Drone-Action or generated clips; docs/drone-data.md has the layouts.
+        train_folders: folders of Okutama-Action, Drone-Action or generated clips; docs/how-to/files.md has the layouts.
         validation_folders: likewise; other clips than those trained on.
         cache: folder that keeps the crops; a clip is cut anew where they are missing, or clip or cutting have changed.
         multiple_actions: of Okutama-Action, take the labels with all actions of a person instead of the one of the

@@ -18,7 +18,7 @@ from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, Noise, RandomWalk
+from tsuiseki.tracking.filters.motion.bodies import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.bodies.motion import learn_motion
 

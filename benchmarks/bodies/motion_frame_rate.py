@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.goldfish import Goldfish
-from tsuiseki.tracking.filters.motion.learnt_motion import LearntMotion, PrincipalComponents
+from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.bodies.motion import learn_motion
 

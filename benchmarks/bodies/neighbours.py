@@ -19,8 +19,8 @@ import numpy as np
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
-from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
+from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
+from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.bodies.motion import learn_motion
 from tsuiseki.trainers.experiments.goldfish import BODY, TRACKER, FishClip, prepare_clip
 

@@ -27,9 +27,9 @@ from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_l
 from tsuiseki.datamodules.scenes.street_clip import FrameTruth, as_ground_truth
 from tsuiseki.datamodules.scenes.things.clutter import bush, crate, reach_of
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.drone.okutama import ACTIONS_FILE, actions_of, write_okutama
+from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot import write_ground_truth
+from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, actions_of, write_okutama
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import FloatArray, ImageArray

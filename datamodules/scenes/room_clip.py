@@ -20,7 +20,7 @@ from tsuiseki.datamodules.scenes.render.scene import Picture, Sighting, Thing, c
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
-from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, write_floor_cameras
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_cameras
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.errors import RequestError
@@ -351,14 +351,14 @@ def write_room(
     with output_folder(folder, overwrite) as work:
         for number in range(len(clip.cameras)):
             _write_view(work / f"camera{number + 1}", clip, number, watch)
-        write_floor_cameras(work / CAMERAS_FILE, cameras_of(clip))
+        write_cameras(work / CAMERAS_FILE, cameras_of(clip))
     return folder
 
 
 def cameras_of(clip: RoomClip) -> list[CameraOverFloor]:
     """The clip's cameras as `cameras.yaml` has them."""
     rate = clip.settings.frame_rate
-    return [CameraOverFloor(f"camera{k + 1}", camera, clip.floor, rate) for k, camera in enumerate(clip.cameras)]
+    return [CameraOverFloor(f"camera{k + 1}", camera, rate, floor=clip.floor) for k, camera in enumerate(clip.cameras)]
 
 
 def _write_view(folder: Path, clip: RoomClip, number: int, watch: Callable[[Iterator[Drawn]], Iterator[Drawn]]) -> None:

@@ -21,10 +21,10 @@ from tsuiseki.datamodules.scenes.render.scene import Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Surfaces, boxes, cone_spheres
 from tsuiseki.datamodules.scenes.things.room import Room, draw_room, furniture_around
-from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.space.track3d import write_path3d
+from tsuiseki.tracking.formats.track3d import write_path3d
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import Path3D
 

@@ -14,7 +14,7 @@ from tsuiseki.datamodules.action_crops import CropSettings, ForwardVideo, action
 from tsuiseki.datamodules.action_data import ActionData
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.drone_action import DRONE_ACTION_CLASSES
+from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 
 SETTINGS = CropSettings(size=16, margin=0.125, step=2)
 FRAMES = 7

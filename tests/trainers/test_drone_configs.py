@@ -69,9 +69,7 @@ def test_wide_resnet_trains_on_mars(acting_clips, tmp_path):
 
 @pytest.mark.thesis_size
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
-@pytest.mark.parametrize(
-    ("name", "streams"), [("action_resnet18", ["rgb_global"]), ("action_resnet101", ["flow_local"])]
-)
+@pytest.mark.parametrize(("name", "streams"), [("action_drone", ["rgb_global"]), ("action_resnet101", ["flow_local"])])
 def test_action_networks_train_on_okutamas_layout(name, streams, acting_clips, tmp_path):
     words = ["--config", str(CONFIGS / f"{name}.yaml"), "--out", str(tmp_path / "out"), *TINY, "--data.cutting.step=5"]
     words += ["--trainer.precision=32", "--model.weights=null", f"--model.streams=[{','.join(streams)}]"]

@@ -112,8 +112,8 @@ COMMANDS: Tree = {
                 "from a checkpoint, or from torchvision's COCO weights",
                 "trainers.exporting.export_detector",
             ),
-            "appearance": Command("from a checkpoint", "trainers.exporting.export_appearance"),
-            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_action"),
+            "appearance": Command("from a checkpoint", "trainers.exporting.export_crops:export_appearance"),
+            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_crops:export_action"),
             "association": Command(
                 "costs of the flow, from a checkpoint", "trainers.exporting.export_association:export_trained"
             ),
@@ -122,12 +122,12 @@ COMMANDS: Tree = {
     "calibrate": Group(
         "find out where cameras are and how they see",
         {
-            "points": Command("from known points in space", "tracking.calibrate.points"),
+            "points": Command("from known points in space", "tracking.calibrate.run:points"),
             "checkerboard": Command(
-                "a camera's focal length and lens, from pictures of a board", "tracking.calibrate.checkerboard"
+                "a camera's focal length and lens, from pictures of a board", "tracking.calibrate.run:checkerboard"
             ),
-            "convert": Command("a fisheye calibration in another program's format", "tracking.calibrate.convert"),
-            "pose": Command("over a floor, from height and tilt or from points", "tracking.calibrate.pose"),
+            "convert": Command("a fisheye calibration in another program's format", "tracking.calibrate.run:convert"),
+            "pose": Command("over a floor, from height and tilt or from points", "tracking.calibrate.run:pose"),
         },
     ),
     "track": Group(
@@ -147,13 +147,15 @@ COMMANDS: Tree = {
     "evaluate": Group(
         "score results against labels",
         {
-            "people": Command("tracks: HOTA, MOTA, IDF1 and more"),
-            "detection": Command("detections: average precision"),
-            "single": Command("one target: success and precision"),
-            "coverage": Command("tracks of many on one labelled person: coverage and switches"),
-            "points": Command("tracked points: OSPA, GOSPA and more"),
-            "states": Command("bodies that bend: position, heading, identity"),
-            "action": Command("what people do: F1 and average precision"),
+            "people": Command("tracks: HOTA, MOTA, IDF1 and more", "tracking.cli.evaluate:people"),
+            "detection": Command("detections: average precision", "tracking.cli.evaluate:detection"),
+            "single": Command("one target: success and precision", "tracking.cli.evaluate:single"),
+            "coverage": Command(
+                "tracks of many on one labelled person: coverage and switches", "tracking.cli.evaluate:coverage"
+            ),
+            "points": Command("tracked points: OSPA, GOSPA and more", "tracking.cli.evaluate:points"),
+            "states": Command("bodies that bend: position, heading, identity", "tracking.cli.evaluate:states"),
+            "action": Command("what people do: F1 and average precision", "tracking.cli.evaluate:action"),
         },
     ),
     "reproduce": Group(

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard, get_type_hints
 
-from jsonargparse import ActionConfigFile, ArgumentError, ArgumentParser, Namespace
+from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from tsuiseki.tracking.cli.config import config_text
 from tsuiseki.tracking.cli.options import Given, Output
@@ -209,7 +209,7 @@ def build_parser(prog: str, function: Callable[..., Any], every_option: bool = F
         else:
             value = {"required": True} if option.required else {"default": option.default}
             parser.add_argument(f"--{option.name}", type=option.kind, help=option.text, **value)
-    parser.add_argument("--config", action=ActionConfigFile, metavar="FILE", help=CONFIG_HELP)
+    parser.add_argument("--config", action="config", metavar="FILE", help=CONFIG_HELP)
     if groups := [f"--{option.name}.*" for option in options if option.grouped]:
         parser.add_argument("--help_all", action="help", help=f"also show {', '.join(groups)}")
     _show_as_typed(parser._actions, parser._option_string_actions)

@@ -40,8 +40,9 @@ def demo(
     Args:
         scene: what is generated.
         train: first train the models anew on generated scenes and use those; takes hours, and the train extra.
-        assets: with --train, folder of the bodies and clothes that people are rendered of (docs/rendered-people.md says
-            how to get them); without it the detector learns from drawn people alone.
+        assets: with --train, folder of the bodies and clothes that people are rendered of
+            (docs/methods/rendered-people.md says how to get them); without it the detector learns from drawn people
+            alone.
         frames: length of the clip.
         seed: of the clip.
         threads: CPU threads of the networks; 0 takes all.
@@ -51,7 +52,7 @@ def demo(
         from tsuiseki.tracking.demo.drone import demo_drone
 
         if train:
-            raise RequestError("`train`: expected --scene street; docs/drone.md has the commands for the drone")
+            raise RequestError("`train`: expected --scene street; for a drone see docs/how-to/train-and-export.md")
         return demo_drone(output, frames, threads)
     if assets is not None and not train:
         raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
@@ -122,7 +123,7 @@ def record_method(
 def show_scores(demo: DemoResult, out: Path, what: str) -> None:
     """Print the scores of all methods, and where the report is; ``what`` it shows."""
     from tsuiseki.tracking.demo.page import why_not_best
-    from tsuiseki.tracking.evaluation.table import people_table, show
+    from tsuiseki.tracking.evaluation.tables import people_table, show
 
     show(people_table(demo.scores))
     for line in why_not_best(demo):

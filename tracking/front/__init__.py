@@ -5,7 +5,7 @@
     tracker = tsuiseki.Sort()
     people = tracker.update(detections)
 
-`docs/python.md` shows them all at work. What is not named here is internal and may change.
+`docs/how-to/python.md` shows them all at work. What is not named here is internal and may change.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.points.measurement_tracking import follow_measurements, track_measurements
     from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
     from tsuiseki.tracking.points.tracking import follow_blobs, follow_points, track_blobs, track_points
-    from tsuiseki.tracking.single.tracking import follow
+    from tsuiseki.tracking.single.run import follow
     from tsuiseki.tracking.sphere.points import track_sphere_points
     from tsuiseki.tracking.sphere.settings import SphereSettings
     from tsuiseki.tracking.sphere.tracking import follow_sphere, track_sphere
@@ -60,7 +60,7 @@ _MODULES = {
     "evaluation.calls": "evaluate_people evaluate_points evaluate_target",
     "points.measurement_tracking": "follow_measurements track_measurements",
     "people.tracking": "follow_people track_people",
-    "single.tracking": "follow",
+    "single.run": "follow",
     "sphere.tracking": "follow_sphere track_sphere",
     "sphere.points": "track_sphere_points",
     "sphere.settings": "SphereSettings",

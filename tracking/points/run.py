@@ -29,7 +29,7 @@ def points(
         file: CSV with the columns time (seconds, which need not be even) or frame, and the sensor's: x,y or x,y,z or
             bearing,range or bearing,elevation,range; with sd_x,… or cov_x_x,… where errors differ. A row with a time
             alone says that nothing was measured then.
-        model: YAML with the keys sensor, motion, detection, survival, clutter, region, births (docs/points.md).
+        model: YAML with the keys sensor, motion, detection, survival, clutter, region, births (docs/methods/points.md).
         method: labelled multi-Bernoulli filter, or phd.
         particles: of each target.
         period: seconds from one frame to the next, where the file has frames.
@@ -39,8 +39,7 @@ def points(
         seed: of the particles.
     """
     from tsuiseki.tracking.cli.run import count
-    from tsuiseki.tracking.formats.sensors.measurements import read_scans, write_sensed_tracks
-    from tsuiseki.tracking.formats.sensors.sensing_model import read_sensing_model
+    from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, write_sensed_tracks
     from tsuiseki.tracking.points.measurement_model import positions_of
     from tsuiseki.tracking.points.measurement_tracker import MeasurementTracker
     from tsuiseki.tracking.points.measurement_tracking import with_region

@@ -21,14 +21,13 @@ from tsuiseki.tracking.association.flow.evidence import (
 from tsuiseki.tracking.association.flow.flow_rounds import mean_features
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.association.flow.link_pricing import LinkParts, Pricing, priced
-from tsuiseki.tracking.association.flow.seen import Seen, select_detections
+from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
 from tsuiseki.tracking.association.tracklets.joining import Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.people.flow import FlowSettings
 from tsuiseki.tracking.people.flow_input import FlowInput
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
-from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
 from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, next_of_owner, short_runs, taken_out, without
 
@@ -40,7 +39,6 @@ def sequence_graphs(
     video: DetectedVideo,
     settings: FlowSettings | None = None,
     changes: CostChanges | None = None,
-    breaks: Breaks = Breaks(),  # noqa: B008
 ) -> Graphs:
     """The networks of both levels of a sequence, at the tracker's costs by default.
 
@@ -48,7 +46,6 @@ def sequence_graphs(
         video: the sequence.
         settings: of the tracker.
         changes: learnt costs with which the tracker finds the tracks along which links are priced; by default none.
-        breaks: how tracks are broken for joins to learn from; by default they are not.
     """
     settings = settings or FlowSettings().alike()
     preparing = FlowInput(settings.input, settings.costs.link.motion, video.frame_rate, video.size, video.path())
@@ -69,20 +66,7 @@ def sequence_graphs(
     graph = _detection_graph(video, seen, owners, labels, parts, observation, logit, settings)
     kept = owners != IGNORED
     lost = _links_to_make(seen.frames, owners) - int(graph.labelled[3 * len(graph) :].sum()) if kept.any() else 0
-    tracklets = _tracklet_graph(video, seen, owners, labels, settings)
-    return Graphs(graph, tracklets, max(lost, 0), _broken_graphs(video, seen, owners, labels, settings, breaks))
-
-
-def _broken_graphs(
-    video: DetectedVideo, seen: Seen, owners: IntArray, labels: IntArray, settings: FlowSettings, breaks: Breaks
-) -> tuple[Graph, ...]:
-    """The second level, as often as asked for, with tracks broken on purpose."""
-    whose = _owners_of_tracks(owners, labels, int(labels.max(initial=-1)) + 1)
-    graphs = []
-    for copy in range(breaks.copies):
-        left, pieces = broken(seen, labels, whose, breaks, np.random.default_rng([breaks.seed, copy]))
-        graphs.append(_tracklet_graph(video, select_detections(seen, left), owners[left], pieces, settings))
-    return tuple(graphs)
+    return Graphs(graph, _tracklet_graph(video, seen, owners, labels, settings), max(lost, 0))
 
 
 def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:

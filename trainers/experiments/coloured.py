@@ -12,11 +12,20 @@ import numpy as np
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, blob_frames, plan_blobs
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange
-from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, PatchBirths
-from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, RegionLikelihood, WithoutOthers
-from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
-from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, second_order
-from tsuiseki.tracking.filters.image_regions.region_updates import Equalised, Update, as_printed, average, calibrated
+from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
+    EachAlone,
+    Equalised,
+    RegionLikelihood,
+    Update,
+    WithoutOthers,
+    as_printed,
+    average,
+    boxes_of,
+    calibrated,
+)
+from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray, Track
@@ -208,7 +217,7 @@ def run_update(row: tuple[str, BlobSceneSettings, int], seed: int) -> Weakened:
     rng = np.random.default_rng(seed)
     fixed = 0 if name == "calibrated" else density * scene.objects
     nowhere = AnywhereBirths(0.0, 0, size=(32.0, 32.0))
-    chosen = RegionPhdFilter(second_order((1.5, 1.5), (0.5, 0.5)), nowhere, likelihood, update, density, fixed, 1.0)
+    chosen = RegionPhdFilter(SteppingBox(1.5, 0.5), nowhere, likelihood, update, density, fixed, 1.0)
     counts, expected = [], []
     state = None
     for image, boxes in blob_frames(scene, seed):

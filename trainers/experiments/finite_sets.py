@@ -19,20 +19,19 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence
 from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
 from tsuiseki.tracking.filters.base import Births, Filter, Running, SetInfo
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
+from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
-from tsuiseki.tracking.filters.finite_sets.phd_state import by_clusters, by_measurements
-from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths, moving_from
-from tsuiseki.tracking.filters.finite_sets.point_models import (
+from tsuiseki.tracking.filters.finite_sets.models import (
     GaussianSensor,
     PointModel,
     bearing_range,
     cartesian,
-    constant_velocity,
-    coordinated_turn,
     from_bearing_range,
 )
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
+from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.people.record import run_tracker
@@ -379,9 +378,9 @@ def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> Me
     volume = float(np.prod([high - low for low, high in settings["region"]]))
     speed = float(settings.get("birth_speed", 15.0))
     if settings["kind"] == "linear":
-        complete, columns = moving_from(lambda places: places, speed), 4
+        complete, columns = newborn(lambda places: places, 2, speed), 4
     else:
-        complete, columns = moving_from(from_bearing_range, speed, turn=0.05), 5
+        complete, columns = newborn(from_bearing_range, 2, speed, turn=0.05), 5
     return MeasurementBirths(expected / volume, scenario_sensor(settings), complete, columns, count)
 
 

@@ -24,13 +24,12 @@ from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.bodies.page import draw_contour
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.features.colour_region import ColourRange
-from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk, draw
-from tsuiseki.tracking.filters.motion.learnt_motion import LearntMotion, motion_text
-from tsuiseki.tracking.filters.particles.resampling import systematic
-from tsuiseki.tracking.filters.particles.weights import probabilities
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes
-from tsuiseki.tracking.formats.bodies.states import read_states, write_states
+from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
+from tsuiseki.tracking.filters.motion.learnt import LearntMotion, motion_text
+from tsuiseki.tracking.filters.particles.resampling import probabilities, systematic
+from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source
@@ -387,7 +386,7 @@ def predicted(clip: FishClip, motion: BodyMotion, fish: int, frame: int) -> Floa
     state = tracker.targets[0].particles
     drawn = state.particles[systematic(probabilities(state.log_weights), DRAWN, rng)]
     chosen = rng.choice(DRAWN, SHOWN, replace=False)
-    return np.asarray(draw(motion, drawn, rng)[chosen, : len(BODY.fields)])
+    return np.asarray(motion(drawn, 1, rng)[chosen, : len(BODY.fields)])
 
 
 def _tile(image: ImageArray, states: FloatArray, title: str) -> ImageArray:

@@ -28,7 +28,7 @@ from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.particles.views import Covering
+from tsuiseki.tracking.filters.particles.stages import Covering
 from tsuiseki.tracking.sphere.printed_contour import (
     DividedContourLikelihood,
     MinMaxWeights,

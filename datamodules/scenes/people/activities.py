@@ -25,7 +25,7 @@ from tsuiseki.datamodules.scenes.people.body import (
 )
 from tsuiseki.datamodules.scenes.people.person import Person
 from tsuiseki.datamodules.scenes.people.props import CART_AHEAD, CRATE_AHEAD, HANDLE_HEIGHT, SUITCASE_BEHIND, Kind, Prop
-from tsuiseki.tracking.formats.drone.actions import (
+from tsuiseki.tracking.formats.acting_tracks import (
     CALLING,
     CARRYING,
     DRINKING,

@@ -24,7 +24,7 @@ from tsuiseki.datamodules.scenes.people.body import Pose, blend, random_manner
 from tsuiseki.datamodules.scenes.people.look import look_alike, random_build
 from tsuiseki.datamodules.scenes.people.person import Person, random_person
 from tsuiseki.datamodules.scenes.people.props import Prop, random_prop
-from tsuiseki.tracking.formats.drone.actions import CARRYING, PUSHING, RUNNING, SITTING
+from tsuiseki.tracking.formats.acting_tracks import CARRYING, PUSHING, RUNNING, SITTING
 from tsuiseki.tracking.types import FloatArray
 
 # Seconds from one pose to the next.

@@ -9,7 +9,7 @@ import pytest
 from tsuiseki.datamodules.scenes.bouncing_clip import WALL, BouncingBallSettings, ball_frames, plan_balls
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.silhouettes import silhouette_of
+from tsuiseki.tracking.formats.silhouettes import silhouette_of
 
 SETTINGS = BouncingBallSettings(frames=300, balls=2)
 

@@ -26,7 +26,7 @@ from tsuiseki.datamodules.scenes.render.ground import ground_homography, look_do
 from tsuiseki.datamodules.scenes.render.insertion import clusters
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS, POSTURES
+from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS, POSTURES
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 

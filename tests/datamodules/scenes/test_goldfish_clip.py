@@ -12,8 +12,8 @@ from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, write_goldfish
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes, silhouette_of
-from tsuiseki.tracking.formats.bodies.states import read_states
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes, silhouette_of
 from tsuiseki.tracking.video.source import open_source
 
 SHORT = GoldfishSettings(frames=12, fish=3)

@@ -10,8 +10,8 @@ from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.filters.motion.body_motion import Noise, RandomWalk
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
+from tsuiseki.tracking.filters.motion.bodies import Noise, RandomWalk
+from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.bodies.motion import learn_motion
 
 BODY = Ball()

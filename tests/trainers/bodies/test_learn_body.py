@@ -14,9 +14,9 @@ from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTrack
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
-from tsuiseki.tracking.formats.bodies.states import read_states
+from tsuiseki.tracking.filters.motion.bodies import RandomWalk
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.bodies.body import area_centroids, evenly_sampled, learn_body, line_up
 from tsuiseki.trainers.bodies.outlines import Outline, outlines_of
 

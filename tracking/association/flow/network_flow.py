@@ -10,7 +10,7 @@ Since all capacities are 1, a flow is a matching (`_matching`): each detection t
 its own birth, or itself when it is in no track. The cheapest matching is found by shortest augmenting paths over the
 sparse matrix of these choices (Jonker and Volgenant, 1987; SciPy), where the thesis names cost-scaling push-relabel.
 Both are exact. On the windows of a tracker they take about the same time; on a long video at once the matching takes
-longer (docs/flow.md).
+longer (docs/methods/flow.md).
 
 Costs are rounded to multiples of ``1 / SCALE``, so that equal costs stay equal however they are added up. A solution of
 N detections is within ``2 * N / SCALE`` of the optimum of the costs as given.

@@ -27,7 +27,7 @@ def sprites(
 
     Args:
         out: folder for the sprites.
-        assets: folder with the unpacked body packages; docs/rendered-people.md says how to get them.
+        assets: folder with the unpacked body packages; docs/methods/rendered-people.md says how to get them.
         people: how many.
         views: poses and sides of each.
         height: of a person, pixels.

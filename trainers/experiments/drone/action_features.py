@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.action.action_table import action_values
+from tsuiseki.tracking.evaluation.tables import action_values
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.weights import shipped, shipped_or_file
 from tsuiseki.trainers.experiments.drone.bridging_rows import bridging_rows

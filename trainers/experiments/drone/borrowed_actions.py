@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions
+from tsuiseki.tracking.evaluation.action_files import LabelledActions
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 PLACES = 64

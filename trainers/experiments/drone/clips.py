@@ -16,7 +16,7 @@ from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_d
 from tsuiseki.tracking.drone.observation_cache import file_digest
 from tsuiseki.tracking.drone.observations import Observation, Observers
 from tsuiseki.tracking.drone.video_observations import video_observations
-from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions, read_labelled_actions
+from tsuiseki.tracking.evaluation.action_files import LabelledActions, read_labelled_actions
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
@@ -36,8 +36,8 @@ SECOND_SCENE = DroneSceneSettings(frames=200, camera="calm", people=4, altitude=
 FAULTS = DetectorFaults(jitter=0.07, missed=0.35, hidden=0.8, false_alarms=0.6)
 FIRST_SEED, SECOND_SEED = 3000, 9000
 # Of clips that the networks of actions learnt from, that chose the settings of the flow and of DeepSORT, that the costs
-# of actions come from (docs/drone.md), and that the detector's scores were made probabilities on
-# (docs/drone-detector.md).
+# of actions come from (docs/methods/drone.md), and that the detector's scores were made probabilities on
+# (docs/methods/drone-detector.md).
 SEEN = frozenset(
     [
         *range(1000, 1013),

@@ -29,7 +29,7 @@ from tsuiseki.tracking.drone.tracker import DRONE_FLOW, DroneSettings, DroneTrac
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums, scores_of
-from tsuiseki.tracking.formats.drone.actions import LYING, OKUTAMA_ACTIONS, SITTING, WITH_OBJECTS
+from tsuiseki.tracking.formats.acting_tracks import LYING, OKUTAMA_ACTIONS, SITTING, WITH_OBJECTS
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth

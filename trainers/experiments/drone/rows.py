@@ -16,8 +16,8 @@ from tsuiseki.tracking.drone.models import DroneMethod
 from tsuiseki.tracking.drone.observations import Observation
 from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker
 from tsuiseki.tracking.drone.tracking import suited
-from tsuiseki.tracking.evaluation.action.action import ActionScores, evaluate_actions
-from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions, action_rows, join_action_rows
+from tsuiseki.tracking.evaluation.action_files import LabelledActions, action_rows, join_action_rows
+from tsuiseki.tracking.evaluation.action_scores import ActionScores, evaluate_actions
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.resampling import Interval, paired_bootstrap, score_sums
 from tsuiseki.tracking.features.action import averaged

@@ -17,7 +17,7 @@ from tsuiseki.trainers.association.data import FLOWS, TrackerName, WindowImages
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.association.starting import siamese_of
-from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
 from tsuiseki.trainers.experiments.end_to_end.pictured import (
     Stretch,
     gap_links,
@@ -53,10 +53,9 @@ def appearance_sums(
     torch.manual_seed(0)
     siamese, _ = siamese_of(start)
     module = AssociationTraining(
-        appearance=None if projects else start,
-        appearance_rate=RATE,
-        projection=KEPT if projects else 0,
-        contrast=0.3,
+        appearance=AppearanceLearning(
+            None if projects else start, RATE, contrast=0.3, projection=KEPT if projects else 0
+        ),
         joins=0.0,
     )
     if way != "as it ships":

@@ -38,7 +38,7 @@ def scalar_sums(clip: Clip, scalars: Scalars) -> FloatArray:
 
 def share_sums(train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit) -> list[FloatArray]:
     """For each test ``(len(SHARES), 83)`` sums at shares of the changes that were learnt on ``train``."""
-    changes = NetworkChanges(fit_network(learnable(train, broken=fit.broken), replace(fit, trust=1.0)))
+    changes = NetworkChanges(fit_network(learnable(train), replace(fit, trust=1.0)))
     # Of the first share nothing is left but the tracker itself.
     ways = [None, *(Shrunk(changes, *share) for share in SHARES[1:])]
     return [np.stack([clip_sums(clip, tracked(clip, way)) for way in ways]) for clip in tests]

@@ -9,6 +9,7 @@ import numpy as np
 
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.fitting import Fit
+from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.experiments.association.runs import Result, clip_sums, right_sums
 from tsuiseki.trainers.experiments.association.sequences import Clip, DataSet
 from tsuiseki.trainers.experiments.end_to_end.choosing import (
@@ -30,24 +31,16 @@ DEFAULT, LOGISTIC, TREES, ORACLE = "default", "pairs, logistic", "pairs, boosted
 MIXED = "detections by trees of pairs"
 SEARCHED, SHARED, SURE, POOLED = "direct search", "shares by HOTA", "shares that surely gain", "other sets too"
 BOTH = "both losses"
-LEARNT = {"Fenchel-Young": Fit(loss="fenchel_young"), "hinge": Fit(loss="hinge"), BOTH: Fit()}
+LEARNT = {"Fenchel-Young": Fit(FlowLoss("fenchel_young")), "hinge": Fit(FlowLoss("hinge")), BOTH: Fit()}
 FIT_OF_POOL = Fit(steps=300)
 OTHERS = {
     "all of the change of detections": Fit(trust=1.0),
     "windows of 6 s": Fit(seconds=6.0),
-    "Δ by length of the identity": Fit(length=0.5),
-    "ε from 3 to 0.5": Fit(epsilon=3.0, epsilon_last=0.5),
     "joins as they are": Fit(joins=0.0),
     "400 windows": Fit(steps=400),
-    "links along the tracks learnt": Fit(rounds=2),
-    "two hidden layers of 12": Fit(hidden=12),
-    "cross-entropy of links beside": Fit(pairwise=1.0),
 }
 # What may help where few sequences teach.
 FOR_FEW = {
-    "tracks broken for the joins": Fit(broken=8),
-    "links and joins alone": Fit(detections=False, broken=8),
-    "mean of four fits": Fit(broken=8, fits=4),
     "another seed": Fit(seed=1),
 }
 # All rows of other ways; those of OTHERS are of the first set alone, as is POOLED.

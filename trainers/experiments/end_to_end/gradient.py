@@ -14,6 +14,7 @@ from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss,
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
+from tsuiseki.trainers.networks.modules import Optimisation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,8 +58,8 @@ def gradient_of(graph: Graph, changes: NetworkChanges | None, epsilon: float) ->
     if changes is not None:
         change = changes.detections(graph.detections).T.reshape(3 * count)
         costs = costs + np.concatenate([np.where(graph.fixed, 0, change), changes.links(graph.links)])
-    loss, rng, arcs = FlowLoss(epsilon=epsilon, pairs=DRAWS), np.random.default_rng(0), graph.arcs(DifferenceWeights())
-    problems = loss.problems(costs, arcs, rng)
+    loss, arcs = FlowLoss("fenchel_young", epsilon, DRAWS), graph.arcs(DifferenceWeights())
+    problems = loss.problems(costs, arcs, np.random.default_rng(0))
     return loss.value(costs, arcs, problems, [cheapest(problem) for problem in problems])[1]
 
 
@@ -74,9 +75,9 @@ def draw_gradient(meetings: int = 20, steps: int = 400, seed: int = 100, epsilon
 
     graph = affordable(sequence_graphs(crossing(seed)).detections)
     meeting = window(graph, MEETING - 9, MEETING + 10)
-    changes = trained_on_crossings(
-        range(meetings), Fit(loss="fenchel_young", steps=steps, learning_rate=0.01, trust=1.0)
-    )
+    how = Optimisation(0.01, 1e-2, warmup_steps=10)
+    fit = Fit(FlowLoss("fenchel_young"), trust=1.0, steps=steps, optimisation=how)
+    changes = trained_on_crossings(range(meetings), fit)
     figure = Figure(figsize=(12, 4.6), layout="constrained")
     for axes, title, known in zip(
         figure.subplots(1, 2, sharey=True), ("before", "after"), (None, changes), strict=True

@@ -18,8 +18,9 @@ from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.trainers.association.data import FLOWS, WindowImages
 from tsuiseki.trainers.association.fitting import Fit, fitted
+from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.graphs import DetectedVideo
-from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.association.training import AssociationTraining, HeadsLearning
 from tsuiseki.trainers.association.window_detector import FrozenTrunk
 from tsuiseki.trainers.experiments.end_to_end.pictured import (
     Stretch,
@@ -56,7 +57,9 @@ def heads_sums(
     for way in WAYS:
         torch.manual_seed(0)
         own = 0.0 if way == "the flow's loss" else OWN
-        module = AssociationTraining(loss="fenchel_young", detector=start, detector_rate=RATE, detection=own, joins=0.0)
+        module = AssociationTraining(
+            loss=FlowLoss("fenchel_young"), detector=HeadsLearning(start, RATE, own), joins=0.0
+        )
         module.trunk = trunk
         # The costs stay as they are, so that what is gained is the detector's.
         module.network.requires_grad_(False)

@@ -11,7 +11,6 @@ from tsuiseki.tracking.association.flow.cost_network import CostChanges
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.association.broken_tracks import Breaks
 from tsuiseki.trainers.association.data import affordable
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_network
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
@@ -21,9 +20,6 @@ from tsuiseki.trainers.experiments.association.labelled import read_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
 from tsuiseki.trainers.experiments.end_to_end.simple_changes import Shrunk
 
-# Second levels with broken tracks that are made of a sequence.
-MOST_BROKEN = 8
-
 
 def video_of(clip: Clip) -> DetectedVideo:
     """The detections and labels of a sequence."""
@@ -32,35 +28,29 @@ def video_of(clip: Clip) -> DetectedVideo:
 
 @lru_cache(maxsize=40)
 def graphs_of_clip(clip: Clip) -> Graphs:
-    """The networks of a sequence, at the tracker's own costs; with second levels of broken tracks."""
+    """The networks of a sequence, at the tracker's own costs."""
     return _graphs(clip, None)
 
 
 def _graphs(clip: Clip, changes: CostChanges | None) -> Graphs:
-    graphs = sequence_graphs(video_of(clip), changes=changes, breaks=Breaks(MOST_BROKEN))
+    graphs = sequence_graphs(video_of(clip), changes=changes)
     return replace(graphs, detections=affordable(graphs.detections))
 
 
-def learnable(clips: Sequence[Clip], changes: CostChanges | None = None, broken: int = 0) -> list[Graphs]:
+def learnable(clips: Sequence[Clip], changes: CostChanges | None = None) -> list[Graphs]:
     """The networks of those sequences that have detections, along the tracks at changed costs if there are any.
 
     Args:
         clips: the sequences.
         changes: the changed costs.
-        broken: second levels with broken tracks that each has, at most `MOST_BROKEN`.
     """
     every = [graphs_of_clip(clip) if changes is None else _graphs(clip, changes) for clip in clips]
-    every = [replace(graphs, broken=graphs.broken[:broken]) for graphs in every]
     return [graphs for graphs in every if len(graphs.detections) and len(graphs.detections.tail)]
 
 
 def learnt_changes(train: Sequence[Clip], fit: Fit) -> NetworkChanges:
-    """What is learnt through the flow; in a fit of several rounds at last along the tracks that it finds itself."""
-    changes = None
-    for _ in range(fit.rounds):
-        changes = NetworkChanges(fit_network(learnable(train, changes, fit.broken), fit))
-    assert changes is not None
-    return changes
+    """What is learnt through the flow."""
+    return NetworkChanges(fit_network(learnable(train), fit))
 
 
 def default_table(clip: Clip) -> FloatArray:
@@ -78,7 +68,7 @@ def shared_tables(
     train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit, shares: tuple[tuple[float, float], ...]
 ) -> list[list[FloatArray]]:
     """As `learnt_tables`, for each share of the changes of links and joins, and of detections."""
-    changes = NetworkChanges(fit_network(learnable(train, broken=fit.broken), replace(fit, trust=1.0)))
+    changes = NetworkChanges(fit_network(learnable(train), replace(fit, trust=1.0)))
     return [[tracked(clip, Shrunk(changes, *share)) for clip in tests] for share in shares]
 
 

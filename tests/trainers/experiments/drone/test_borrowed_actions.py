@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.drone.observations import Observation
-from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions
+from tsuiseki.tracking.evaluation.action_files import LabelledActions
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.drone.borrowed_actions import PLACES, borrowed, done_by_person, place_of

@@ -7,7 +7,7 @@ import pytest
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS, WITH_OBJECTS
+from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS, WITH_OBJECTS
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.trainers.experiments.drone.crowd import CrowdScene, compare, draw_crowd, reproduce
 from tsuiseki.trainers.experiments.experiment import Bench, Watch
