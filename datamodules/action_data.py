@@ -27,8 +27,8 @@ from tsuiseki.datamodules.action_crops import (
     load_crops,
 )
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action_inputs import NO_MOTION, STREAMS, StreamName
-from tsuiseki.tracking.features.motion.optical_flow import FlowName
+from tsuiseki.tracking.features.action import NO_MOTION, STREAMS, StreamName
+from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.types import ImageArray, IntArray
 
 

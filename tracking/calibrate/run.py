@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.checkerboard import CheckerboardFit, Coefficients, find_corners, fit_checkerboards
+from tsuiseki.tracking.cameras.calibration import CheckerboardFit, Coefficients, find_corners, fit_checkerboards
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import OutputFile, Shared
 from tsuiseki.tracking.types import FloatArray, Frame
@@ -176,7 +176,6 @@ def checkerboard(
         coefficients: of the lens: 5 for usual lenses, 8 or 12 for wide ones.
         every: use every so many frames of a video.
     """
-    from tsuiseki.tracking.calibrate.run import calibrate_from_checkerboards
     from tsuiseki.tracking.cameras.intrinsic_files import write_intrinsics
     from tsuiseki.tracking.cli.progress import progress
 

@@ -15,8 +15,8 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 
 from tsuiseki.models.association import AppearanceProjection, AssociationNetwork
-from tsuiseki.tracking.association.flow.cost_network import FeatureNames
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.learnt_costs import FeatureNames
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.trainers.association.data import AssociationData, TrainingWindow
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, Problem, Solvers, cheapest, finite
 from tsuiseki.trainers.association.graphs import Graph, Graphs

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, blob_frames, plan_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, plan_blobs
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange
 from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
@@ -117,7 +117,7 @@ def run_blobs(row: tuple[BlobSceneSettings, str, int], seed: int) -> PointScores
     scene, method, particles = row
     tracker = METHODS[method](NAMED_COLOURS[scene.colour], BlobSettings(particles=particles))
     boxes = []
-    for index, (image, there) in enumerate(blob_frames(scene, seed)):
+    for index, ((image,), there) in enumerate(plan_blobs(scene, seed).frames()):
         tracker.update(Frame(index, index / scene.frame_rate, image))
         boxes.append(there)
     truth = as_ground_truth(_half_inside(np.stack(boxes), scene))
@@ -187,7 +187,7 @@ def equalisation(bench: Bench, seeds: int = 20, frames: int = 150, particles: in
     )  # fmt: skip
     rows = {update: (update, scene, particles) for update in UPDATES}
     found = Study(rows, range(seeds), run_update, "clips").run(bench)
-    purity = np.sort(plan_blobs(scene, np.random.default_rng(0)).purity)
+    purity = np.sort(plan_blobs(scene, 0).paths.purity)
     columns = [
         Column(f"kept of {TARGETS}", lambda one: (one.lost >= frames).sum(), gain=_one_more),
         *(Column(f"frames, purity {p:.2f}", partial(_lost_at, k), ".0f") for k, p in enumerate(purity)),
@@ -218,15 +218,16 @@ def run_update(row: tuple[str, BlobSceneSettings, int], seed: int) -> Weakened:
     fixed = 0 if name == "calibrated" else density * scene.objects
     nowhere = AnywhereBirths(0.0, 0, size=(32.0, 32.0))
     chosen = RegionPhdFilter(SteppingBox(1.5, 0.5), nowhere, likelihood, update, density, fixed, 1.0)
+    clip = plan_blobs(scene, seed)
     counts, expected = [], []
     state = None
-    for image, boxes in blob_frames(scene, seed):
+    for (image,), boxes in clip.frames():
         if state is None:
             state = chosen.init(*_start(boxes, density, rng))
         state, info = chosen.step(state, ColourImage.of(image, NAMED_COLOURS[scene.colour]), rng)
         counts.append(_on_targets(state.particles, boxes))
         expected.append(info.expected_count)
-    particles = np.array(counts)[:, np.argsort(plan_blobs(scene, np.random.default_rng(seed)).purity)]
+    particles = np.array(counts)[:, np.argsort(clip.paths.purity)]
     return Weakened(particles, np.array(expected), _lost(particles, least=LEAST * density))
 
 

@@ -34,9 +34,8 @@ from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
 from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.people.record import run_tracker
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracker import PeopleTracker
+from tsuiseki.tracking.people.tracker import PeopleTracker, run_tracker
 from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.store import plain

@@ -14,14 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.sphere_clip import (
-    BallScene,
-    CarriedBallSettings,
-    backgrounds,
-    covered_image,
-    film,
-    make_scene,
-)
+from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereClip, covered_image, plan_sphere
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.volume import common_volume
@@ -282,11 +275,11 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[Way], watc
         ways: all of one kind of film.
         watch: receives the progress.
     """
-    scene = make_scene(settings, seed)
-    empty = backgrounds(scene, seed)
+    scene = plan_sphere(settings, seed)
+    empty = scene.backgrounds()
     runs = [_Run(way, scene, empty, seed) for way in ways]
     rng = np.random.default_rng((seed, 3))
-    for index, images in enumerate(watch.over(film(scene, seed), f"film {seed}", settings.frames)):
+    for index, (images, _) in enumerate(watch.over(scene.frames(), f"film {seed}", settings.frames)):
         board = covered_image(scene, 0, rng) if any(index in run.hidden for run in runs) else None
         for run in runs:
             run.see(index, images, board)
@@ -296,7 +289,7 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[Way], watc
 class _Run:
     """One way to track, on its way through a film."""
 
-    def __init__(self, way: Way, scene: BallScene, empty: Sequence[ImageArray], seed: int) -> None:
+    def __init__(self, way: Way, scene: SphereClip, empty: Sequence[ImageArray], seed: int) -> None:
         wrong = np.random.default_rng((seed, 5))
         self.cameras = [turned(camera, way.camera_error, wrong) for camera in scene.cameras[: way.cameras]]
         self.radius = scene.settings.radius * (1 + way.radius_error)
@@ -349,10 +342,10 @@ def _plots(found: Found, frames: int, seed: int) -> dict[str, Figure]:
     groups = {group for group, _ in found}
     plots: dict[str, Figure] = {}
     if "section 3" in groups:
-        scene = make_scene(CarriedBallSettings(frames=frames), seed)
+        scene = plan_sphere(CarriedBallSettings(frames=frames), seed)
         frame = min(PAPER_FRAME, frames) - 1
-        images = next(islice(film(scene, seed), frame, None))
-        plots["pictures"] = pictures_figure(images, backgrounds(scene, seed), frame + 1)
+        images, _ = next(islice(scene.frames(), frame, None))
+        plots["pictures"] = pictures_figure(images, scene.backgrounds(), frame + 1)
         plots["paths"] = paths_figure(found, scene.truth)
     if groups.issuperset(VARIED):
         plots["errors"] = errors_figure(found)

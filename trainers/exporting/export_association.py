@@ -12,7 +12,7 @@ import torch
 from torch import nn
 
 from tsuiseki.models.association import AssociationNetwork
-from tsuiseki.tracking.association.flow.cost_network import CostNetwork, FeatureNames
+from tsuiseki.tracking.association.learnt_costs import CostNetwork, FeatureNames
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
