@@ -16,8 +16,8 @@ from tsuiseki.tracking.people.finding import PeopleInputs
 from tsuiseki.tracking.people.frame_log import shifted
 from tsuiseki.tracking.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.trainers.adapt.labels import Labels, label
 from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.track_labels import Labels, label
 from tsuiseki.trainers.adapt.watch import Foreground, Watched
 
 # Detections down to this score are known, so that what the tracker rejects is, too.

@@ -28,6 +28,7 @@ from tsuiseki.tracking.drone.observations import Observation, Observers
 from tsuiseki.tracking.drone.tracker import DroneSettings
 from tsuiseki.tracking.drone.video_observations import video_observations
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.owners import NOBODY
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.features.action_inputs import STREAMS
 from tsuiseki.tracking.features.motion.camera_motion import STANDS_STILL, CameraMotionSettings
@@ -41,7 +42,7 @@ from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
-from tsuiseki.trainers.affinity.affinity_samples import NOBODY, match_boxes
+from tsuiseki.trainers.association.pair_samples import match_boxes
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.frame_log import shifted
 from tsuiseki.tracking.people.record import run_tracker
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.affinity.affinity import AffinitySettings, fit_affinity
-from tsuiseki.trainers.affinity.affinity_data import AffinityVideo
+from tsuiseki.trainers.association.affinity_fit import AffinitySettings, AffinityVideo, fit_affinity
 
 FIRST, LAST = 300, 399
 
