@@ -100,9 +100,9 @@ COMMANDS: Tree = {
             "association": Command(
                 "who follows whom, by whole tracks", "trainers.networks.fit:fit_association", forwarded=True
             ),
-            "objectness": Command("which boxes look like an object", "trainers.objectness.train_objectness"),
-            "body": Command("a body that bends, from silhouettes", "trainers.bodies.train_body"),
-            "motion": Command("how a body that bends moves, from its tracks", "trainers.bodies.train_motion"),
+            "objectness": Command("which boxes look like an object", "trainers.train_objectness"),
+            "body": Command("a body that bends, from silhouettes", "trainers.learn_body:train_body"),
+            "motion": Command("how a body that bends moves, from its tracks", "trainers.learn_motion:train_motion"),
         },
     ),
     "adapt": Command("learn a camera from its unlabelled video (needs the train extra)"),

@@ -220,7 +220,7 @@ def test_bad_requests(sequence: Path, tmp_path: Path) -> None:
     taken.write_bytes(b"")
     with pytest.raises(RequestError, match="exists"):
         fit_affinity(AffinityVideo([sequence]), OutputFile(out=taken))
-    with pytest.raises(RequestError, match="expected det/det.txt beside the labels of walkers"):
+    with pytest.raises(RequestError, match=r"expected det/det\.txt beside the labels of walkers"):
         fit_affinity(AffinityVideo([sequence]), OutputFile(out=tmp_path / "a.onnx"))
     perfect = DetectorFaults(jitter=0, missed=1e-9, hidden=1e-9, false_alarms=0, doubled=0)
     video = AffinityVideo([sequence], detections="simulated", faults=perfect)
