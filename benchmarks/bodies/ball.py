@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, ball_frames
+from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, plan_balls
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
@@ -39,7 +39,8 @@ class Clip:
 
 def make_clip(seed: int, settings: BouncingBallSettings) -> Clip:
     """A generated clip as the tracker sees it."""
-    frames = list(ball_frames(settings, seed))
+    clip = plan_balls(settings, seed)
+    frames = [clip.draw_frame(number) for number in range(settings.frames)]
     return Clip(np.stack([f.states[0] for f in frames]), [EdgeImage.of(f.image, EXTRACTION) for f in frames])
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.features.networks.exported import open_detector
+from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import FloatArray

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tsuiseki.models.association_network import LARGEST, AppearanceProjection, AssociationNetwork, CostChange
-from tsuiseki.tracking.association.flow.cost_network import LARGEST as LARGEST_IN_THE_TRACKER
+from tsuiseki.tracking.association.learnt_costs import LARGEST as LARGEST_IN_THE_TRACKER
 
 
 def test_changes_nothing_at_first() -> None:

@@ -13,13 +13,13 @@ from tsuiseki.tracking.cli.commands import needs_train_extra
 from tsuiseki.tracking.cli.detector_lines import tell_reading
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.errors import Interrupted, RequestError
-from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
+from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.features.networks.exported import SizedDetect
+    from tsuiseki.tracking.features.exported import SizedDetect
     from tsuiseki.trainers.adapt.kept_round import Round
     from tsuiseki.trainers.adapt.rounds import Adaptation
     from tsuiseki.trainers.adapt.watch import Camera
@@ -133,7 +133,7 @@ def _said_of_motion(camera: Camera) -> list[str]:
 
 def _teacher(given: Path | None, options: DetectorOptions) -> SizedDetect | None:
     """The detector that looks first."""
-    from tsuiseki.tracking.features.networks.exported import open_detector
+    from tsuiseki.tracking.features.exported import open_detector
     from tsuiseki.trainers.adapt.find import LOWEST_SCORE
 
     if given is not None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.features.objectness import read_objectness
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.single import kcf

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tsuiseki.tracking.association.costs import ScoreCost
-from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
-from tsuiseki.tracking.features.networks.exported import SizedDetect, open_appearance, open_detector
+from tsuiseki.tracking.features.exported import SizedDetect, open_appearance, open_detector
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.features.views import parse_view
-from tsuiseki.tracking.people.finding import PeopleInputs
-from tsuiseki.tracking.people.frame_log import shifted
+from tsuiseki.tracking.people.inputs import PeopleInputs
 from tsuiseki.tracking.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
+from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import Labels, label
@@ -115,9 +114,9 @@ def track(watched: Watched, found: Found, score_threshold: float) -> list[Track]
     """
     # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `labels`); those of a
     # calibrated one are dropped, as `track people` does.
-    straddling = 0.0 if found.scores is None else EXPLAINED
+    calibrated = found.scores is not None
     tracker = people_tracker(
-        "flow", None, found.costs, 0, watched.open(), found.camera, scores=found.scores, straddling=straddling
+        "flow", None, found.costs, 0, watched.open(), found.camera, scores=found.scores, drop_straddling=calibrated
     )
     for here in found.detections:
         tracker.update(here.select(here.scores >= score_threshold))

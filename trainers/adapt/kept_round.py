@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.features.networks.exported import SizedDetect
+from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.agreement import RoundScores

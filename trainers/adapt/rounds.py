@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.drone.observation_cache import file_digest
+from tsuiseki.tracking.drone.observations import file_digest
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import SizedDetect
+from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_detections
-from tsuiseki.tracking.people.finding import NONE
+from tsuiseki.tracking.people.settings import NONE
 from tsuiseki.tracking.types import Detections
 from tsuiseki.trainers.adapt.agreement import agreement_held_out, round_scores
 from tsuiseki.trainers.adapt.find import LabelledVideo, find, labelled

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.datamodules.identity_crops import uncovered
-from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED, explained_boxes, is_straddling
+from tsuiseki.tracking.association.tracklets import EXPLAINED, explained_boxes, is_straddling
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, shared_with_all
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track

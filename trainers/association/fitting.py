@@ -10,7 +10,7 @@ import torch
 from torch.optim import AdamW
 
 from tsuiseki.models.association_network import AssociationNetwork
-from tsuiseki.tracking.association.flow.cost_network import LARGEST
+from tsuiseki.tracking.association.learnt_costs import LARGEST
 from tsuiseki.tracking.types import Detections, FloatArray
 from tsuiseki.trainers.association.flow_loss import FlowLoss, finite
 from tsuiseki.trainers.association.graphs import Graphs

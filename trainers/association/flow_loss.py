@@ -27,7 +27,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tsuiseki.tracking.association.flow.network_flow import FlowGraph, solve
+from tsuiseki.tracking.association.network_flow import FlowGraph, solve
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 

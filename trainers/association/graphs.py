@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.flow_loss import Arcs, DifferenceWeights

@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 
 from tsuiseki.datamodules.simulated_detections import DetectorFaults
-from tsuiseki.tracking.association.affinity import FeatureSet, feature_rows
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.costs import pair_features
-from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
+from tsuiseki.tracking.association.learnt_costs import FeatureSet, feature_rows
+from tsuiseki.tracking.association.pairwise_flow import GateSettings, candidate_pairs
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.owners import NOBODY
-from tsuiseki.tracking.features.networks.exported import Describe, Detector
+from tsuiseki.tracking.evaluation.coverage import NOBODY
+from tsuiseki.tracking.features.exported import Describe, Detector
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth

@@ -11,22 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.cost_network import CostChanges
-from tsuiseki.tracking.association.flow.evidence import (
-    DETECTION_FEATURES,
-    JOIN_FEATURES,
-    detection_evidence,
-    link_evidence,
-)
-from tsuiseki.tracking.association.flow.flow_rounds import mean_features
-from tsuiseki.tracking.association.flow.flow_window import FlowWindow
-from tsuiseki.tracking.association.flow.link_pricing import LinkParts, Pricing, priced
-from tsuiseki.tracking.association.flow.seen import Seen
-from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
-from tsuiseki.tracking.association.tracklets.joining import Ends, evidence_of_joins, join_parts
-from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
-from tsuiseki.tracking.people.flow import FlowSettings
-from tsuiseki.tracking.people.flow_input import FlowInput
+from tsuiseki.tracking.association.chain_motion import beliefs_along
+from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, detection_evidence, link_evidence
+from tsuiseki.tracking.association.flow_rounds import mean_features
+from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.learnt_costs import CostChanges
+from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
+from tsuiseki.tracking.association.tracklets import Ends, evidence_of_joins, join_parts
+from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
 from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, next_of_owner, short_runs, taken_out, without
@@ -69,11 +63,11 @@ def sequence_graphs(
     return Graphs(graph, _tracklet_graph(video, seen, owners, labels, settings), max(lost, 0))
 
 
-def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
+def _link_parts(seen: DetectionTable, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
     """All links that the tracker considers, at the prices along its tracks without learnt changes."""
     found: list[LinkParts] = []
 
-    def keep(_: Seen, parts: LinkParts) -> FloatArray:
+    def keep(_: DetectionTable, parts: LinkParts) -> FloatArray:
         found.append(parts)
         return np.zeros(len(parts.i))
 
@@ -89,7 +83,7 @@ def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: Flow
 
 def _detection_graph(
     video: DetectedVideo,
-    seen: Seen,
+    seen: DetectionTable,
     owners: IntArray,
     tracks: IntArray,
     parts: LinkParts,
@@ -124,7 +118,7 @@ def _detection_graph(
     return labelled(taken_out(graph, short))
 
 
-def _origin(video: DetectedVideo, seen: Seen, logit: FloatArray, settings: FlowSettings) -> Origin:
+def _origin(video: DetectedVideo, seen: DetectionTable, logit: FloatArray, settings: FlowSettings) -> Origin:
     """The anchors and scores of the detections that the tracker took, which leaves out duplicates."""
     anchors, scores = np.empty(len(seen), dtype=np.int64), np.empty(len(seen))
     for frame in np.unique(seen.frames):
@@ -142,7 +136,7 @@ def _origin(video: DetectedVideo, seen: Seen, logit: FloatArray, settings: FlowS
 
 
 def _tracklet_graph(
-    video: DetectedVideo, seen: Seen, owners: IntArray, labels: IntArray, settings: FlowSettings
+    video: DetectedVideo, seen: DetectionTable, owners: IntArray, labels: IntArray, settings: FlowSettings
 ) -> Graph:
     """Tracklets in place of detections, joins of their ends in place of links; an owner has half of one."""
     ends = Ends.of(labels)

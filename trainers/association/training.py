@@ -15,8 +15,8 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 
 from tsuiseki.models.association_network import AppearanceProjection, AssociationNetwork
-from tsuiseki.tracking.association.flow.cost_network import FeatureNames
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.learnt_costs import FeatureNames
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, Problem, Solvers, cheapest, finite
 from tsuiseki.trainers.association.graphs import Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import Counts

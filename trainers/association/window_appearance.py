@@ -19,9 +19,9 @@ from torch.nn import functional
 
 from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.models.metric_losses import softmax_contrastive_loss
-from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
-from tsuiseki.tracking.association.flow.flow_rounds import RoundSettings
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.flow_rounds import RoundSettings
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.nearby import gaps
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from tsuiseki.models.association_network import AssociationNetwork
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.flow_loss import finite

@@ -24,7 +24,7 @@ from torch import Tensor
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.detection_data import DetectionBatch, collate
 from tsuiseki.datamodules.labelled_images import read_image
-from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image

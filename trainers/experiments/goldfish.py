@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.goldfish import Goldfish
@@ -174,10 +175,14 @@ def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
     return Outcome(values, tables, plots, files, [note])
 
 
+def _write_clip(folder: Path, settings: GoldfishSettings, seed: int) -> Path:
+    return write_clip(folder, plan_goldfish(settings, seed))
+
+
 def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
     """Folders of the clips ``NAME-01`` … of as many fish as ``counts`` says; each is made once."""
     return [
-        store.made(f"{name}-{n + 1:02d}", write_goldfish, GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n)
+        store.made(f"{name}-{n + 1:02d}", _write_clip, GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n)
         for n, fish in enumerate(counts)
     ]
 

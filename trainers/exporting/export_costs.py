@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from torch import nn
 
 from tsuiseki.models.association_network import AssociationNetwork
-from tsuiseki.tracking.association.flow.cost_network import CostNetwork, FeatureNames
+from tsuiseki.tracking.association.learnt_costs import CostNetwork, FeatureNames
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
 from tsuiseki.tracking.types import FloatArray

@@ -15,8 +15,8 @@ from tsuiseki.models.action import ActionNetwork, ActionStream, action_loss, pos
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.action_scores import average_precisions
-from tsuiseki.tracking.features.action_inputs import STREAMS, ActionInput, StreamName
-from tsuiseki.tracking.features.motion.optical_flow import FlowName
+from tsuiseki.tracking.features.action import STREAMS, ActionInput, StreamName
+from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.networks.modules import Optimisation, normalised, plain_hyperparameters

@@ -19,7 +19,7 @@ from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.models.anchors import propose_anchors
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detect, Detector
+from tsuiseki.tracking.features.exported import Detect, Detector
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray

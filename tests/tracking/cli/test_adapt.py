@@ -10,8 +10,8 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
-
 from tests.tracking.features.networks.tiny_onnx import save_constant
+
 from tests.trainers.adapt import street
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import Interrupted, RequestError
@@ -142,8 +142,8 @@ def test_a_moving_camera_is_said_and_an_interrupt_keeps_what_is_finished(
 
 @pytest.mark.slow
 def test_the_teacher_is_opened_once(video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tsuiseki.tracking.features.networks import exported
-    from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
+    from tsuiseki.tracking.features import exported
+    from tsuiseki.tracking.features.foreign_detector import ForeignDetector
     from tsuiseki.trainers.adapt import rounds as module
 
     opened, given, look = [], [], module._look

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity
 from tsuiseki.tracking.association.costs import PairFeatures
-from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, Affinity
+from tsuiseki.tracking.association.pairwise_flow import GateSettings
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.evaluation.owners import NOBODY
+from tsuiseki.tracking.evaluation.coverage import NOBODY
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.options import OutputFile

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.flow.evidence import JOIN_FEATURES
+from tsuiseki.tracking.association.evidence import JOIN_FEATURES
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, Problem, cheapest

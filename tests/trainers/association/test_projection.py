@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from tsuiseki.models.association_network import AppearanceProjection
-from tsuiseki.tracking.association.flow.cost_network import CostNetwork
-from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections

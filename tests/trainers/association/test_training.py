@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.tracking.association.flow.cost_network import CostNetwork
-from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association import window_detector
 from tsuiseki.trainers.association.flow_loss import FlowLoss

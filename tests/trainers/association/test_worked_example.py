@@ -1,4 +1,4 @@
-"""The worked example of docs/end-to-end.md: two people in two frames, whom the tracker swaps."""
+"""The worked example of docs/methods/end-to-end.md: two people in two frames, whom the tracker swaps."""
 
 from __future__ import annotations
 

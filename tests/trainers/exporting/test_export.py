@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.trainers.exporting import export

@@ -103,7 +103,7 @@ def test_exported_streams_say_what_the_trained_ones_say(
 
 
 def crops_of(recogniser: ActionRecogniser, images: list[np.ndarray], boxes: np.ndarray) -> dict[str, np.ndarray]:  # type: ignore[type-arg]
-    from tsuiseki.tracking.features.action_inputs import crop_squares, square_boxes
+    from tsuiseki.tracking.features.action import crop_squares, square_boxes
 
     pictures = {True: recogniser.flow(images), False: images[-1]}
     return {

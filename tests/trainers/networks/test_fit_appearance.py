@@ -16,7 +16,7 @@ from tsuiseki.datamodules.appearance_data import AppearanceData
 from tsuiseki.models import appearance
 from tsuiseki.models.backbones import Trunk
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance, crop_boxes
+from tsuiseki.tracking.features.exported import Appearance, crop_boxes
 from tsuiseki.trainers.exporting.export import ModelFile, load_module
 from tsuiseki.trainers.exporting.export_crops import export_appearance
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining

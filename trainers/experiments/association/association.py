@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.people.flow import FlowSettings
-from tsuiseki.tracking.people.methods import PeopleMethod
+from tsuiseki.tracking.people.flow_input import FlowSettings
+from tsuiseki.tracking.people.settings import PeopleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.camera import camera_table
 from tsuiseki.trainers.experiments.association.choice import choice_table

@@ -14,9 +14,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.evaluation.resampling import score_sums, scores_of
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import open_source

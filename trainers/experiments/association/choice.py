@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from tsuiseki.tracking.evaluation.resampling import score_sums, scores_of
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.labelled import with_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, DataSet

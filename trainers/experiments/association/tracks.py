@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.association.tracklets.interpolation import GapSettings, fill_gaps
+from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.people.frame_log import shifted
-from tsuiseki.tracking.people.methods import PeopleMethod
-from tsuiseki.tracking.people.tracker import PeopleTracker
+from tsuiseki.tracking.people.settings import PeopleMethod
+from tsuiseki.tracking.people.tracker import PeopleTracker, shifted
 from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of, tracks_of

@@ -15,7 +15,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.tables import action_values
-from tsuiseki.tracking.features.action_inputs import STREAMS
+from tsuiseki.tracking.features.action import STREAMS
 from tsuiseki.tracking.weights import shipped, shipped_or_file
 from tsuiseki.trainers.experiments.drone.bridging_rows import bridging_rows
 from tsuiseki.trainers.experiments.drone.camera_errors import flight_errors

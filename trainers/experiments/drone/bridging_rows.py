@@ -9,12 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.drone.observation_cache import file_digest
-from tsuiseki.tracking.drone.observations import Observers
-from tsuiseki.tracking.drone.video_observations import video_observations
+from tsuiseki.tracking.drone.observations import Observers, file_digest, video_observations
 from tsuiseki.tracking.features.action import ActionRecogniser
-from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.people.bridging import FILTER, BridgingSettings
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.trainers.experiments.drone.clips import Clip, Networks

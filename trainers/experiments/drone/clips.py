@@ -11,18 +11,17 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.drone.observation_cache import file_digest
-from tsuiseki.tracking.drone.observations import Observation, Observers
-from tsuiseki.tracking.drone.video_observations import video_observations
+from tsuiseki.tracking.drone.models import as_detections
+from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
 from tsuiseki.tracking.evaluation.action_files import LabelledActions, read_labelled_actions
 from tsuiseki.tracking.features.action import ActionRecogniser
-from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks, write_detections
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.people.given_tracks import as_detections
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.types import IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -36,8 +35,8 @@ SECOND_SCENE = DroneSceneSettings(frames=200, camera="calm", people=4, altitude=
 FAULTS = DetectorFaults(jitter=0.07, missed=0.35, hidden=0.8, false_alarms=0.6)
 FIRST_SEED, SECOND_SEED = 3000, 9000
 # Of clips that the networks of actions learnt from, that chose the settings of the flow and of DeepSORT, that the costs
-# of actions come from (docs/drone.md), and that the detector's scores were made probabilities on
-# (docs/drone-detector.md).
+# of actions come from (docs/methods/drone.md), and that the detector's scores were made probabilities on
+# (docs/methods/drone-detector.md).
 SEEN = frozenset(
     [
         *range(1000, 1013),
@@ -107,11 +106,15 @@ def prepare_clips(
     return clips
 
 
+def _write_clip(folder: Path, scene: DroneSceneSettings, seed: int) -> Path:
+    return write_clip(folder, plan_drone(scene, seed))
+
+
 def _prepare(store: Store, networks: Networks, plan: ClipPlan) -> tuple[Clip, bool]:
     """The clip, and whether it had to be drawn."""
     name, scene, seed = plan
-    missing = not store.has_made(name, write_drone, scene, seed)
-    folder = store.made(name, write_drone, scene, seed)
+    missing = not store.has_made(name, _write_clip, scene, seed)
+    folder = store.made(name, _write_clip, scene, seed)
     (clip,) = look_at([folder], observations_in(store), networks)
     return clip, missing
 

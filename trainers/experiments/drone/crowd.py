@@ -23,9 +23,10 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.people.gathering import gather
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.association.action_cost import ActionCost, ActionFeatures
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.drone.tracker import DRONE_FLOW, DroneSettings, DroneTracker
+from tsuiseki.tracking.association.costs import ActionCost, ActionFeatures
+from tsuiseki.tracking.drone.settings import DRONE_FLOW, DroneSettings
+from tsuiseki.tracking.drone.tracker import DroneTracker
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums, scores_of

@@ -8,27 +8,26 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from tsuiseki.tracking.association.action_cost import ActionFeatures
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.association.rows import rows_of
-from tsuiseki.tracking.drone.acting import acting_track
+from tsuiseki.tracking.association.costs import ActionFeatures
+from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.drone.models import DroneMethod
 from tsuiseki.tracking.drone.observations import Observation
-from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker
+from tsuiseki.tracking.drone.settings import DroneSettings
+from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
 from tsuiseki.tracking.drone.tracking import suited
 from tsuiseki.tracking.evaluation.action_files import LabelledActions, action_rows, join_action_rows
 from tsuiseki.tracking.evaluation.action_scores import ActionScores, evaluate_actions
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.resampling import Interval, paired_bootstrap, score_sums
-from tsuiseki.tracking.features.action import averaged
-from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.action import LOCAL_STREAMS, STREAMS, StreamName, averaged
+from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.people.compensated import MotionCompensated
 from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.people.flow_output import long_tracks
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
+from tsuiseki.tracking.people.methods import MotionCompensated
+from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.trainers.experiments.drone.borrowed_actions import borrowed, done_by_person, place_of

@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
-from tsuiseki.tracking.association.flow.cost_network import CostChanges
+from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import score_sums
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.frame_range import parse_frames

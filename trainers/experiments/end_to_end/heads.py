@@ -12,7 +12,7 @@ import torch
 
 from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.evaluation.detection import evaluate_detections, labelled_boxes
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray

@@ -19,7 +19,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from threadpoolctl import threadpool_limits
 
-from tsuiseki.tracking.association.flow.cost_network import LARGEST
+from tsuiseki.tracking.association.learnt_costs import LARGEST
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest

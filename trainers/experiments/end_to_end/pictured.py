@@ -10,8 +10,9 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import score_sums
-from tsuiseki.tracking.features.networks.exported import Detector
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs

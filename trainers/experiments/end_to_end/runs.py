@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
-from tsuiseki.tracking.association.affinity import Affinity
-from tsuiseki.tracking.association.flow.cost_network import CostChanges
+from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped

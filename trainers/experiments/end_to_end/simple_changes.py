@@ -6,8 +6,8 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.cost_network import LARGEST, CostChanges
-from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES, LINK_FEATURES
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, LINK_FEATURES
+from tsuiseki.tracking.association.learnt_costs import LARGEST, CostChanges
 from tsuiseki.tracking.types import FloatArray
 
 COST, SECONDS = (LINK_FEATURES.index(name) for name in ("cost", "seconds"))

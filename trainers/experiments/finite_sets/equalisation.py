@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, blob_frames, plan_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
 from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
@@ -111,7 +111,7 @@ def run_arm(name: str, settings: BlobSceneSettings, seed: int, density: int, con
     chosen = RegionPhdFilter(SteppingBox(1.5, 0.5), births, likelihood, update, density, fixed, condition.survival)
     counts, expected = [], []
     state = None
-    for image, boxes in blob_frames(settings, seed):
+    for (image,), boxes in plan_blobs(settings, seed).frames():
         if state is None:
             size = (float(settings.width), float(settings.height))
             state = chosen.init(*_start(boxes, density, condition.beside, size, rng))
@@ -149,7 +149,7 @@ def reproduce(
         for name, seed in bench.watch.over(jobs, "clips", len(jobs))
     }
     runs = {name: [done[name, seed] for seed in range(seeds)] for name in ARMS}
-    purity = [plan_blobs(settings, np.random.default_rng(seed)).purity for seed in range(seeds)]
+    purity = [plan_blobs(settings, seed).paths.purity for seed in range(seeds)]
     order = [np.argsort(one) for one in purity]
     means = {
         name: np.mean([arm.particles[:, rank] for arm, rank in zip(arms, order, strict=True)], axis=0)
@@ -187,7 +187,7 @@ def _held(bench: Bench, settings: BlobSceneSettings, seeds: int, density: int) -
     ends: dict[tuple[str, str], list[float]] = {}
     for condition, name, seed in bench.watch.over(jobs, "clips of other conditions", len(jobs)):
         arm = bench.store.recall(run_arm, name, settings, seed, density, CONDITIONS[condition])
-        rank = np.argsort(plan_blobs(settings, np.random.default_rng(seed)).purity)
+        rank = np.argsort(plan_blobs(settings, seed).paths.purity)
         late = arm.particles[len(arm.particles) // 2 :, rank]
         shares.setdefault((condition, name), []).append((late >= LEAST * density).mean(axis=0))
         ends.setdefault((condition, name), []).append(float(arm.expected[-1]))

@@ -13,7 +13,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.single_clip import render_chase
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.single.combined import Combined
 from tsuiseki.tracking.single.constants import CombinedSettings, KcfParticleSettings, RegularisedSettings

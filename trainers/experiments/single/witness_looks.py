@@ -12,7 +12,7 @@ from statistics import median
 
 import numpy as np
 
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.single.combined import Combined
 from tsuiseki.tracking.single.matching import colour_bins

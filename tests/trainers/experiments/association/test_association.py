@@ -12,7 +12,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types import Track
 from tsuiseki.trainers.experiments.association.camera import followed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tsuiseki.tracking.people.flow import FlowSettings
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.trainers.experiments.association.choice import DEFAULT, Scores, candidates, chosen_without
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES, LINK_FEATURES
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.end_to_end.choosing import SHARES, STEPS, best_share, pattern_search
 from tsuiseki.trainers.experiments.end_to_end.given import others_of

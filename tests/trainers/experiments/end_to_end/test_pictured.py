@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.drone.tracker import DRONE_FLOW
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.drone.settings import DRONE_FLOW
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.fitting import Fit
