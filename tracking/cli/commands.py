@@ -94,17 +94,18 @@ COMMANDS: Tree = {
             "appearance": Command("what they look like", "trainers.networks.fit:fit_appearance", forwarded=True),
             "action": Command("what they do", "trainers.networks.fit:fit_action", forwarded=True),
             "affinity": Command(
-                "whether two detections are the same person", "trainers.affinity.affinity:fit_affinity"
+                "whether two detections are the same person", "trainers.association.affinity_fit:fit_affinity"
             ),
             "affinity-drone": Command(
-                "what differences of actions cost, seen from a drone", "trainers.affinity.action_cost:fit_action_costs"
+                "what differences of actions cost, seen from a drone",
+                "trainers.association.action_cost_fit:fit_action_costs",
             ),
             "association": Command(
                 "who follows whom, by whole tracks", "trainers.networks.fit:fit_association", forwarded=True
             ),
-            "objectness": Command("which boxes look like an object", "trainers.objectness.train_objectness"),
-            "body": Command("a body that bends, from silhouettes", "trainers.bodies.train_body"),
-            "motion": Command("how a body that bends moves, from its tracks", "trainers.bodies.train_motion"),
+            "objectness": Command("which boxes look like an object", "trainers.train_objectness"),
+            "body": Command("a body that bends, from silhouettes", "trainers.learn_body:train_body"),
+            "motion": Command("how a body that bends moves, from its tracks", "trainers.learn_motion:train_motion"),
         },
     ),
     "adapt": Command("learn a camera from its unlabelled video (needs the train extra)"),
@@ -118,7 +119,7 @@ COMMANDS: Tree = {
             "appearance": Command("from a checkpoint", "trainers.exporting.export_crops:export_appearance"),
             "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_crops:export_action"),
             "association": Command(
-                "costs of the flow, from a checkpoint", "trainers.exporting.export_association:export_trained"
+                "costs of the flow, from a checkpoint", "trainers.exporting.export_costs:export_trained"
             ),
         },
     ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.trainers.adapt import street
-from tsuiseki.trainers.adapt.silhouettes import (
+from tsuiseki.trainers.adapt.foreground import (
     Difference,
     covered_share,
     detected_boxes,

@@ -26,6 +26,7 @@ from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.coverage import NOBODY
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser, averaged
 from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraMotionSettings, CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
@@ -37,7 +38,7 @@ from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
-from tsuiseki.trainers.affinity.affinity_samples import NOBODY, match_boxes
+from tsuiseki.trainers.association.pair_samples import match_boxes
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import onnx
 import pytest
 import torch
 
-from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.models.association_network import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import CostNetwork, FeatureNames
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY
@@ -18,7 +18,7 @@ from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.methods import people_affinity, people_tracker
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.trainers.exporting.export_association import TOLERANCE, export_association
+from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
 
 NAMES = FeatureNames()
 

@@ -8,7 +8,7 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.affinity.seen_frames import Look, check_unseen, trained_frames
+from tsuiseki.trainers.association.trained_frames import NetworkUse, check_unseen, trained_frames
 
 PETS = "PETS09-S2L1-first"
 ALL = [(0.0, float("inf"))]
@@ -29,23 +29,23 @@ def test_what_a_card_says(said: str, frames: list[tuple[float, float]]) -> None:
     assert trained_frames(said, PETS) == frames
 
 
-def look(said: str, first: int, last: int) -> Look:
+def use(said: str, first: int, last: int) -> NetworkUse:
     card = ModelCard(kind="detector", name="ssd", class_names=("person",), training_data=said)
-    return Look(Path("d.onnx"), card, PETS, first, last)
+    return NetworkUse(Path("d.onnx"), card, PETS, first, last)
 
 
 @pytest.mark.parametrize(("first", "last"), [(1, 400), (300, 301), (250, 260)])
 def test_seen_frames_are_refused(first: int, last: int) -> None:
     with pytest.raises(RequestError, match=rf"d.onnx: expected a detector that has not seen frames {first}-{last} of"):
-        check_unseen([look("PETS frames 1-300", first, last)])
+        check_unseen([use("PETS frames 1-300", first, last)])
 
 
 def test_other_frames_are_taken(recwarn: pytest.WarningsRecorder) -> None:
-    check_unseen([look("PETS frames 1-300", 301, 400), look("generated people", 1, 400)])
+    check_unseen([use("PETS frames 1-300", 301, 400), use("generated people", 1, 400)])
     assert not recwarn.list
 
 
 def test_silence_is_told_once() -> None:
     with pytest.warns(UserWarning, match=r"d.onnx does not say what it was trained on") as told:
-        check_unseen([look("", 1, 100), look("", 101, 200)])
+        check_unseen([use("", 1, 100), use("", 101, 200)])
     assert len(told) == 1

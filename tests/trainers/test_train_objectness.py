@@ -8,7 +8,7 @@ pytest.importorskip("sklearn", reason="training needs the train extra")
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.objectness import propose, recall
-from tsuiseki.trainers.objectness.objectness import LabelledImage, ObjectnessSettings, fit_objectness
+from tsuiseki.trainers.train_objectness import BoxedImage, ObjectnessSettings, fit_objectness
 
 SETTINGS = ObjectnessSettings(sides=(17, 24, 34, 48), steepest=1.5, min_examples=5)
 
@@ -21,7 +21,7 @@ def squares(count, seed):
         side = int(rng.integers(18, 44))
         x, y = rng.integers(0, 120 - side), rng.integers(0, 100 - side)
         cv2.rectangle(image, (int(x), int(y)), (int(x) + side - 1, int(y) + side - 1), (220, 210, 60), -1)
-        images.append(LabelledImage(image, np.array([[x, y, x + side, y + side]], dtype=float)))
+        images.append(BoxedImage(image, np.array([[x, y, x + side, y + side]], dtype=float)))
     return images
 
 

@@ -17,7 +17,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.affinity.action_cost import LinkSamples, fit_action_cost, link_samples
+from tsuiseki.trainers.association.action_cost_fit import LinkSamples, fit_action_cost, link_samples
 
 SIZE = np.array([10.0, 22.0])
 

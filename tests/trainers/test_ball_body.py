@@ -12,7 +12,7 @@ from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTrack
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.motion.bodies import Noise, RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside
-from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.learn_motion import learn_motion
 
 BODY = Ball()
 EXTRACTION = Extraction(parse_colour("red"))

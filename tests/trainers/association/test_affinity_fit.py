@@ -13,21 +13,20 @@ from tsuiseki.tracking.association.costs import PairFeatures
 from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, Affinity
 from tsuiseki.tracking.association.pairwise_flow import GateSettings
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.evaluation.coverage import NOBODY
 from tsuiseki.tracking.formats.mot import write_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import read_sequence, write_sequence_info
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.affinity.affinity import (
+from tsuiseki.trainers.association.affinity_fit import (
     AffinitySettings,
-    BoostingSettings,
+    AffinityVideo,
     fit_affinity,
     fit_observation,
     fit_transition,
 )
-from tsuiseki.trainers.affinity.affinity_data import AffinityVideo
-from tsuiseki.trainers.affinity.affinity_samples import (
-    NOBODY,
+from tsuiseki.trainers.association.pair_samples import (
     LabelledDetections,
     PairSamples,
     every_nth,
@@ -36,9 +35,10 @@ from tsuiseki.trainers.affinity.affinity_samples import (
     match_boxes,
     pair_samples,
 )
-from tsuiseki.trainers.exporting.export_affinity import check_parity, export_affinity
+from tsuiseki.trainers.association.videos import labelled_sequences
+from tsuiseki.trainers.exporting.export_costs import export_affinity, trees_parity
 
-QUICK = BoostingSettings(trees=40)
+QUICK = 40
 
 
 def two_walkers(frames: int = 60) -> GroundTruth:
@@ -110,7 +110,7 @@ def synthetic_pairs(count: int, rng: np.random.Generator) -> tuple[PairSamples, 
     rows = rng.uniform(0, 1, (count, 2)).astype(np.float32).astype(np.float64)
     probability = 1 / (1 + np.exp(-(6 * rows[:, 0] - 3 - 4 * (rows[:, 1] - 0.5))))
     same = rng.random(count) < probability
-    return PairSamples(rows, same, np.ones(count, np.int64), np.arange(count) * 5 // count), probability
+    return PairSamples(rows, same, np.arange(count) * 5 // count), probability
 
 
 def test_probabilities_are_calibrated(tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_a_wrong_calibration_is_noticed(tmp_path: Path) -> None:
     path = tmp_path / "a.onnx"
     export_affinity(trees, (1.0, 0.0), card_of_thesis(), path, samples.rows)
     with pytest.raises(RunError, match="parity check failed"):
-        check_parity(trees, (0.5, 0.0), path, samples.rows)
+        trees_parity(trees, (0.5, 0.0), path, samples.rows)
 
 
 def test_observation_recovers_the_logistic() -> None:
@@ -161,7 +161,7 @@ def test_observation_recovers_the_logistic() -> None:
     right = rng.random(50_000) < 1 / (1 + np.exp(3 - 7 * scores))
     nothing = np.zeros(len(scores), np.int64)
     found = LabelledDetections(nothing, np.tile([0, 0, 1, 1.0], (len(scores), 1)), scores, None, nothing, right)
-    cost = fit_observation([found], b=-0.5)
+    cost = fit_observation([found])
     # Standard errors at 50,000 samples are about 0.03 and 0.05.
     assert cost.alpha == pytest.approx(3, abs=0.12)
     assert cost.beta == pytest.approx(-7, abs=0.2)
@@ -170,7 +170,7 @@ def test_observation_recovers_the_logistic() -> None:
 
 def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
     faults = DetectorFaults(false_alarms=1.0)
-    video, settings = AffinityVideo([sequence], detections="simulated", faults=faults), AffinitySettings(boosting=QUICK)
+    video, settings = AffinityVideo([sequence], detections="simulated", faults=faults), AffinitySettings(trees=QUICK)
     out = fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), settings)
     again = fit_affinity(video, OutputFile(out=tmp_path / "b.onnx"), settings)
     assert out.read_bytes() == again.read_bytes(), "the same seed gives the same file"
@@ -200,8 +200,8 @@ def test_each_network_describes_its_own_stretch(sequence: Path) -> None:
         cv2.imwrite(str(sequence / "img1" / f"{frame + 1:06d}.png"), np.zeros((24, 32, 3), np.uint8))
     networks = [Constant(0.0), Constant(1.0)]
     rng = np.random.default_rng(0)
-    parts = labelled_parts(read_sequence(sequence), (11, 50), "simulated", networks, DetectorFaults(), rng)  # type: ignore[arg-type]
-    first, second = parts
+    (video,) = labelled_sequences([sequence])
+    first, second = labelled_parts(video, (11, 50), "simulated", networks, DetectorFaults(), rng)
     assert (first.frames.min(), first.frames.max(), second.frames.min(), second.frames.max()) == (10, 29, 30, 49)
     assert first.features is not None
     assert second.features is not None
@@ -220,12 +220,12 @@ def test_bad_requests(sequence: Path, tmp_path: Path) -> None:
     taken.write_bytes(b"")
     with pytest.raises(RequestError, match="exists"):
         fit_affinity(AffinityVideo([sequence]), OutputFile(out=taken))
-    with pytest.raises(RequestError, match="expected detections at"):
+    with pytest.raises(RequestError, match=r"expected det/det\.txt beside the labels of walkers"):
         fit_affinity(AffinityVideo([sequence]), OutputFile(out=tmp_path / "a.onnx"))
     perfect = DetectorFaults(jitter=0, missed=1e-9, hidden=1e-9, false_alarms=0, doubled=0)
     video = AffinityVideo([sequence], detections="simulated", faults=perfect)
     with pytest.raises(RequestError, match="expected right and wrong detections"):
-        fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), AffinitySettings(boosting=QUICK))
+        fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), AffinitySettings(trees=QUICK))
     assert list(tmp_path.glob("a*")) == [], "nothing half-written"
 
 

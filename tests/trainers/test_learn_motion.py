@@ -10,7 +10,7 @@ import pytest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.bodies import BodyFixedVelocity, Noise
 from tsuiseki.tracking.filters.motion.learnt import read_motion, write_motion
-from tsuiseki.trainers.bodies.motion import learn_motion, track_steps
+from tsuiseki.trainers.learn_motion import learn_motion, track_steps
 
 FIELDS, ANGLES = ("a", "b", "theta", "phi"), (2, 3)
 COVARIANCE = np.array(

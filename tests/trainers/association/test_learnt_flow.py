@@ -16,8 +16,7 @@ from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.tracker import run_tracker, shifted
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.affinity.affinity import AffinitySettings, fit_affinity
-from tsuiseki.trainers.affinity.affinity_data import AffinityVideo
+from tsuiseki.trainers.association.affinity_fit import AffinitySettings, AffinityVideo, fit_affinity
 
 FIRST, LAST = 300, 399
 

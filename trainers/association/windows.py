@@ -20,7 +20,7 @@ from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
-from tsuiseki.trainers.association.videos import OTHER_RATE, acting, described, detected_videos, filmed, stretch
+from tsuiseki.trainers.association.videos import OTHER_RATE, acting, described, detected_videos, filmed, part_of
 from tsuiseki.trainers.association.window_appearance import WindowCrops, crops_of
 from tsuiseki.trainers.association.window_detector import WindowFrames, frames_of
 
@@ -212,8 +212,8 @@ class AssociationData(lightning.LightningDataModule):
 
         videos = seen(self.train, self.frames)
         if self.validation is None:
-            held = [stretch(video, 1 - self.held_back, 1.0) for video in videos]
-            videos = [stretch(video, 0.0, 1 - self.held_back) for video in videos]
+            held = [part_of(video, 1 - self.held_back, 1.0) for video in videos]
+            videos = [part_of(video, 0.0, 1 - self.held_back) for video in videos]
         else:
             held = seen(self.validation, None)
         self.learnt = graphs_of(videos, self.settings)

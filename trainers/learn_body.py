@@ -9,14 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.bodies.learnt import LearntBody
+from tsuiseki.tracking.bodies.contour import Extraction
+from tsuiseki.tracking.bodies.learnt import LearntBody, write_body
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.colour_region import parse_colour
+from tsuiseki.tracking.options import PlottedFile
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.bodies.outlines import Outline
+from tsuiseki.trainers.outlines import Outline, outlines_of
 
 FEWEST = 10
 # Outlines are lined up on this many times the points that are kept.
@@ -166,3 +173,70 @@ def _points(rows: FloatArray) -> FloatArray:
 def _distance(rows: FloatArray) -> float:
     """Root mean square length of the vectors in ``(S, 2K)`` rows."""
     return float(np.sqrt(2.0 * np.mean(rows**2)))
+
+
+SHOWN_BENDS = (-2.0, -1.0, 0.0, 1.0, 2.0)
+
+
+def plot_body(path: Path, fit: BodyFit) -> None:
+    """Draws one panel for each mode: the outline at bends of -2 to 2 standard deviations, the heading to the right."""
+    count = len(fit.body.modes)
+    figure = Figure(figsize=(4.6 * count + 0.8, 2.7), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, count, squeeze=False, sharex=True, sharey=True)[0]
+    for mode, axes in enumerate(panels):
+        for bend in SHOWN_BENDS:
+            state = np.zeros((1, len(fit.body.fields)))
+            state[0, 3 + mode] = bend
+            outline = fit.body.contour(state)[0]
+            closed = np.concatenate([outline, outline[:1]])
+            colour = "0.2" if bend == 0 else colormaps["coolwarm"](0.5 + bend / 5)
+            width = 2.0 if bend == 0 else 1.2
+            axes.plot(*closed.T, color=colour, linewidth=width, label=f"{bend:+.0f}" if bend else "0")
+        axes.plot(0, 0, "+", color="0.5")
+        axes.set_title(f"{fit.body.fields[3 + mode]}: {100 * fit.explained[mode]:.0f} % of the variance", fontsize=10)
+        axes.set_aspect("equal")
+        axes.set_xlabel("pixels, heading to the right")
+    panels[0].invert_yaxis()
+    figure.legend(*panels[0].get_legend_handles_labels(), title="bend", loc="outside right upper", frameon=False)
+    figure.savefig(path, dpi=100, facecolor="white")
+
+
+def train_body(
+    clips: list[Path],
+    /,
+    output: PlottedFile,
+    colour: str | None = None,
+    smooth: int = 5,
+    modes: int = 1,
+    points: int = 48,
+) -> None:
+    """Learn a body from silhouettes: its mean outline and how it bends, drawn by nobody.
+
+    tsuiseki track deformable --body FILE.json takes the result.
+
+    Args:
+        clips: folders with silhouettes/000001.png and so on, as tsuiseki simulate goldfish makes them; with --colour
+            any videos or folders of images, in which each body is mostly seen alone and whole.
+        out: file to write, JSON.
+        colour: of the bodies: red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with
+            hues in degrees.
+        smooth: side in pixels of the median filter of the colour's regions, odd; 1 leaves it out.
+        modes: bends that the body has, the most important ones.
+        points: of the contour.
+        plot: also draw the mean outline and the modes into this file (PNG, SVG or PDF).
+    """
+    if modes < 1 or points < 8:
+        raise RequestError(f"expected at least 1 of `modes` and 8 `points`, got {modes} and {points}")
+    if smooth < 1 or smooth % 2 == 0:
+        raise RequestError(f"`smooth`: expected an odd number from 1, got {smooth}")
+    extraction = Extraction(parse_colour(colour), smooth) if colour is not None else None
+    outlines = [outline for clip in clips for outline in outlines_of(clip, extraction)]
+    fit = learn_body(outlines, modes, points, output.out.stem)
+    output.write(output.out, lambda path: write_body(path, fit.body))
+    output.draw(lambda path: plot_body(path, fit))
+    shares = ", ".join(f"{100 * share:.0f}" for share in fit.explained)
+    print(
+        f"learnt from {len(outlines)} silhouettes, which vary by {fit.spread:.1f} pixels; the modes ({shares} %) "
+        f"leave {fit.residual:.1f}: {output.out}"
+    )

@@ -1,7 +1,7 @@
 """Whether a network was trained on the frames that costs shall be fitted to.
 
 Where a detector or an appearance network was trained, it is right more often than elsewhere. Costs that are fitted
-there believe it too much: on later frames of PETS a detector of frames 1-400 with costs fitted to them reaches an IDF1
+there trust it too much: on later frames of PETS a detector of frames 1-400 with costs fitted to them reaches an IDF1
 of .764, with costs that are not fitted to them .864. An exported network says in words what it was trained on
 (`ModelCard.training_data`), such as "PETS09-S2L1-first frames 1-300; streets".
 """
@@ -16,7 +16,6 @@ from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Appearance, Detector
-from tsuiseki.tracking.formats.mot_sequence import MotSequence
 from tsuiseki.tracking.onnx import ModelCard
 
 # Shorter words, such as "MOT" or "all", name no sequence.
@@ -25,14 +24,14 @@ _RANGE = re.compile(r"(\d+)\s*[-–]\s*(\d+)")
 
 
 @dataclass(frozen=True)
-class Look:
-    """A network that looks at a stretch of a sequence.
+class NetworkUse:
+    """A network that is to look at frames of a sequence.
 
     Attributes:
         path: its file.
         card: what it says of itself.
         sequence: name of the sequence.
-        first: frame of the stretch, counted from 1.
+        first: frame, counted from 1.
         last: likewise, included.
     """
 
@@ -43,8 +42,8 @@ class Look:
     last: int
 
     @property
-    def seen(self) -> bool:
-        """Whether it was trained on a frame of the stretch, as far as it says."""
+    def trained_there(self) -> bool:
+        """Whether it was trained on one of the frames, as far as it says."""
         ranges = trained_frames(self.card.training_data, self.sequence)
         return any(first <= self.last and self.first <= last for first, last in ranges)
 
@@ -71,40 +70,38 @@ def trained_frames(training_data: str, sequence: str) -> list[tuple[float, float
     return found
 
 
-def looks(
-    sequence: MotSequence,
-    parts: Sequence[tuple[int, int]],
-    *networks: Mapping[Path, Appearance | Detector],
-) -> Iterator[Look]:
-    """Which network looks at which stretch: of each kind one looks at all of them, or each at its own.
+def network_uses(
+    name: str, parts: Sequence[tuple[int, int]], *networks: Mapping[Path, Appearance | Detector]
+) -> Iterator[NetworkUse]:
+    """Which network looks at which frames: of each kind one looks at all of them, or each at its own.
 
     Args:
-        sequence: that is looked at.
-        parts: first frame of each stretch, from 0, and the one after its last.
+        name: of the sequence that is looked at.
+        parts: first frame of each span, from 0, and the one after its last.
         networks: of each kind, by their files.
     """
     for few in networks:
         for k, (start, stop) in enumerate(parts if few else []):
             path, network = list(few.items())[k % len(few)]
-            yield Look(path, network.model.card, sequence.name, start + 1, stop)
+            yield NetworkUse(path, network.model.card, name, start + 1, stop)
 
 
-def check_unseen(looks: Sequence[Look]) -> None:
+def check_unseen(uses: Sequence[NetworkUse]) -> None:
     """Refuse networks that were trained on what they look at; warn of those that do not say.
 
     Raises:
         RequestError: one was, by its own words.
     """
-    for look in looks:
-        if look.seen:
+    for use in uses:
+        if use.trained_there:
             raise RequestError(
-                f"{look.path}: expected a {look.card.kind} that has not seen frames {look.first}-{look.last} of "
-                f"{look.sequence}, got one trained on {look.card.training_data!r}; costs fitted there believe it too "
-                "much. Give other `frames`, or networks that each leave a stretch out (`cross_fit`, "
+                f"{use.path}: expected a {use.card.kind} that has not seen frames {use.first}-{use.last} of "
+                f"{use.sequence}, got one trained on {use.card.training_data!r}; costs fitted there trust it too "
+                "much. Give other `frames`, or networks that each leave a part out (`cross_fit`, "
                 "`cross_fit_detectors`), or take it all the same with `seen`"
             )
-    for path in dict.fromkeys(look.path for look in looks if not look.card.training_data):
+    for path in dict.fromkeys(use.path for use in uses if not use.card.training_data):
         warnings.warn(
-            f"{path} does not say what it was trained on; costs fitted to frames it has seen believe it too much",
+            f"{path} does not say what it was trained on; costs fitted to frames it has seen trust it too much",
             stacklevel=2,
         )

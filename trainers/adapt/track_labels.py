@@ -20,8 +20,7 @@ from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, shared_with_all
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.adapt.settings import LabelSettings
-from tsuiseki.trainers.adapt.silhouettes import (
+from tsuiseki.trainers.adapt.foreground import (
     Difference,
     covered_share,
     detected_boxes,
@@ -29,6 +28,7 @@ from tsuiseki.trainers.adapt.silhouettes import (
     moving_blobs,
     usual_offset,
 )
+from tsuiseki.trainers.adapt.settings import LabelSettings
 from tsuiseki.trainers.adapt.watch import Foreground, Watched
 
 TAKEN, STILL, UNSURE, SHORT, TWICE = "taken", "never moves", "unsure", "short", "twice"

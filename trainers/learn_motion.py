@@ -7,14 +7,22 @@ their principal components are the proposal (18). The paper learns the *rotated 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from tsuiseki.tracking.bodies.body import Body
+from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.bodies import HEADING, conditions, turned
-from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents
+from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents, write_motion
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.options import OutputFile
+from tsuiseki.tracking.output import RUN_FILE
 from tsuiseki.tracking.types import FloatArray
 
 FEWEST_STEPS = 10
@@ -161,3 +169,70 @@ def regression(given: FloatArray, changes: FloatArray) -> tuple[FloatArray, Floa
     target = changes - changes.mean(axis=0)
     gain = np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(given.shape[1]), scaled.T @ target).T / deviation
     return gain, changes - given @ gain.T
+
+
+def read_stretches(tracks: Sequence[Path], body: Body) -> list[FloatArray]:
+    """``(T, D)`` states of consecutive frames with the status tracking, of all tracks in some files.
+
+    Args:
+        tracks: states.csv files, or folders that hold one.
+        body: the one that was tracked.
+
+    Raises:
+        RequestError: a file is missing or broken, or of another body.
+    """
+    found = [track for path in tracks for track in read_states(_states_file(path), body.fields)]
+    return [stretch for track in found for stretch in track.stretches()]
+
+
+def common_frame_rate(tracks: Sequence[Path], given: float | None = None) -> float:
+    """Frames per second of the tracks in some files: ``given``, or what lies beside them says.
+
+    Raises:
+        RequestError: nothing says it, they differ, or it is no number above 0.
+    """
+    rates = {given} if given is not None else {_frame_rate_beside(_states_file(path)) for path in tracks}
+    if len(rates) != 1:
+        several = " and ".join(f"{rate:g}" for rate in sorted(rates))
+        raise RequestError(f"expected tracks of one frame rate, got {several}; learn from one at a time")
+    rate = float(rates.pop())
+    if not 0 < rate < float("inf"):
+        raise RequestError(f"`frame_rate`: expected a number above 0, got {rate:g}")
+    return rate
+
+
+def _states_file(path: Path) -> Path:
+    return path / "states.csv" if path.is_dir() else path
+
+
+def _frame_rate_beside(path: Path) -> float:
+    """What the run or the sequence that a file of states belongs to says of its frame rate."""
+    try:
+        run = json.loads((path.parent / RUN_FILE).read_text(encoding="utf-8"))
+        return float(run["facts"]["frame_rate"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    if (path.parent / "seqinfo.ini").is_file():
+        return read_sequence(path.parent).frame_rate
+    raise RequestError(f"{path}: no run.json or seqinfo.ini beside it says the frame rate; give `frame_rate`")
+
+
+def train_motion(
+    tracks: list[Path], /, output: OutputFile, body: str = "goldfish", frame_rate: float | None = None
+) -> None:
+    """Learn how a body moves from tracks of it: the principal components of its changes of shape and motion.
+
+    Good tracks come from a slow, wide run (tsuiseki track deformable --deformable.particles 3000) or from labels. Only
+    frames with the status tracking count.
+
+    Args:
+        tracks: states.csv files, or folders that hold one.
+        out: file to write, JSON; tsuiseki track deformable --motion takes it.
+        body: the one that was tracked: goldfish, ball, or a file of tsuiseki train body.
+        frame_rate: frames per second of the tracks; by default what run.json or seqinfo.ini beside them says.
+    """
+    shape = parse_body(body)
+    stretches, rate = read_stretches(tracks, shape), common_frame_rate(tracks, frame_rate)
+    learnt = learn_motion(stretches, shape.name, shape.fields, shape.angles, rate)
+    output.write(output.out, lambda path: write_motion(path, learnt))
+    print(f"learnt from {learnt.steps} steps at {rate:g} frames/s: {output.out}")
