@@ -21,7 +21,7 @@ from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.learn_motion import learn_motion
 
 BODY = Ball()
 EXTRACTION = Extraction(parse_colour("red"))

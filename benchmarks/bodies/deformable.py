@@ -25,7 +25,7 @@ from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.learn_motion import learn_motion
 
 WHOLE_FRAMES = (500, 3000)
 SCALING = (500, 2000, 10_000, 30_000, 100_000)

@@ -16,7 +16,7 @@ from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish
 from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.learn_motion import learn_motion
 
 RATES = (15.0, 30.0, 60.0)
 SECONDS = 10

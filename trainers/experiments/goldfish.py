@@ -35,7 +35,6 @@ from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouette
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source
-from tsuiseki.trainers.bodies.motion import learn_motion
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import (
     Bench,
@@ -51,6 +50,7 @@ from tsuiseki.trainers.experiments.study import (
     tabulated,
     with_interval,
 )
+from tsuiseki.trainers.learn_motion import learn_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
