@@ -141,7 +141,7 @@ COMMANDS: Tree = {
             "single": Command("one target, from its box in the first frame", "tracking.single.run:single"),
             "sphere": Command("a ball in space, from calibrated cameras", "tracking.sphere.run:sphere"),
             "drone": Command("people seen from a drone, and what they do", "tracking.drone.run:drone"),
-            "blobs": Command("objects of a colour, or measured points", "tracking.points.blob_run:blobs"),
+            "blobs": Command("objects of a colour, or measured points", "tracking.points.run:blobs"),
             "points": Command("targets from the measurements of a sensor", "tracking.points.run:points"),
             "deformable": Command("bodies that bend, such as fish from above", "tracking.bodies.run:deformable"),
             "animals": Command("several animals before a fixed camera", "tracking.animals.run:animals"),

@@ -27,7 +27,8 @@ from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker
+from tsuiseki.tracking.points.settings import BlobSettings
+from tsuiseki.tracking.points.tracker import BlobTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray, Track
 from tsuiseki.trainers.experiments.study import (
     Bench,

@@ -36,7 +36,8 @@ from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_tracker
-from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
+from tsuiseki.tracking.points.settings import PointSettings
+from tsuiseki.tracking.points.tracker import PointTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.store import plain
 from tsuiseki.trainers.experiments.study import (

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
-from tsuiseki.tracking.points.measurement_tracker import Lag, MeasurementMethod, MeasurementTracker
+from tsuiseki.tracking.points.settings import Lag, SetMethod
+from tsuiseki.tracking.points.tracker import MeasurementTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import (
     BirthPlace,
@@ -109,7 +110,7 @@ class SensorFilter:
         program: what runs there; its text belongs to the result.
     """
 
-    method: MeasurementMethod = "labelled"
+    method: SetMethod = "labelled"
     lag: Lag = 0
     particles: int = 0
     name: str = ""

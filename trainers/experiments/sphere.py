@@ -22,15 +22,17 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.particles.stages import Covering
-from tsuiseki.tracking.sphere.printed_contour import (
+from tsuiseki.tracking.sphere.search import find_ball
+from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
+from tsuiseki.tracking.sphere.tracker import START_SPEED, SphereState, SphereTracker, TimedViews, with_velocities
+from tsuiseki.tracking.sphere.views import (
+    BackgroundLikelihood,
+    ContourLikelihood,
     DividedContourLikelihood,
     MinMaxWeights,
     PrintedContourLikelihood,
+    ViewLikelihood,
 )
-from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
-from tsuiseki.tracking.sphere.sphere_search import find_ball
-from tsuiseki.tracking.sphere.tracker import START_SPEED, SphereState, SphereTracker, TimedViews, with_velocities
-from tsuiseki.tracking.sphere.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.study import (
     Bench,

@@ -2,7 +2,7 @@
 
 Each image is resampled in polar coordinates about the projected centre of every particle; the absolute first derivative
 along r is weighted by a Gaussian around the radius r0 that the sphere has there, and summed (`outline_sums`). That sum
-over all rays is the paper's likelihood (`tracking.likelihoods.printed_contour`). `outline_support` goes beyond the
+over all rays is the paper's likelihood (`views.PrintedContourLikelihood`). `outline_support` goes beyond the
 paper: it divides each ray's sum by the sum without the Gaussian.
 
 r0 follows the true, elliptic outline (`tracking.cameras.outline`), or a circle: samples lie on the rays from the

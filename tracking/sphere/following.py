@@ -1,4 +1,4 @@
-"""A ball through several videos: alignment, search at the start and after a loss, and what is kept of each moment."""
+"""A ball through several videos: search at the start and after a loss, and what is kept of each moment."""
 
 from __future__ import annotations
 
@@ -22,12 +22,11 @@ from tsuiseki.tracking.sphere.tracker import (
 )
 from tsuiseki.tracking.sphere.views import Views
 from tsuiseki.tracking.types import FloatArray, Position
-from tsuiseki.tracking.video.synchronise import Moment
+from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 
 Seen: TypeAlias = tuple[Moment, Views]
 
-# Frames of different length at the end of two videos that are still taken for the same recording.
-SLACK_FRAMES = 2
 # A search takes frames of different cameras within so many seconds for one look.
 RECENT = 0.15
 
@@ -99,22 +98,6 @@ def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
         raise RequestError(f"expected the ball before the cameras, but {shown} lies behind {behind[0]}; check `start`")
     if seen < 2:
         raise RequestError(f"expected a start that two cameras see, but {shown} is in {seen} of {len(cameras)} images")
-
-
-def check_lengths(times: Sequence[FloatArray], names: Sequence[str]) -> None:
-    """Refuse videos that cannot have been recorded side by side, frame for frame.
-
-    Raises:
-        RequestError: they end more than `SLACK_FRAMES` frames apart.
-    """
-    ends = np.array([t[-1] for t in times])
-    step = max(float(np.median(np.diff(t))) if len(t) > 1 else 0.0 for t in times)
-    first, last = int(ends.argmin()), int(ends.argmax())
-    if ends[last] - ends[first] > SLACK_FRAMES * step + 1e-9:
-        raise RequestError(
-            f"expected videos of one length, but {names[first]} ends at {ends[first]:.2f} s and {names[last]} at "
-            f"{ends[last]:.2f} s; say how they lie in time with `timestamps` or `offsets`"
-        )
 
 
 def run_sphere(
@@ -201,3 +184,52 @@ class _Recent:
     def views(self) -> Views:
         """One image a camera, None where none is recent."""
         return [self._seen[k][1] if k in self._seen else None for k in range(self._cameras)]
+
+
+Watched: TypeAlias = Callable[[Iterable[Seen]], Iterable[Seen]]
+
+
+@dataclass(frozen=True)
+class SphereRun:
+    """Everything that a run needs, checked.
+
+    Attributes:
+        placed: the cameras.
+        stamps: ``(T,)`` of each camera, the time of every frame, seconds; none of live cameras.
+        tolerance: frames within so many seconds count as taken together; None takes a quarter of the shortest time
+            between frames.
+        tracker: the filter.
+        start: where the ball is looked for first.
+        seen: what the cameras see at these moments; of live ones, from now on.
+        sources: the videos, where there are some.
+    """
+
+    placed: Sequence[PlacedCamera]
+    stamps: Sequence[FloatArray]
+    tolerance: float | None
+    tracker: SphereTracker
+    start: Start
+    seen: Callable[[Sequence[Moment]], Iterable[Seen]]
+    sources: Sequence[Source] = ()
+
+    @property
+    def length(self) -> int | None:
+        """Frames of the longest video; None of live cameras."""
+        return max(map(len, self.stamps)) if self.stamps else None
+
+    def run(self, rng: np.random.Generator, times: StageTimes, watch: Watched) -> SphereLog:
+        """See `run_sphere`."""
+        return run_sphere(self.tracker, self.start, self._moments(), rng, times, watch)
+
+    def follow(self, rng: np.random.Generator) -> Iterator[Position]:
+        """Each position as soon as it is known; nothing is kept."""
+        log = SphereLog()
+        for position in follow_ball(self.tracker, self.start, self._moments(), rng, StageTimes(), log):
+            yield position
+            log.forget()
+
+    def _moments(self) -> Iterable[Seen]:
+        stamps = list(self.stamps)
+        if not stamps:
+            return self.seen([])
+        return self.seen(align(stamps, default_tolerance(stamps) if self.tolerance is None else self.tolerance))
