@@ -20,7 +20,7 @@ from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shippe
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.features.exported import SizedDetect
-    from tsuiseki.trainers.adapt.kept_round import Round
+    from tsuiseki.trainers.adapt.round import Round
     from tsuiseki.trainers.adapt.rounds import Adaptation
     from tsuiseki.trainers.adapt.watch import Camera
 

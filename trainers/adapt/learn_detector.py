@@ -26,14 +26,14 @@ from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.trainers.adapt.settings import HELD_OUT, KEPT_BACK, AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
-from tsuiseki.trainers.exporting.export_detector import RawHeads
+from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import Layout
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 from tsuiseki.trainers.networks.modules import Optimisation
 
-# Windows of a step, their sides as a share of the detector's input, and people that are rendered to be composed onto the
-# empty view beside the camera's own.
+# Windows of a step, their sides as a share of the detector's input, and people that are rendered to be composed onto
+# the empty view beside the camera's own.
 BATCH_SIZE, WINDOW, GENERATED_PEOPLE = 6, 1.0, 200
 # At the end of the warm-up of the first round; halved in each later one.
 LEARNING_RATE = 1e-3

@@ -22,10 +22,16 @@ from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.people.settings import NONE
 from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.adapt.agreement import agreement_held_out, round_scores
 from tsuiseki.trainers.adapt.find import LabelledVideo, find, labelled
-from tsuiseki.trainers.adapt.kept_round import Round, keep_round, kept_round, write_everyone
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
+from tsuiseki.trainers.adapt.round import (
+    Round,
+    agreement_held_out,
+    keep_round,
+    kept_round,
+    round_scores,
+    write_everyone,
+)
 from tsuiseki.trainers.adapt.settings import KEPT_BACK, AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN, Verdict
 from tsuiseki.trainers.adapt.watch import Camera, Watched
@@ -179,9 +185,8 @@ def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> 
     videos = []
     for video, foreground in zip(camera.videos, camera.foregrounds, strict=True):
         adaptation.tell(f"round {number}: looking at {video.source}")
-        videos.append(
-            labelled(video, foreground, find(video, detector, settings, camera.view, affinity), settings.sitting, onto)
-        )
+        found = find(video, detector, settings, camera.view, affinity)
+        videos.append(labelled(video, foreground, found, settings.sitting, onto))
     scores = round_scores(videos, settings.score_threshold)
     if not number and adaptation.teacher is not None:
         scores = replace(scores, agreement=_before_learning(adaptation, videos))

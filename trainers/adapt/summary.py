@@ -12,7 +12,7 @@ from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, example_crop
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
-from tsuiseki.trainers.adapt.kept_round import Round
+from tsuiseki.trainers.adapt.round import Round
 from tsuiseki.trainers.adapt.rounds import Adaptation, best_of
 from tsuiseki.trainers.adapt.settings import HELD_OUT
 from tsuiseki.trainers.adapt.track_labels import SHORT, STILL, TAKEN, TWICE, UNSURE
