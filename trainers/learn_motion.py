@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.bodies.choice import parse_body
+from tsuiseki.tracking.bodies.learnt import parse_body
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.bodies import HEADING, conditions, turned
 from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents, write_motion

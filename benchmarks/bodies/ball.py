@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, plan_balls
-from tsuiseki.tracking.bodies.ball import Ball
+from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
-from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.bodies.settings import DeformableSettings
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.types import FloatArray

@@ -7,11 +7,11 @@ import pytest
 
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
-from tsuiseki.tracking.bodies.body_starts import wide_noise
-from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, contour_distance
-from tsuiseki.tracking.bodies.learnt import read_body, write_body
-from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.bodies.learnt import parse_body, read_body, write_body
+from tsuiseki.tracking.bodies.settings import DeformableSettings
+from tsuiseki.tracking.bodies.starts import wide_noise
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour

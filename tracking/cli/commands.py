@@ -143,7 +143,7 @@ COMMANDS: Tree = {
             "single": Command("one target, from its box in the first frame", "tracking.single.run:single"),
             "sphere": Command("a ball in space, from calibrated cameras", "tracking.sphere.run:sphere"),
             "drone": Command("people seen from a drone, and what they do", "tracking.drone.run:drone"),
-            "blobs": Command("objects of a colour, or measured points", "tracking.points.blob_run:blobs"),
+            "blobs": Command("objects of a colour, or measured points", "tracking.points.run:blobs"),
             "points": Command("targets from the measurements of a sensor", "tracking.points.run:points"),
             "deformable": Command("bodies that bend, such as fish from above", "tracking.bodies.run:deformable"),
             "animals": Command("several animals before a fixed camera", "tracking.animals.run:animals"),
@@ -170,24 +170,22 @@ COMMANDS: Tree = {
             "multi-correlation-filter": Experiment(
                 "correlation filters selected by a particle filter", "single.multi_correlation_filter"
             ),
-            "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets.phd"),
+            "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets"),
             "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish"),
             "drone-action-features": Experiment(
                 "tracks and actions from a drone improve each other", "drone.action_features"
             ),
             "drone-crowd": Experiment("where what people do tells them apart", "drone.crowd"),
-            "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "finite_sets.unseen"),
-            "phd-motions": Experiment("targets that are calm and agile by turns", "finite_sets.motions"),
-            "blobs": Experiment("coloured objects, beside components and SORT", "finite_sets.blobs"),
-            "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),
+            "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "sensed"),
+            "blobs": Experiment("coloured objects, beside components and SORT", "coloured:blobs"),
+            "phd-equalisation": Experiment("equal likelihoods keep the weak target", "coloured:equalisation"),
             "association": Experiment(
                 "people and cars linked on given detections, with peers", "association.association"
             ),
             "end-to-end": Experiment("costs learnt through the flow", "end_to_end.end_to_end"),
             "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
-            "stereo-sphere": Experiment("a ball in space from two cameras", "sphere.stereo_sphere"),
-            "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere.measured_points"),
-            "multiview-drone": Experiment("a drone in space from measured pixels", "sphere.multiview_drone"),
+            "stereo-sphere": Experiment("a ball in space from two cameras", "sphere"),
+            "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere_points"),
         },
     ),
 }
