@@ -164,10 +164,7 @@ COMMANDS: Tree = {
             "goldfish-correlation": Experiment(
                 "whether shape and motion drawn together help few particles", "goldfish.fair_test"
             ),
-            "drone-action-features": Experiment(
-                "tracks and actions from a drone improve each other", "drone.action_features"
-            ),
-            "drone-crowd": Experiment("where what people do tells them apart", "drone.crowd"),
+            "drone-action-features": Experiment("tracks and actions from a drone improve each other", "drone"),
             "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "finite_sets.unseen"),
             "phd-motions": Experiment("targets that are calm and agile by turns", "finite_sets.motions"),
             "blobs": Experiment("coloured objects, beside components and SORT", "finite_sets.blobs"),

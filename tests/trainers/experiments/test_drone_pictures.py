@@ -14,9 +14,16 @@ from tsuiseki.tracking.pipelines.drone.observations import Observation
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
-from tsuiseki.trainers.experiments.drone.clips import Clip
-from tsuiseki.trainers.experiments.drone.pictures import SHOWN, Picture, draw_pictures, draw_second
-from tsuiseki.trainers.experiments.drone.strips import BAND, CELL, LINE
+from tsuiseki.trainers.experiments.drone import ObservedClip
+from tsuiseki.trainers.experiments.drone_pictures import (
+    BAND,
+    CELL,
+    LINE,
+    SHOWN,
+    SwitchStrip,
+    draw_pictures,
+    draw_second,
+)
 
 FRAMES = 12
 # Red, green and blue, who stand still.
@@ -25,7 +32,7 @@ BOXES = np.array([[20, 20, 40, 60], [120, 20, 140, 60], [120, 140, 140, 184.0]])
 
 
 @pytest.fixture
-def clip(tmp_path: Path) -> Clip:
+def clip(tmp_path: Path) -> ObservedClip:
     image = np.full((200, 200, 3), 90, dtype=np.uint8)
     for (x1, y1, x2, y2), colour in zip(BOXES.astype(int).tolist(), COLOURS, strict=True):
         image[y1:y2, x1:x2] = colour
@@ -38,7 +45,7 @@ def clip(tmp_path: Path) -> Clip:
     truth = GroundTruth(frames, ids, BOXES[ids - 1], every, ~every, every.astype(np.float64))
     labels = LabelledActions("clip", truth, np.zeros((len(ids), 2), np.bool_), ("Walking", "Sitting"))
     nothing = Observation(0, Detections(np.empty((0, 4)), np.empty(0)))
-    return Clip(folder, truth, labels, [nothing] * FRAMES, [], np.empty(0, np.int64))
+    return ObservedClip(folder, truth, labels, [nothing] * FRAMES, [], np.empty(0, np.int64))
 
 
 def people(*switched: tuple[int, int]) -> list[list[ActingTrack]]:
@@ -55,7 +62,7 @@ def people(*switched: tuple[int, int]) -> list[list[ActingTrack]]:
     return [found]
 
 
-def shown(picture: Picture, rows: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+def shown(picture: SwitchStrip, rows: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
     """``(rows, SHOWN, CELL, CELL, 3)`` cells of a strip."""
     image = cv2.cvtColor(cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
     assert image.shape == (rows * (BAND + CELL + LINE) + BAND, SHOWN * (CELL + LINE), 3)
@@ -69,7 +76,7 @@ def middles(cells: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> set[int]:
     return set((np.abs(middle - COLOURS).sum(axis=2).argmin(axis=1) + 1).tolist())
 
 
-def test_the_right_people_are_shown(clip: Clip) -> None:
+def test_the_right_people_are_shown(clip: ObservedClip) -> None:
     flow = people((1, 3), (2, 6), (3, 6))
     # The switch of 1 stays, that of 3 comes a frame later, that of 2 is prevented from the second iteration on.
     iterations = [people((1, 3), (2, 6), (3, 7)), *[people((1, 3), (3, 7))] * 5]
@@ -84,7 +91,7 @@ def test_the_right_people_are_shown(clip: Clip) -> None:
     assert all(len(picture.jpeg) < 150_000 for picture in drawn.values())
 
 
-def test_a_row_shows_its_own_ids_and_actions(clip: Clip) -> None:
+def test_a_row_shows_its_own_ids_and_actions(clip: ObservedClip) -> None:
     drawn = draw_second([clip], [people((2, 6)), people()])
     first, second = shown(drawn["second"], 2).astype(int)
     # Frames 5 to 9: the box turns from one colour to another in the third cell; with one id it never does.
@@ -103,6 +110,6 @@ def no_numbers(
     return cells[:, : CELL - 25]
 
 
-def test_without_a_switch_there_is_no_picture(clip: Clip) -> None:
+def test_without_a_switch_there_is_no_picture(clip: ObservedClip) -> None:
     assert draw_pictures([clip], people(), [people()] * 6) == {}
     assert draw_second([clip], [people((1, 3)), people((1, 4))]) == {}
