@@ -16,7 +16,6 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.drone.files import write_drone
-from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.action_cost import ActionFeatures
 from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.errors import RequestError
@@ -35,7 +34,7 @@ from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, Str
 from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks, write_detections
+from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.pipelines.drone.models import DroneMethod
 from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
@@ -55,8 +54,8 @@ from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.weights import shipped, shipped_or_file
 from tsuiseki.trainers.experiments.drone_pictures import draw_pictures, draw_second, plot_gains, plot_iterations
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.store import Store, code_version
+from tsuiseki.trainers.experiments.study import Bench, Outcome, Table, at_least_one
 
 ComparedMethod = Literal["deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided"]
 METHODS: tuple[ComparedMethod, ...] = get_args(ComparedMethod)
@@ -65,7 +64,6 @@ METHODS: tuple[ComparedMethod, ...] = get_args(ComparedMethod)
 TEST_SCENE = DroneSceneSettings(frames=300, camera="violent", people=9, look_alikes=0.5)
 # The second set, to which everything learnt is carried over: few people from low and calm, as in Drone-Action.
 SECOND_SCENE = DroneSceneSettings(frames=200, camera="calm", people=4, altitude=(10.0, 16.0), look_alikes=0.5)
-FAULTS = DetectorFaults(jitter=0.07, missed=0.35, hidden=0.8, false_alarms=0.6)
 FIRST_SEED, SECOND_SEED = 3000, 9000
 # Seeds of clips that the networks of actions learnt from, that chose the settings of the flow and of DeepSORT, that the
 # costs of actions come from, and on which the detector's scores were made probabilities.
@@ -114,12 +112,12 @@ class ObservingModels:
     Attributes:
         actions: one file for each stream.
         appearance: the appearance network.
-        detector: None draws faulty detections from the labels.
+        detector: the detector.
     """
 
     actions: tuple[Path, ...]
     appearance: Path
-    detector: Path | None = None
+    detector: Path
 
 
 @dataclass(frozen=True)
@@ -152,7 +150,6 @@ def reproduce(
     actions: list[Path] | None = None,
     appearance: Path | None = None,
     detector: Path | None = None,
-    simulated_detections: bool = False,
 ) -> Outcome:
     """Thesis chapter 5 on generated clips from a violently moving drone: Tables 5.3, 5.4 and 5.5, Figs. 5.8 and 5.11.
 
@@ -169,7 +166,6 @@ def reproduce(
         appearance: exported appearance network; by default the shipped one.
         detector: exported detector, or the name of a shipped one; by default drone, with which the settings of the
             methods that are compared were chosen.
-        simulated_detections: draw faulty detections from the labels instead.
 
     Raises:
         RequestError: a number below 1, a clip that something was learnt from, or a model that is not there.
@@ -182,7 +178,7 @@ def reproduce(
     models = ObservingModels(
         tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS]),
         appearance or shipped("appearance_people"),
-        None if simulated_detections else found_by,
+        found_by,
     )
     # All clips in one go, so that every core has one to draw until the end.
     work = on_all_cores(partial(observe_clip, bench.store, models), [*tests, *second])
@@ -249,20 +245,11 @@ def observe_clip(store: Store, models: ObservingModels, plan: ClipPlan) -> Obser
     sequence = read_sequence(folder)
     truth = read_ground_truth(sequence.ground_truth_path)
     key = {f"model {n}": file_digest(path) for n, path in enumerate((*models.actions, models.appearance))}
-    if models.detector is None:
-        if not sequence.detections_path.is_file():
-            rng = np.random.default_rng([seed])
-            drawn = simulate_detections(rng, truth, sequence.length, sequence.width, sequence.height, FAULTS)
-            sequence.detections_path.parent.mkdir(exist_ok=True)
-            write_detections(sequence.detections_path, drawn)
-        detect: Any = read_detections(sequence.detections_path, sequence.length)
-        detected_by = file_digest(sequence.detections_path)
-    else:
-        detect = Detector(models.detector, threads=1)
-        detected_by = f"{file_digest(models.detector)} from {detect.score_threshold}"
+    detector = Detector(models.detector, threads=1)
+    detected_by = f"{file_digest(models.detector)} from {detector.score_threshold}"
     camera = CameraMotionSettings()
     streams, appearance = ActionRecogniser(models.actions, threads=1), Appearance(models.appearance, threads=1)
-    observers = Observers(detect, appearance, streams, camera)
+    observers = Observers(detector, appearance, streams, camera)
     detected = video_observations(folder, observers, {**key, "detections": detected_by, "camera": repr(camera)}, cache)
     boxes, labels = as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
     given = video_observations(

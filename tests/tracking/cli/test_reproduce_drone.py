@@ -16,7 +16,7 @@ from tsuiseki.trainers.experiments import drone
 
 def words(models: Path, folder: Path, out: str, *more: str) -> list[str]:
     streams = ",".join(str(models / f"{name}.onnx") for name in STREAMS)
-    plan = ["--seeds", "1", "--clips", "1", "--frames", "12", "--simulated-detections"]
+    plan = ["--seeds", "1", "--clips", "1", "--frames", "12"]
     given = ["--actions", streams, "--cache", str(folder / "cache")]
     return ["reproduce", "drone-action-features", "--out", str(folder / out), *plan, *given, *more]
 
