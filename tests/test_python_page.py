@@ -18,9 +18,9 @@ from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_go
 from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, write_blobs
 from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
-from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import Frame, Targets
-from tsuiseki.tracking.video import LiveSource, open_source
+from tsuiseki.tracking.video.source import LiveSource, open_source
+from tsuiseki.tracking.video.webm import VideoWriter
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)

@@ -13,8 +13,8 @@ import yaml
 
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
+from tsuiseki.tracking.demo.people import STREET_MODELS
 from tsuiseki.tracking.errors import RunError
-from tsuiseki.tracking.pipelines.people.demo import STREET_MODELS
 
 SHIPPED = {kind: f"{name}.onnx" for kind, name in STREET_MODELS.items()}
 # What the demo takes where there is nothing to render people of.

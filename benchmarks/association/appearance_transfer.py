@@ -19,9 +19,9 @@ import numpy as np
 from tsuiseki.datamodules.readers.images import LabelledImage, labelled_images
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc, evaluate_retrieval
 from tsuiseki.tracking.features.networks.exported import Appearance
-from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.video.image_folder import read_image
 
 SPACES = {"Lab": cv2.COLOR_RGB2LAB, "HSV": cv2.COLOR_RGB2HSV}
 

@@ -29,9 +29,9 @@ from tsuiseki.tracking.association.flow.flow_window import FlowWindow
 from tsuiseki.tracking.association.flow.network_flow import FlowGraph, scaled
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.flow.sliding_flow import solve_in_windows
-from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.trackers.people.flow_input import FlowInput
-from tsuiseki.tracking.trackers.people.record import run_tracker
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowInput
+from tsuiseki.tracking.people.record import run_tracker
 from tsuiseki.tracking.types import Detections, FloatArray
 
 Result = TypeVar("Result")

@@ -18,9 +18,9 @@ import numpy as np
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence, restrict
 from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
-from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
 
 # IoU from which a false box is that of a person who was missed; from which, or which share of it, on one who was not.

@@ -22,11 +22,11 @@ from benchmarks.machine import machine
 from benchmarks.walkers import walking_people
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
-from tsuiseki.tracking.trackers.base import PeopleTracker
-from tsuiseki.tracking.trackers.people.bytetrack import ByteTrack
-from tsuiseki.tracking.trackers.people.deepsort import DeepSort
-from tsuiseki.tracking.trackers.people.ocsort import OcSort
-from tsuiseki.tracking.trackers.people.sort import Sort
+from tsuiseki.tracking.people.bytetrack import ByteTrack
+from tsuiseki.tracking.people.deepsort import DeepSort
+from tsuiseki.tracking.people.ocsort import OcSort
+from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.people.tracker import PeopleTracker
 from tsuiseki.tracking.types import Detections
 
 

@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, plan_goldfish
+from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.goldfish import Goldfish
-from tsuiseki.tracking.likelihoods.colour_region import parse_colour
-from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
-from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.bodies.motion import learn_motion
 

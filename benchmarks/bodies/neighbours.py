@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.tracking.bodies.body_starts import wide_noise
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
-from tsuiseki.tracking.trackers.body_starts import wide_noise
-from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.trainers.experiments.goldfish.fair_test import learn_exactly
 from tsuiseki.trainers.experiments.goldfish.runs import Clip, prepare_clip
 from tsuiseki.trainers.experiments.goldfish.trials import BODY, EXTRACTION, TRACKER

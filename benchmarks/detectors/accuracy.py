@@ -29,9 +29,9 @@ from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.mot import read_ground_truth
-from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 LOWEST_SCORE = 0.02

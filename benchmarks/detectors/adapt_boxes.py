@@ -21,9 +21,9 @@ import numpy as np
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.features.networks.exported import open_detector
 from tsuiseki.tracking.formats.mot import read_ground_truth
-from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 from tsuiseki.trainers.adapt.foreground import foreground_of
 from tsuiseki.trainers.adapt.label_boxes import FARTHEST

@@ -21,16 +21,16 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.readers.images import LabelledImage, labelled_images
+from tsuiseki.tracking.drone.observations import Observers, observe
 from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import list_images, write_sequence_info
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
-from tsuiseki.tracking.image_folder import read_image
-from tsuiseki.tracking.pipelines.drone.observations import Observers, observe
-from tsuiseki.tracking.trackers.people.bridging import BridgingSettings
+from tsuiseki.tracking.people.bridging import BridgingSettings
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video.image_folder import read_image
 
 VISIBLE, OVERLAP = 0.4, 0.5
 THRESHOLDS = (0.1, 0.3, 0.5)

@@ -25,14 +25,14 @@ import numpy as np
 
 from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequences
 from tsuiseki.tracking.geometry import xywh_from_corners
-from tsuiseki.tracking.image_folder import read_image
-from tsuiseki.tracking.trackers.single import kcf
-from tsuiseki.tracking.trackers.single.interface import SingleTracker
-from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST, THESIS
-from tsuiseki.tracking.trackers.single.kcf_tracker import KcfTracker
-from tsuiseki.tracking.trackers.single.methods import make_tracker
+from tsuiseki.tracking.single import kcf
+from tsuiseki.tracking.single.interface import SingleTracker
+from tsuiseki.tracking.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.single.kcf_particle_settings import ROBUST, THESIS
+from tsuiseki.tracking.single.kcf_tracker import KcfTracker
+from tsuiseki.tracking.single.methods import make_tracker
 from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.video.image_folder import read_image
 
 SEQUENCES = ("otb/Crossing", "otb/DragonBaby", "vot/bag", "uav/person12", "uav-more/group2")
 PEER_SCRIPT = Path(__file__).with_name("opencv_peer.py")

@@ -34,7 +34,12 @@ from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.features.networks.exported import Appearance, Detect, Detector
-from tsuiseki.tracking.features.unrolled import UnrollingSettings
+from tsuiseki.tracking.fisheye.looking import DETECTORS, looking
+from tsuiseki.tracking.fisheye.page import corners
+from tsuiseki.tracking.fisheye.tracker import DEFAULT_FLOW, FisheyeSettings
+from tsuiseki.tracking.fisheye.tracking import FloorMethod, link_on_floor
+from tsuiseki.tracking.fisheye.unrolled import UnrollingSettings
+from tsuiseki.tracking.fisheye.view import CeilingView
 from tsuiseki.tracking.formats.space.rotated import (
     RotatedBoxes,
     about_bodies,
@@ -43,15 +48,10 @@ from tsuiseki.tracking.formats.space.rotated import (
     read_rotated_labels,
 )
 from tsuiseki.tracking.geometry import rotated_iou
-from tsuiseki.tracking.image_folder import read_image
-from tsuiseki.tracking.pipelines.fisheye.looking import DETECTORS, looking
-from tsuiseki.tracking.pipelines.fisheye.tracking import FloorMethod, link_on_floor
-from tsuiseki.tracking.pipelines.fisheye.view import CeilingView
-from tsuiseki.tracking.report.floor import corners
 from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.trackers.fisheye import DEFAULT_FLOW, FisheyeSettings
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.fisheye.distances import by_part, ring_names, rings_of
 

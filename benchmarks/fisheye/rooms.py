@@ -17,10 +17,10 @@ import numpy as np
 from tsuiseki.datamodules.scenes.rooms.ceiling import Room
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.features.networks.exported import Detect, Detector
-from tsuiseki.tracking.features.unrolled import UnrollingSettings
+from tsuiseki.tracking.fisheye.looking import DETECTORS, looking
+from tsuiseki.tracking.fisheye.unrolled import UnrollingSettings
 from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, about_bodies
 from tsuiseki.tracking.geometry import xywh_from_corners
-from tsuiseki.tracking.pipelines.fisheye.looking import DETECTORS, looking
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.fisheye.omnidirectional import ROOMS, VALIDATION_SEEDS

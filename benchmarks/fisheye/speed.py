@@ -17,8 +17,8 @@ from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import build_table
 from tsuiseki.tracking.cameras.rectification import upright_crops
 from tsuiseki.tracking.features.networks.exported import Detector
-from tsuiseki.tracking.features.unrolled import UnrolledDetector
-from tsuiseki.tracking.pipelines.fisheye.looking import DETECTORS
+from tsuiseki.tracking.fisheye.looking import DETECTORS
+from tsuiseki.tracking.fisheye.unrolled import UnrolledDetector
 from tsuiseki.tracking.weights import shipped
 
 WIDTH, HEIGHT, PEOPLE = 1280, 960, 10

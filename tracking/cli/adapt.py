@@ -14,7 +14,7 @@ from tsuiseki.tracking.cli.detector_lines import tell_reading
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
-from tsuiseki.tracking.frame_range import parse_frames
+from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 
 if TYPE_CHECKING:

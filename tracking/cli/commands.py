@@ -70,7 +70,7 @@ class Group:
 Tree: TypeAlias = Mapping[str, Command | Group]
 
 COMMANDS: Tree = {
-    "demo": Command("run the whole path on a generated labelled clip and write a report"),
+    "demo": Command("run the whole path on a generated labelled clip and write a report", "tracking.demo.run:demo"),
     "simulate": Group(
         "make labelled video with exact truth",
         {
@@ -121,24 +121,26 @@ COMMANDS: Tree = {
     "calibrate": Group(
         "find out where cameras are and how they see",
         {
-            "points": Command("from known points in space"),
-            "checkerboard": Command("a camera's focal length and lens, from pictures of a board"),
-            "convert": Command("a fisheye calibration in another program's format"),
-            "pose": Command("over a floor, from height and tilt or from points"),
+            "points": Command("from known points in space", "tracking.calibrate.points"),
+            "checkerboard": Command(
+                "a camera's focal length and lens, from pictures of a board", "tracking.calibrate.checkerboard"
+            ),
+            "convert": Command("a fisheye calibration in another program's format", "tracking.calibrate.convert"),
+            "pose": Command("over a floor, from height and tilt or from points", "tracking.calibrate.pose"),
         },
     ),
     "track": Group(
         "follow something through a video with exported models",
         {
-            "people": Command("everyone in view, each with an id"),
-            "single": Command("one target, from its box in the first frame"),
-            "sphere": Command("a ball in space, from calibrated cameras"),
-            "drone": Command("people seen from a drone, and what they do"),
-            "blobs": Command("objects of a colour, or measured points"),
-            "points": Command("targets from the measurements of a sensor"),
-            "deformable": Command("bodies that bend, such as fish from above"),
-            "animals": Command("several animals before a fixed camera"),
-            "fisheye": Command("people under ceiling cameras, and where on the floor"),
+            "people": Command("everyone in view, each with an id", "tracking.people.run:people"),
+            "single": Command("one target, from its box in the first frame", "tracking.single.run:single"),
+            "sphere": Command("a ball in space, from calibrated cameras", "tracking.sphere.run:sphere"),
+            "drone": Command("people seen from a drone, and what they do", "tracking.drone.run:drone"),
+            "blobs": Command("objects of a colour, or measured points", "tracking.points.blob_run:blobs"),
+            "points": Command("targets from the measurements of a sensor", "tracking.points.run:points"),
+            "deformable": Command("bodies that bend, such as fish from above", "tracking.bodies.run:deformable"),
+            "animals": Command("several animals before a fixed camera", "tracking.animals.run:animals"),
+            "fisheye": Command("people under ceiling cameras, and where on the floor", "tracking.fisheye.run:fisheye"),
         },
     ),
     "evaluate": Group(
@@ -169,9 +171,7 @@ COMMANDS: Tree = {
             "phd-motions": Experiment("targets that are calm and agile by turns", "finite_sets.motions"),
             "blobs": Experiment("coloured objects, beside components and SORT", "finite_sets.blobs"),
             "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),
-            "association": Experiment(
-                "people and cars linked on given detections, with peers", "association"
-            ),
+            "association": Experiment("people and cars linked on given detections, with peers", "association"),
             "end-to-end": Experiment("costs learnt through the flow", "end_to_end.end_to_end"),
             "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
             "stereo-sphere": Experiment("a ball in space from two cameras", "sphere.stereo_sphere"),

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.frame_range import parse_frames
 from tsuiseki.tracking.options import BY_PLACE, NO_OPTION, Seed, Shared
 from tsuiseki.tracking.output import check_output_folder
+from tsuiseki.tracking.types.frame_range import parse_frames
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.types import Frame
-    from tsuiseki.tracking.video import Source
+    from tsuiseki.tracking.video.source import Source
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Video(Drawing):
         Raises:
             RequestError: see `open_source`; or there is nothing to draw the overlay on.
         """
-        from tsuiseki.tracking.video import open_source
+        from tsuiseki.tracking.video.source import open_source
 
         opened = open_source(self.source, parse_frames(self.frames), self.fps)
         if timed and opened.rate_missing:

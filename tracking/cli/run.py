@@ -39,14 +39,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, notes, on_signals
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal_of
-from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.types.frame_range import FrameRange
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
     from tsuiseki.tracking.types import Frame
-    from tsuiseki.tracking.video import Source
+    from tsuiseki.tracking.video.source import Source
 
 T = TypeVar("T")
 # What may end a run late; what was finished before is kept.
@@ -112,7 +112,7 @@ class Run:
         with ExitStack() as stack:
             writer = None
             if source.live and record:
-                from tsuiseki.tracking.report.webm import VideoWriter
+                from tsuiseki.tracking.video.webm import VideoWriter
 
                 self._recording = self.work / PARTS / "recording.webm"
                 writer = stack.enter_context(VideoWriter(self._recording, source.frame_rate))
@@ -191,7 +191,7 @@ class Run:
         return bool(self._asked)
 
     def _again(self, source: Source) -> Iterator[Frame]:
-        from tsuiseki.tracking.video import open_source
+        from tsuiseki.tracking.video.source import open_source
 
         first, end = self._first or 0, (self._first or 0) + self.count
         if self._recording is None:

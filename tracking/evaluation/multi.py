@@ -17,9 +17,9 @@ import numpy as np
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.identity_metrics import Clear, Hota, Identity, LabelledSequence, clear, hota, identity
-from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
 MATCH_OVERLAP = 0.5

@@ -9,7 +9,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.sensors.points import is_point_file, read_point_tracks
-from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 
 
 def evaluate_point_files(

@@ -19,8 +19,8 @@ from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
 from tsuiseki.tracking.formats.bodies.states import read_fields, read_states
-from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 
 # Columns of the position, the first pair that a file has; and those of a line through the body, from back to front.
 POSITIONS = (("a", "b"), ("x", "y"))

@@ -7,8 +7,8 @@ import warnings
 from pathlib import Path
 
 from tsuiseki.tracking.errors import InputWarning
-from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.output import RUN_FILE, is_partial
+from tsuiseki.tracking.types.frame_range import FrameRange
 
 
 def tracked_frames(result: Path) -> FrameRange | None:

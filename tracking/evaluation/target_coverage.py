@@ -21,8 +21,8 @@ from tsuiseki.tracking.evaluation.pairs import RESULT_PLACES, SINGLE_RESULT_PLAC
 from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.single import SingleSequence
-from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
 

@@ -11,7 +11,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone.okutama import Protocol
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
 from tsuiseki.tracking.formats.space.rotated import about_bodies, is_rotated, read_rotated_labels
-from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
 LABELS, IMAGES = "label_02", "image_02"

@@ -39,7 +39,7 @@ from tsuiseki.tracking.formats.drone.visdrone import VisDroneSequence, find_visd
 from tsuiseki.tracking.formats.kitti import LABELS, KittiSequence, find_kitti, is_kitti, read_kitti
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import Sequence, find_sequences, list_images, read_sequence
-from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 Size: TypeAlias = tuple[int, int] | None

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
 SCORE = 6  # Column of the score, counted from 0.
 

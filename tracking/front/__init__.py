@@ -14,31 +14,31 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tsuiseki.tracking.animals.linking import AnimalSettings
+    from tsuiseki.tracking.animals.tracking import SkeletonSettings, track_animals
+    from tsuiseki.tracking.bodies.tracker import DeformableSettings
+    from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformable
+    from tsuiseki.tracking.drone.tracker import DroneSettings
+    from tsuiseki.tracking.drone.tracking import track_drone
     from tsuiseki.tracking.errors import RequestError, RunError
+    from tsuiseki.tracking.evaluation.calls import evaluate_people, evaluate_points, evaluate_target
     from tsuiseki.tracking.features.networks.exported import Appearance, Detector
     from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
     from tsuiseki.tracking.interchange import as_detections
-    from tsuiseki.tracking.pipelines.bodies.animals import SkeletonSettings, track_animals
-    from tsuiseki.tracking.pipelines.bodies.deformable import follow_deformable, track_deformable
-    from tsuiseki.tracking.pipelines.drone.tracking import track_drone
-    from tsuiseki.tracking.pipelines.evaluation import evaluate_people, evaluate_points, evaluate_target
-    from tsuiseki.tracking.pipelines.people.tracking import follow_people, track_people
-    from tsuiseki.tracking.pipelines.points.blobs import follow_blobs, follow_points, track_blobs, track_points
-    from tsuiseki.tracking.pipelines.points.measurements import follow_measurements, track_measurements
-    from tsuiseki.tracking.pipelines.single.tracking import follow
-    from tsuiseki.tracking.pipelines.sphere.points import track_sphere_points
-    from tsuiseki.tracking.pipelines.sphere.settings import SphereSettings
-    from tsuiseki.tracking.pipelines.sphere.tracking import follow_sphere, track_sphere
-    from tsuiseki.tracking.trackers.animals.linking import AnimalSettings
-    from tsuiseki.tracking.trackers.blobs import BlobSettings
-    from tsuiseki.tracking.trackers.deformable import DeformableSettings
-    from tsuiseki.tracking.trackers.drone import DroneSettings
-    from tsuiseki.tracking.trackers.people.bytetrack import ByteTrack, ByteTrackSettings
-    from tsuiseki.tracking.trackers.people.deepsort import DeepSort, DeepSortSettings
-    from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
-    from tsuiseki.tracking.trackers.people.ocsort import OcSort, OcSortSettings
-    from tsuiseki.tracking.trackers.people.sort import Sort, SortSettings
-    from tsuiseki.tracking.trackers.points import PointSettings, PointTracker
+    from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
+    from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
+    from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+    from tsuiseki.tracking.people.ocsort import OcSort, OcSortSettings
+    from tsuiseki.tracking.people.sort import Sort, SortSettings
+    from tsuiseki.tracking.people.tracking import follow_people, track_people
+    from tsuiseki.tracking.points.blob_tracker import BlobSettings
+    from tsuiseki.tracking.points.measurement_tracking import follow_measurements, track_measurements
+    from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
+    from tsuiseki.tracking.points.tracking import follow_blobs, follow_points, track_blobs, track_points
+    from tsuiseki.tracking.single.tracking import follow
+    from tsuiseki.tracking.sphere.points import track_sphere_points
+    from tsuiseki.tracking.sphere.settings import SphereSettings
+    from tsuiseki.tracking.sphere.tracking import follow_sphere, track_sphere
     from tsuiseki.tracking.types import Detections, Estimate, Frame, Position, Target, Targets, Track
     from tsuiseki.tracking.types.labels import GroundTruth
     from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
@@ -53,27 +53,27 @@ _MODULES = {
     "features.networks.exported": "Appearance Detector",
     "formats.mot": "read_tracks write_tracks",
     "interchange": "as_detections",
-    "pipelines.bodies.animals": "SkeletonSettings track_animals",
-    "pipelines.points.blobs": "follow_blobs follow_points track_blobs track_points",
-    "pipelines.bodies.deformable": "follow_deformable track_deformable",
-    "pipelines.drone.tracking": "track_drone",
-    "pipelines.evaluation": "evaluate_people evaluate_points evaluate_target",
-    "pipelines.points.measurements": "follow_measurements track_measurements",
-    "pipelines.people.tracking": "follow_people track_people",
-    "pipelines.single.tracking": "follow",
-    "pipelines.sphere.tracking": "follow_sphere track_sphere",
-    "pipelines.sphere.points": "track_sphere_points",
-    "pipelines.sphere.settings": "SphereSettings",
-    "trackers.animals.linking": "AnimalSettings",
-    "trackers.blobs": "BlobSettings",
-    "trackers.people.bytetrack": "ByteTrack ByteTrackSettings",
-    "trackers.people.deepsort": "DeepSort DeepSortSettings",
-    "trackers.deformable": "DeformableSettings",
-    "trackers.drone": "DroneSettings",
-    "trackers.people.flow": "FlowSettings FlowTracker",
-    "trackers.people.ocsort": "OcSort OcSortSettings",
-    "trackers.points": "PointSettings PointTracker",
-    "trackers.people.sort": "Sort SortSettings",
+    "animals.tracking": "SkeletonSettings track_animals",
+    "points.tracking": "follow_blobs follow_points track_blobs track_points",
+    "bodies.tracking": "follow_deformable track_deformable",
+    "drone.tracking": "track_drone",
+    "evaluation.calls": "evaluate_people evaluate_points evaluate_target",
+    "points.measurement_tracking": "follow_measurements track_measurements",
+    "people.tracking": "follow_people track_people",
+    "single.tracking": "follow",
+    "sphere.tracking": "follow_sphere track_sphere",
+    "sphere.points": "track_sphere_points",
+    "sphere.settings": "SphereSettings",
+    "animals.linking": "AnimalSettings",
+    "points.blob_tracker": "BlobSettings",
+    "people.bytetrack": "ByteTrack ByteTrackSettings",
+    "people.deepsort": "DeepSort DeepSortSettings",
+    "bodies.tracker": "DeformableSettings",
+    "drone.tracker": "DroneSettings",
+    "people.flow": "FlowSettings FlowTracker",
+    "people.ocsort": "OcSort OcSortSettings",
+    "points.tracker": "PointSettings PointTracker",
+    "people.sort": "Sort SortSettings",
     "types": "Detections Estimate Frame Position Target Targets Track",
     "types.labels": "GroundTruth",
     "types.measurements": "Scan SensedTargets SensedTrack SensingModel",

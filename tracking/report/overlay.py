@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.report.webm import VideoWriter
 from tsuiseki.tracking.types import Frame, ImageArray, IntArray, Track
+from tsuiseki.tracking.video.webm import VideoWriter
 
 GOLDEN_RATIO = 0.6180339887
 TRAIL_SECONDS = 2.0

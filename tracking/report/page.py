@@ -16,9 +16,9 @@ from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
 from tsuiseki.tracking.evaluation.table import COLUMNS, cells
 from tsuiseki.tracking.report.overlay import track_colour
 from tsuiseki.tracking.report.plots import comparison_figure, count_figure, inline_svg
-from tsuiseki.tracking.report.webm import video_type
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video.webm import video_type
 
 LOWER_IS_BETTER = {"id_switches", "false_positives", "false_negatives"}
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.trainers.adapt.foreground import Foreground, foreground_of
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched, refuse_other_sizes, refuse_two_cameras, watch

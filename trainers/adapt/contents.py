@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
+from tsuiseki.tracking.drone.observation_cache import file_digest
 
 
 def digest_of(model: Path) -> str:

@@ -12,9 +12,9 @@ from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import SizedDetect, open_appearance, open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.features.views import parse_view
-from tsuiseki.tracking.pipelines.people.finding import PeopleInputs
-from tsuiseki.tracking.pipelines.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
-from tsuiseki.tracking.trackers.people.run import shifted
+from tsuiseki.tracking.people.finding import PeopleInputs
+from tsuiseki.tracking.people.frame_log import shifted
+from tsuiseki.tracking.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.watch import Watched
 

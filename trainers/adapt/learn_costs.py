@@ -16,7 +16,7 @@ from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.association.gating import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence, restrict
-from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.trainers.adapt.examples import truth_of, with_gaps
 from tsuiseki.trainers.adapt.find import Found, track
 from tsuiseki.trainers.adapt.labels import Labels

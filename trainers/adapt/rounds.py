@@ -19,7 +19,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_detections
-from tsuiseki.tracking.pipelines.people.finding import NONE
+from tsuiseki.tracking.people.finding import NONE
 from tsuiseki.tracking.types import Detections
 from tsuiseki.trainers.adapt.agreement import agreement_held_out, round_scores
 from tsuiseki.trainers.adapt.camera import Camera

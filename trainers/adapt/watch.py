@@ -14,10 +14,10 @@ from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import empty_view
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.frame_range import FrameRange
-from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.types import ImageArray
-from tsuiseki.tracking.video import Source, open_source
+from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.video.image_folder import read_image
+from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.trainers.adapt.standing import CameraMotion, edge_correlation, motion_of
 
 FEWEST_FRAMES = 100

@@ -23,6 +23,10 @@ from scipy.special import expit
 
 from tsuiseki.tracking.association.action_cost import ActionCost, action_distances
 from tsuiseki.tracking.association.flow.flow_window import FlowWindow
+from tsuiseki.tracking.drone.observation_cache import file_digest
+from tsuiseki.tracking.drone.observations import Observation, Observers
+from tsuiseki.tracking.drone.tracker import DroneSettings
+from tsuiseki.tracking.drone.video_observations import video_observations
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.features.action_inputs import STREAMS
@@ -34,11 +38,7 @@ from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import Sequence as MotSequence
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
-from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
-from tsuiseki.tracking.pipelines.drone.observations import Observation, Observers
-from tsuiseki.tracking.pipelines.drone.video_observations import video_observations
-from tsuiseki.tracking.trackers.drone import DroneSettings
-from tsuiseki.tracking.trackers.people.flow_input import FlowInput, solve_window
+from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file

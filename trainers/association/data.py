@@ -11,12 +11,12 @@ import lightning
 import numpy as np
 from torch.utils.data import DataLoader, Dataset
 
+from tsuiseki.tracking.drone.tracker import DRONE_FLOW
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.tracking.trackers.drone import DRONE_FLOW
-from tsuiseki.tracking.trackers.people.flow import FlowSettings
+from tsuiseki.tracking.people.flow import FlowSettings
 from tsuiseki.trainers.association.broken_tracks import Breaks
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import window

@@ -25,8 +25,8 @@ from tsuiseki.tracking.association.flow.seen import Seen, select_detections
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
 from tsuiseki.tracking.association.tracklets.joining import Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
-from tsuiseki.tracking.trackers.people.flow import FlowSettings
-from tsuiseki.tracking.trackers.people.flow_input import FlowInput
+from tsuiseki.tracking.people.flow import FlowSettings
+from tsuiseki.tracking.people.flow_input import FlowInput
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin

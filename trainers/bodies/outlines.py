@@ -8,11 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tsuiseki.tracking.bodies.contour import Extraction
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.bodies.silhouettes import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of
-from tsuiseki.tracking.likelihoods.contour import Extraction
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.video.source import open_source
 
 # Regions smaller than this are specks, in pixels.
 SMALLEST_AREA = 40.0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tsuiseki.tracking.bodies.contour import Extraction
 from tsuiseki.tracking.bodies.learnt import write_body
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.likelihoods.colour_region import parse_colour
-from tsuiseki.tracking.likelihoods.contour import Extraction
+from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.options import PlottedFile
 from tsuiseki.trainers.bodies.body import learn_body
 from tsuiseki.trainers.bodies.body_plot import plot_body

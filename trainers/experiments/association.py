@@ -14,10 +14,10 @@ from tsuiseki.tracking.association.tracklets.interpolation import GapSettings, f
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, scores_of
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.pipelines.people.methods import PeopleMethod
-from tsuiseki.tracking.pipelines.people.tracking import track_people
-from tsuiseki.tracking.trackers.people.flow import FlowSettings
-from tsuiseki.tracking.trackers.people.run import shifted
+from tsuiseki.tracking.people.flow import FlowSettings
+from tsuiseki.tracking.people.frame_log import shifted
+from tsuiseki.tracking.people.methods import PeopleMethod
+from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments.association_peers import NAMES
 from tsuiseki.trainers.experiments.given_sequences import (

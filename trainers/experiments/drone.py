@@ -18,6 +18,13 @@ from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.tracking.association.action_cost import ActionFeatures
 from tsuiseki.tracking.association.rows import rows_of
+from tsuiseki.tracking.drone.acting import acting_track
+from tsuiseki.tracking.drone.models import DroneMethod
+from tsuiseki.tracking.drone.observation_cache import file_digest
+from tsuiseki.tracking.drone.observations import Observation, Observers
+from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker
+from tsuiseki.tracking.drone.tracking import suited
+from tsuiseki.tracking.drone.video_observations import video_observations
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.action.action import ActionScores, evaluate_actions
 from tsuiseki.tracking.evaluation.action.action_pairs import (
@@ -36,19 +43,12 @@ from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.pipelines.drone.models import DroneMethod
-from tsuiseki.tracking.pipelines.drone.observation_cache import file_digest
-from tsuiseki.tracking.pipelines.drone.observations import Observation, Observers
-from tsuiseki.tracking.pipelines.drone.tracking import suited
-from tsuiseki.tracking.pipelines.drone.video_observations import video_observations
+from tsuiseki.tracking.people.compensated import MotionCompensated
+from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
+from tsuiseki.tracking.people.flow_output import long_tracks
+from tsuiseki.tracking.people.given_tracks import as_detections
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.processes import on_all_cores
-from tsuiseki.tracking.trackers.acting import acting_track
-from tsuiseki.tracking.trackers.drone import DroneSettings, DroneTracker
-from tsuiseki.tracking.trackers.people.compensated import MotionCompensated
-from tsuiseki.tracking.trackers.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.trackers.people.flow_output import long_tracks
-from tsuiseki.tracking.trackers.people.given_tracks import as_detections
-from tsuiseki.tracking.trackers.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack

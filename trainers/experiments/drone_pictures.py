@@ -14,10 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.tracking.drone.page import captions_of
 from tsuiseki.tracking.evaluation.coverage import Coverage, coverage
 from tsuiseki.tracking.features.action_inputs import crop_squares
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.report.actions import captions_of
 from tsuiseki.tracking.report.overlay import Overlay, draw_label
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack

@@ -18,8 +18,8 @@ from tsuiseki.tracking.evaluation.owners import owners_of
 from tsuiseki.tracking.evaluation.resampling import COUNTS, SCORES, paired_bootstrap, score_sums, scores_of
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.study import Table
 

@@ -10,10 +10,10 @@ import numpy as np
 from tsuiseki.datamodules.readers.images import labelled_images
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.features.networks.exported import Detector
-from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.preprocessing import fit_image, normalise
 from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.exporting.quantisation import quantise_file, write_card
 
 # Pictures that tell the ranges of activations, and pictures in a batch of them.

@@ -20,8 +20,8 @@ from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detect, Detector
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
-from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.video.image_folder import read_image
 
 LOWEST_SCORE = 0.05
 MATCH_OVERLAP = 0.5

@@ -13,9 +13,9 @@ from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.formats.single import find_single_sequences
 from tsuiseki.tracking.geometry import clip_boxes
-from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.objectness.objectness import LabelledImage, generated_images
 
 WINDOWS = (1, 3, 10, 30, 100, 300, 1000)

@@ -10,7 +10,7 @@ import pytest
 from tsuiseki.tracking.association.action_cost import ActionCost, action_distances
 from tsuiseki.tracking.association.flow.flow_window import FlowCosts
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
-from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.types import Detections
 
 

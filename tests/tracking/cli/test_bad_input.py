@@ -16,8 +16,8 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.onnx import FORMAT_VERSION, ModelCard
-from tsuiseki.tracking.report.webm import VideoWriter
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.video.source import open_source
+from tsuiseki.tracking.video.webm import VideoWriter
 
 ROW = "{frame},-1,9,9,16,32,0.9\n"
 

@@ -15,11 +15,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking import image_folder
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.output import output_file
-from tsuiseki.tracking.report.webm import VideoWriter
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.video.source import image_folder, open_source
+from tsuiseki.tracking.video.webm import VideoWriter
 
 FRAMES = 10
 

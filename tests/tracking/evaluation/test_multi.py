@@ -16,8 +16,8 @@ from tsuiseki.tracking.evaluation.multi import (
     restrict,
 )
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
-from tsuiseki.tracking.frame_range import FrameRange
 from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
 

@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.states import Poses, evaluate_states, read_poses
-from tsuiseki.tracking.frame_range import FrameRange
+from tsuiseki.tracking.types.frame_range import FrameRange
 
 FRAMES = 10
 

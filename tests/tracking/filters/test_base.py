@@ -8,6 +8,7 @@ from dataclasses import fields, is_dataclass
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.features.colour_region import ColourImage
 from tsuiseki.tracking.filters.base import BornParticles, Running, bootstrap, each_frame
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
@@ -25,9 +26,8 @@ from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.image_regions.region_states import second_order
 from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity, Manoeuvring, RandomWalk
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
-from tsuiseki.tracking.likelihoods.colour_region import ColourImage
-from tsuiseki.tracking.trackers.points import box_motion
-from tsuiseki.tracking.trackers.single.particles import random_walk
+from tsuiseki.tracking.points.tracker import box_motion
+from tsuiseki.tracking.single.particles import random_walk
 from tsuiseki.tracking.types import Position
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))
@@ -198,7 +198,7 @@ def test_a_varying_period_is_a_setting_of_the_step():
 
 
 def test_the_sphere_tracker_is_a_filter_too():
-    from tsuiseki.tracking.trackers.sphere.sphere import SphereTracker, TimedViews, with_velocities
+    from tsuiseki.tracking.sphere.tracker import SphereTracker, TimedViews, with_velocities
 
     def pulled(positions, views):
         return np.where(views[0] is None, 0.0, -(positions[:, :1] ** 2))

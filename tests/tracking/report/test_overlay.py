@@ -18,7 +18,7 @@ from tsuiseki.tracking.report.overlay import (
     write_overlay,
 )
 from tsuiseki.tracking.types import Frame, ImageArray, Track
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.video.source import open_source
 
 
 def grey(index: int) -> Frame:

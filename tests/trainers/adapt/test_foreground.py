@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.trainers.adapt import street
-from tsuiseki.tracking.frame_range import EVERY_FRAME
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt import foreground as module
 from tsuiseki.trainers.adapt.foreground import Foreground, foreground_of
 from tsuiseki.trainers.adapt.silhouettes import difference

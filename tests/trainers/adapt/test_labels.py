@@ -10,8 +10,8 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.formats.mot import read_ground_truth
-from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt.foreground import foreground_of
 from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE, label
 from tsuiseki.trainers.adapt.settings import LabelSettings

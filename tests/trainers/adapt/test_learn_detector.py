@@ -14,8 +14,8 @@ from torch import Tensor
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import Interrupted
-from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import learn_detector
 from tsuiseki.trainers.adapt.foreground import foreground_of

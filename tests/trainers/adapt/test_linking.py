@@ -13,8 +13,8 @@ from onnx import numpy_helper
 from tests.trainers.adapt import street
 from tsuiseki.tracking.association.costs import ProbabilityCost
 from tsuiseki.tracking.features.networks.exported import open_appearance
-from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import linking as module
 from tsuiseki.trainers.adapt.examples import coexisting, first_held_out, joined, named, people_of, with_gaps

@@ -12,8 +12,8 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.frame_range import EVERY_FRAME
 from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt import rounds as module
 from tsuiseki.trainers.adapt.camera import Camera, open_camera
 from tsuiseki.trainers.adapt.find import Found, Models

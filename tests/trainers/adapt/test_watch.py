@@ -11,7 +11,7 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.trainers.adapt.watch import plain_view, refuse_other_sizes, refuse_two_cameras, watch
 
 

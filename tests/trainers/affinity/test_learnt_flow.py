@@ -13,9 +13,9 @@ from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.options import OutputFile
-from tsuiseki.tracking.trackers.people.flow import FlowTracker
-from tsuiseki.tracking.trackers.people.record import run_tracker
-from tsuiseki.tracking.trackers.people.run import shifted
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.frame_log import shifted
+from tsuiseki.tracking.people.record import run_tracker
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.affinity.affinity import AffinitySettings, fit_affinity
 from tsuiseki.trainers.affinity.affinity_data import AffinityVideo

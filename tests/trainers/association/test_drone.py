@@ -13,8 +13,8 @@ from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
 from tsuiseki.datamodules.scenes.drone.files import write_drone
 from tsuiseki.tracking.association.flow.evidence import JOIN_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.drone.tracker import DRONE_FLOW
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.trackers.drone import DRONE_FLOW
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.data import AssociationData
 from tsuiseki.trainers.association.training import AssociationTraining

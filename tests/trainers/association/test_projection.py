@@ -14,7 +14,7 @@ from tsuiseki.models.association import AppearanceProjection
 from tsuiseki.tracking.association.flow.cost_network import CostNetwork
 from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections
 from tsuiseki.trainers.association.data import TrainingWindow
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted

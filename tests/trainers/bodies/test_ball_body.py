@@ -7,11 +7,11 @@ import pytest
 
 from tsuiseki.datamodules.scenes.ball.bouncing import BouncingBallSettings, ball_frames
 from tsuiseki.tracking.bodies.ball import Ball
+from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
+from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.motion.body_motion import Noise, RandomWalk
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
-from tsuiseki.tracking.likelihoods.colour_region import parse_colour
-from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
-from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.trainers.bodies.motion import learn_motion
 
 BODY = Ball()

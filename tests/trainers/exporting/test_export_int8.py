@@ -12,7 +12,7 @@ from tsuiseki.datamodules.scene_images import write_scene_images
 from tsuiseki.datamodules.scenes.street.training import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detector
-from tsuiseki.tracking.image_folder import read_image
+from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.exporting.export_int8 import quantise_detector
 
 SHIPPED = Path(str(resources.files("tsuiseki.tracking") / "weights" / "detector_street.onnx"))

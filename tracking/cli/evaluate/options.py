@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.result_names import result_names
 from tsuiseki.tracking.formats.drone.okutama import Protocol
-from tsuiseki.tracking.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.options import BY_PLACE, Files, Shared
+from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 
 if TYPE_CHECKING:
     from rich.table import Table

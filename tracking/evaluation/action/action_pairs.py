@@ -16,8 +16,8 @@ from tsuiseki.tracking.formats.drone.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.drone.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.drone.okutama import Protocol, counted_from, okutama_truth
 from tsuiseki.tracking.formats.labelled import open_labelled
-from tsuiseki.tracking.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from tsuiseki.tracking.features.colour_region import ColourImage
 from tsuiseki.tracking.filters.base import BornParticles
 from tsuiseki.tracking.filters.particles.weights import logarithms
 from tsuiseki.tracking.geometry import areas, intersections
-from tsuiseki.tracking.likelihoods.colour_region import ColourImage
 from tsuiseki.tracking.types import FloatArray
 
 

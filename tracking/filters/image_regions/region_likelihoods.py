@@ -7,11 +7,11 @@ from typing import Protocol
 
 import numpy as np
 
+from tsuiseki.tracking.features.colour_region import ColourImage, region_contrast
 from tsuiseki.tracking.filters.finite_sets.labelled_particles import LabelledParticles, cluster_sizes, cluster_starts
 from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, cluster_means
 from tsuiseki.tracking.filters.particles.weights import logarithms
 from tsuiseki.tracking.geometry import grown, intersections
-from tsuiseki.tracking.likelihoods.colour_region import ColourImage, region_contrast
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 MOST_OTHERS = 4

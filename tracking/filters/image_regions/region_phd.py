@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tsuiseki.tracking.features.colour_region import ColourImage
 from tsuiseki.tracking.filters.base import Births, BornParticles, Motion, TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.labelled_particles import (
     LabelledParticles,
@@ -24,7 +25,6 @@ from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, clus
 from tsuiseki.tracking.filters.image_regions.region_updates import Regions, Update, calibrated
 from tsuiseki.tracking.filters.particles.resampling import Resampler, systematic
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
-from tsuiseki.tracking.likelihoods.colour_region import ColourImage
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 TINY = float(np.finfo(np.float64).tiny)

@@ -13,8 +13,8 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.columns import finite_number
-from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.types import STATUSES, Status
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import BodyTrack
 
 LAST_COLUMNS = ("score", "status")

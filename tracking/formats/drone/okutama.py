@@ -18,9 +18,9 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS
-from tsuiseki.tracking.frame_range import LAST_FRAME, FrameRange
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types.frame_range import LAST_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 LABEL_SIZE = (3840, 2160)

@@ -17,9 +17,9 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
 IGNORED_REGION, PEDESTRIAN, PEOPLE, MOST = 0, 1, 2, 11

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.types import FloatArray, Track
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
 
 def is_point_file(path: Path) -> bool:

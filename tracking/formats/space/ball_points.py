@@ -14,8 +14,8 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.columns import finite_number
-from tsuiseki.tracking.frame_range import LAST_FRAME
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
 VISIBLE = ("visibility", "visible", "vis")
 HALF_PIXEL = 0.5

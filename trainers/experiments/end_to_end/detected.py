@@ -19,10 +19,10 @@ from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import score_sums
 from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.frame_range import parse_frames
-from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_network
 from tsuiseki.trainers.association.graphs import DetectedVideo

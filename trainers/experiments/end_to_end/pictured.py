@@ -11,7 +11,7 @@ import numpy as np
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import score_sums
 from tsuiseki.tracking.features.networks.exported import Detector
-from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.association.data import affordable
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs

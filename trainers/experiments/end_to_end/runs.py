@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.association.flow.cost_network import CostChanges
-from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.broken_tracks import Breaks

@@ -13,10 +13,10 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, as_ground_truth, blob_frames
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
+from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange
 from tsuiseki.tracking.filters.image_regions.region_births import PatchBirths
-from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage, ColourRange
-from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker
-from tsuiseki.tracking.trackers.people.sort import Sort
+from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, Track
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, blob_frames, plan_blobs
+from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
 from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths
 from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, RegionLikelihood, WithoutOthers
 from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, second_order
 from tsuiseki.tracking.filters.image_regions.region_updates import Equalised, Update, as_printed, average, calibrated
-from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.plots import plot_particles

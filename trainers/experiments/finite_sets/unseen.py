@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.tracking.trackers.measurements import Lag, MeasurementMethod, MeasurementTracker
+from tsuiseki.tracking.points.measurement_tracker import Lag, MeasurementMethod, MeasurementTracker
 from tsuiseki.tracking.types.measurements import SensingModel
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.peer_choice import DEVELOPMENT, PACKAGES, PROGRAM, choose, run_peer

@@ -16,8 +16,8 @@ from tsuiseki.datamodules.scenes.rooms.ceiling import RoomTruth
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.pipelines.fisheye.looking import CeilingLook, looking
-from tsuiseki.tracking.pipelines.fisheye.view import CeilingView, Crops
+from tsuiseki.tracking.fisheye.looking import CeilingLook, looking
+from tsuiseki.tracking.fisheye.view import CeilingView, Crops
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.floor import FloorDetections

@@ -21,8 +21,8 @@ from tsuiseki.datamodules.scenes.rooms.ceiling import (
     view_room,
 )
 from tsuiseki.tracking.cameras.lens_files import read_lens
-from tsuiseki.tracking.image_folder import read_image
 from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.video.image_folder import read_image
 
 # Frames per second of the rooms (thesis 4.3.1), and people of each sequence; the small room's vary as in Table 4.2.
 RATE = 15

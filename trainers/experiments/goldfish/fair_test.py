@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
 from tsuiseki.tracking.formats.bodies.states import read_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.bodies.motion import Steps, learn_motion, pooled_steps
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, at_least_one

@@ -11,14 +11,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tsuiseki.datamodules.scenes.fish.turns import sudden_turns
+from tsuiseki.tracking.bodies.page import draw_contour
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.motion.body_motion import draw
 from tsuiseki.tracking.filters.particles.resampling import systematic
 from tsuiseki.tracking.filters.particles.weights import probabilities
-from tsuiseki.tracking.report.bodies import draw_contour
 from tsuiseki.tracking.report.plots import COLOURS
-from tsuiseki.tracking.trackers.deformable import DeformableTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.trainers.experiments.goldfish.arms import ARMS, Learnt
 from tsuiseki.trainers.experiments.goldfish.runs import Clip
 from tsuiseki.trainers.experiments.goldfish.trials import BODY, TRACKER

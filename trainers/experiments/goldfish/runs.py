@@ -13,15 +13,15 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.fish.turns import count_sudden_turns
 from tsuiseki.tracking.bodies.body import Body
+from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
+from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion
 from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes
 from tsuiseki.tracking.formats.bodies.states import read_states
-from tsuiseki.tracking.likelihoods.contour import EdgeImage, Extraction
-from tsuiseki.tracking.trackers.deformable import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.video.source import open_source
 
 # A fish that is not seen is not searched for anew: in the experiment it has failed before.
 NEVER = 10**6

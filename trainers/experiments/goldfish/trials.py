@@ -13,13 +13,13 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.fish.goldfish import write_goldfish
 from tsuiseki.datamodules.scenes.fish.sets import GoldfishSets, planned_clips
+from tsuiseki.tracking.bodies.body_starts import wide_noise
+from tsuiseki.tracking.bodies.contour import Extraction
 from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.tracking.bodies.tracker import DeformableSettings
+from tsuiseki.tracking.features.colour_region import ColourRange
 from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
 from tsuiseki.tracking.formats.bodies.states import read_states, write_states
-from tsuiseki.tracking.likelihoods.colour_region import ColourRange
-from tsuiseki.tracking.likelihoods.contour import Extraction
-from tsuiseki.tracking.trackers.body_starts import wide_noise
-from tsuiseki.tracking.trackers.deformable import DeformableSettings
 from tsuiseki.tracking.types import Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.trainers.bodies.motion import learn_motion, pooled_steps

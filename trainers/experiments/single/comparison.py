@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.evaluation.single import SequenceScores
-from tsuiseki.tracking.trackers.single import kcf
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS, KcfParticleSettings
-from tsuiseki.tracking.trackers.single.methods import SingleMethod
+from tsuiseki.tracking.single import kcf
+from tsuiseki.tracking.single.kcf_particle_settings import PRINTED, ROBUST, THESIS, KcfParticleSettings
+from tsuiseki.tracking.single.methods import SingleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, score, seeds_of
 from tsuiseki.trainers.experiments.store import Store

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings, redetecting
-from tsuiseki.tracking.trackers.single.kcf import KcfSettings
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import ROBUST
+from tsuiseki.tracking.single.combined_settings import CombinedSettings, redetecting
+from tsuiseki.tracking.single.kcf import KcfSettings
+from tsuiseki.tracking.single.kcf_particle_settings import ROBUST
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.experiment import Outcome, Table

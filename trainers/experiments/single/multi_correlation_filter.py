@@ -9,8 +9,8 @@ from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.single import find_single_sequences, read_published
-from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
+from tsuiseki.tracking.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
 from tsuiseki.trainers.experiments.single import comparison, lost_status, other_witnesses, plots, readings, unseen

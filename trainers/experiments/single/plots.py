@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from tsuiseki.tracking.evaluation.single import OVERLAPS
 from tsuiseki.tracking.report.plots import COLOURS
-from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.trainers.experiments.single.comparison import Repeated, Sweep
 from tsuiseki.trainers.experiments.single.runs import Clip

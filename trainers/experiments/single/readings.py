@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from tsuiseki.tracking.trackers.single import kcf
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, THESIS, KcfParticleSettings
+from tsuiseki.tracking.single import kcf
+from tsuiseki.tracking.single.kcf_particle_settings import PRINTED, THESIS, KcfParticleSettings
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
 from tsuiseki.trainers.experiments.single.runs import Clip
 from tsuiseki.trainers.experiments.single.unseen import areas, interval

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.trackers.single import kcf
-from tsuiseki.tracking.trackers.single.combined_settings import CombinedSettings
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
-from tsuiseki.tracking.trackers.single.regularised_settings import RegularisedSettings
+from tsuiseki.tracking.single import kcf
+from tsuiseki.tracking.single.combined_settings import CombinedSettings
+from tsuiseki.tracking.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
+from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
 from tsuiseki.trainers.experiments.single import comparison

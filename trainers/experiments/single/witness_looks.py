@@ -14,10 +14,10 @@ import numpy as np
 
 from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.trackers.single.combined import Combined
-from tsuiseki.tracking.trackers.single.matching import colour_bins
-from tsuiseki.tracking.trackers.single.recognised import Recognised
-from tsuiseki.tracking.trackers.single.recognition import Describe, RecognitionSettings
+from tsuiseki.tracking.single.combined import Combined
+from tsuiseki.tracking.single.matching import colour_bins
+from tsuiseki.tracking.single.recognised import Recognised
+from tsuiseki.tracking.single.recognition import Describe, RecognitionSettings
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.single.runs import Clip, generated_clip
 

@@ -10,13 +10,13 @@ from typing import Literal, TypeAlias
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.likelihoods.printed_contour import (
+from tsuiseki.tracking.sphere.printed_contour import (
     DividedContourLikelihood,
     MinMaxWeights,
     PrintedContourLikelihood,
 )
-from tsuiseki.tracking.likelihoods.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
-from tsuiseki.tracking.pipelines.sphere.settings import SphereSettings, chosen_motion
+from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
+from tsuiseki.tracking.sphere.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
 from tsuiseki.tracking.types import ImageArray
 
 RADIUS, SMALL = 0.10, 0.02

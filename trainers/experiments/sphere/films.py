@@ -24,15 +24,15 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.particles.views import Covering
-from tsuiseki.tracking.likelihoods.views import ContourLikelihood, ViewLikelihood, Views
-from tsuiseki.tracking.trackers.sphere.sphere import (
+from tsuiseki.tracking.sphere.sphere_search import find_ball
+from tsuiseki.tracking.sphere.tracker import (
     START_SPEED,
     SphereState,
     SphereTracker,
     TimedViews,
     with_velocities,
 )
-from tsuiseki.tracking.trackers.sphere.sphere_search import find_ball
+from tsuiseki.tracking.sphere.views import ContourLikelihood, ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.experiment import Watch
 from tsuiseki.trainers.experiments.sphere.configurations import FIRST_COVERED, LIKELIHOODS, OURS, Configuration

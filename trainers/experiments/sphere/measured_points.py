@@ -12,8 +12,8 @@ import numpy as np
 from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
 from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.triangulation import triangulate
-from tsuiseki.tracking.pipelines.sphere.points import track_sphere_points
-from tsuiseki.tracking.pipelines.sphere.settings import SphereSettings
+from tsuiseki.tracking.sphere.points import track_sphere_points
+from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.intervals import interval

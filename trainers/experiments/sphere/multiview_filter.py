@@ -12,8 +12,8 @@ from tsuiseki.tracking.filters.motion.motion_3d import Manoeuvring
 from tsuiseki.tracking.filters.particles.views import Covering
 from tsuiseki.tracking.filters.particles.weights import weighted_covariance, weighted_mean
 from tsuiseki.tracking.filters.smoothing import smooth
-from tsuiseki.tracking.likelihoods.views import PointLikelihood
-from tsuiseki.tracking.trackers.sphere.sphere import OPEN, TRUST, SphereState, SphereTracker, TimedViews
+from tsuiseki.tracking.sphere.tracker import OPEN, TRUST, SphereState, SphereTracker, TimedViews
+from tsuiseki.tracking.sphere.views import PointLikelihood
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # A detector seldom misses for long, so a view opens again soon.

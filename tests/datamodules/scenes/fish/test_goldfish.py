@@ -16,7 +16,7 @@ from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside, read_silhouettes, silhouette_of
 from tsuiseki.tracking.formats.bodies.states import read_states
-from tsuiseki.tracking.video import open_source
+from tsuiseki.tracking.video.source import open_source
 
 SHORT = GoldfishSettings(frames=12, fish=3)
 

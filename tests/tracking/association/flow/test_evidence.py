@@ -21,7 +21,7 @@ from tsuiseki.tracking.association.flow.link_pricing import LinkParts, Pricing, 
 from tsuiseki.tracking.association.flow.seen import Seen
 from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
 from tsuiseki.tracking.association.tracklets.joining import Ends, JoinSettings, join_parts
-from tsuiseki.tracking.trackers.people.flow_input import FlowInput, InputSettings
+from tsuiseki.tracking.people.flow_input import FlowInput, InputSettings
 from tsuiseki.tracking.types import Detections, FloatArray
 
 COST = LinkCost()

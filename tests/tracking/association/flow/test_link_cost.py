@@ -7,7 +7,7 @@ import pytest
 
 from tsuiseki.tracking.association.flow.link_cost import LinkCost
 from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, beliefs_alone, beliefs_along
-from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
 
 RATE = 10.0

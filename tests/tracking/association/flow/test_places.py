@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.flow.places import Counts, EntryPlaces, no_counts, place_costs, starts_and_ends
-from tsuiseki.tracking.trackers.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.types import FloatArray
 
 SIZE = (1000, 500)

@@ -13,9 +13,9 @@ from tsuiseki.datamodules.scenes.drone.flight import ground_homography
 from tsuiseki.datamodules.scenes.drone.flow_pairs import random_flow_pair
 from tsuiseki.tracking.features.motion.camera_motion import camera_flow, camera_motion, undone
 from tsuiseki.tracking.features.motion.camera_path import CameraPath, moved_boxes
-from tsuiseki.tracking.trackers.people.compensated import MotionCompensated
-from tsuiseki.tracking.trackers.people.flow import FlowTracker
-from tsuiseki.tracking.trackers.people.sort import Sort
+from tsuiseki.tracking.people.compensated import MotionCompensated
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.types import Detections
 
 IDENTITY = np.eye(3)[:2]

@@ -7,9 +7,9 @@ import pytest
 
 from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, blob_frames
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.colour_region import NAMED_COLOURS
 from tsuiseki.tracking.filters.image_regions.region_confirmation import Confirmation, at_patches
-from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS
-from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker
+from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker
 from tsuiseki.tracking.types import Frame
 
 

@@ -10,6 +10,7 @@ import pytest
 from tsuiseki.datamodules.scenes.points.blobs import HUES, as_ground_truth, blob_frames, write_blobs
 from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings as SceneSettings
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
 from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, PatchBirths
 from tsuiseki.tracking.filters.image_regions.region_likelihoods import WithoutOthers
 from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
@@ -26,8 +27,7 @@ from tsuiseki.tracking.filters.image_regions.region_updates import (
 from tsuiseki.tracking.filters.particles.weights import logarithms
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.likelihoods.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
-from tsuiseki.tracking.trackers.blobs import BlobSettings, BlobTracker, SingleBlobTracker
+from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.types import Frame
 
 SCENE = SceneSettings(frames=40, width=320, height=240, objects=3, enter=0.0, stay=True, speed=2.0, clutter=4)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.drone.tracker import DRONE_FLOW
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.trackers.drone import DRONE_FLOW
-from tsuiseki.tracking.trackers.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.videos import described

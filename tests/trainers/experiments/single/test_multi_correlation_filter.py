@@ -6,8 +6,8 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
 from tsuiseki.tracking.formats.single import SingleSequence
-from tsuiseki.tracking.trackers.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.trackers.single.kcf_particle_settings import THESIS
+from tsuiseki.tracking.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.single.kcf_particle_settings import THESIS
 from tsuiseki.trainers.experiments.single.comparison import SWEEPS, by_attribute, repeat
 from tsuiseki.trainers.experiments.single.plots import plot_intervals, search_pictures
 from tsuiseki.trainers.experiments.single.runs import Clip

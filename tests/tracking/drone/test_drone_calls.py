@@ -1,0 +1,88 @@
+"""`track_drone` in one call; the command is tested beside it, in `cli/test_track_drone.py`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
+from tsuiseki.datamodules.scenes.drone.files import write_drone
+from tsuiseki.tracking.drone.models import DroneModels, Finding
+from tsuiseki.tracking.drone.tracking import track_drone
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.view_choice import ViewedDetector
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.video.source import open_source
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("flight") / "clip"
+    write_drone(folder, DroneSceneSettings(frames=8, width=320, height=240, people=3), 3)
+    return folder
+
+
+def labelled(flight: Path) -> list[np.ndarray]:
+    truth = read_ground_truth(flight / "gt" / "gt.txt")
+    return [truth.boxes[truth.evaluated & (truth.frames == frame)] for frame in range(8)]
+
+
+@pytest.mark.parametrize("method", ["flow", "flow-saf", "flow-maf"])
+def test_people_and_what_they_do(flight: Path, method: Any) -> None:
+    found = track_drone(flight, method, detections=labelled(flight), threads=1)
+    assert len(found) >= 2
+    assert len(found.tracks) == len(list(found))
+    for person in found:
+        if method == "flow":
+            assert person.multi is None
+        else:
+            assert person.multi is not None
+            assert person.multi.shape == (len(person.track), len(found.names))
+            assert (person.multi >= 0).all()
+            assert (person.multi <= 1).all()
+
+
+def test_a_detector_and_an_appearance_are_functions(flight: Path) -> None:
+    given = iter(labelled(flight))
+    found = track_drone(
+        flight,
+        "flow",
+        detector=lambda _: next(given),
+        appearance=lambda crops: [crop.mean(axis=(0, 1)) for crop in crops],
+        frames="1-8",
+    )
+    assert len(found) >= 2
+
+
+def test_a_bare_word_names_a_shipped_detector(flight: Path) -> None:
+    """The one of drones is the default, so that what is kept of one serves the other."""
+    source = open_source(flight)
+    named, default = (
+        DroneModels.choose(source, "flow", Finding(detector=given, threads=1), "none", bridging=None)
+        for given in ("drone_larger", None)
+    )
+    assert named.key == default.key
+    detect = default.observers.detect
+    assert isinstance(detect, ViewedDetector)
+    assert not detect.enlarge
+    other = DroneModels.choose(source, "flow", Finding(detector="street", threads=1), "none", bridging=None)
+    assert other.key["detector"] != default.key["detector"]
+    with pytest.raises(RequestError, match="of the shipped ceiling, drone, "):
+        DroneModels.choose(source, "flow", Finding(detector="drones", threads=1), "none", bridging=None)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "sort"}, "expected the method flow, flow-saf, flow-maf"),
+        ({"detections": [], "detector": "x.onnx"}, "expected `detections` or `detector`, got both"),
+        ({"actions": ["nowhere.onnx"]}, "nowhere.onnx"),
+        ({"detector": lambda _: None}, "what the detector <lambda> returned"),
+    ],
+)
+def test_what_cannot_be_says_so(flight: Path, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(RequestError, match=message):
+        track_drone(flight, **options)

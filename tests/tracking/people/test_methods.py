@@ -1,0 +1,64 @@
+"""Trackers by name: what scores that are probabilities change."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.association.costs import ProbabilityCost
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.people.flow import FlowSettings
+from tsuiseki.tracking.people.methods import MethodSettings, people_tracker, straddling_of
+from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.weights import shipped
+
+
+def lengths(score: float, least: float | None = None) -> list[int]:
+    """Of the tracks of one who walks past, found in each of 60 frames with ``score``, a probability."""
+    settings = MethodSettings() if least is None else MethodSettings(flow=FlowSettings(least=least))
+    tracker = people_tracker("flow", settings, scores=ProbabilityCost())
+    for frame in range(60):
+        tracker.update(Detections(np.array([[10.0 + frame, 20, 30 + frame, 70]]), np.array([score])))
+    return [len(track) for track in tracker.tracks()]
+
+
+@pytest.mark.parametrize(("score", "least", "expected"), [(0.65, None, [60]), (0.6, None, []), (0.65, 2.0, [])])
+def test_who_is_more_likely_there_than_not_is_kept(score: float, least: float | None, expected: list[int]) -> None:
+    assert lengths(score, least) == expected
+
+
+def test_less_may_be_asked() -> None:
+    assert lengths(0.45, least=-1.0) == [60]
+
+
+def two_and_one_between(straddling: float, settings: MethodSettings | None = None) -> int:
+    """Tracks of two who walk side by side, and of what is found half on either in every frame."""
+    tracker = people_tracker("flow", settings, scores=ProbabilityCost(), straddling=straddling)
+    for frame in range(60):
+        left = frame + np.array([10.0, 30.0, 20.0])
+        boxes = np.stack([left, np.full(3, 20.0), left + 21, np.full(3, 80.0)], axis=1)
+        tracker.update(Detections(boxes, np.array([0.95, 0.95, 0.8])))
+    tracks = tracker.tracks()
+    assert [track.id for track in tracks] == list(range(1, len(tracks) + 1))
+    return len(tracks)
+
+
+def test_nobody_stands_half_in_each_of_two_people() -> None:
+    assert two_and_one_between(0.8) == 2
+    assert two_and_one_between(0.0) == 3
+    # What is asked for goes before what the detector says.
+    assert two_and_one_between(0.0, MethodSettings(flow=FlowSettings(straddling=0.8))) == 2
+    assert two_and_one_between(0.8, MethodSettings(flow=FlowSettings(straddling=0.0))) == 3
+
+
+def test_what_straddles_is_known_at_the_end_alone() -> None:
+    asked = MethodSettings(flow=FlowSettings(straddling=0.8))
+    with pytest.raises(RequestError, match=r"`flow\.straddling` needs the whole video"):
+        people_tracker("flow", asked, delay=1.0)
+    people_tracker("flow", delay=1.0, straddling=0.8)
+
+
+def test_tracks_of_this_toolkits_detectors_may_straddle_and_given_ones_may_not() -> None:
+    assert straddling_of(Detector(shipped("detector_street"), threads=1)) == 0.8
+    assert straddling_of([Detections(np.empty((0, 4)), np.empty(0))]) == 0.0

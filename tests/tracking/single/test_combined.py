@@ -1,0 +1,84 @@
+"""The combined tracker: its doubt, its search by particles, and its return."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.tracking.single.moving_texture import clip, overlaps, run, walk
+from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.single.combined import Combined, Evidence
+from tsuiseki.tracking.single.combined_settings import CombinedSettings
+from tsuiseki.tracking.single.regularised import RegularisedTracker
+from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
+
+
+def test_the_combined_tracker_without_doubt_is_its_filter():
+    images, boxes = clip(walk(20))
+    combined = Combined(CombinedSettings(doubt=0.0))
+    alone = RegularisedTracker()
+    for a, b in zip(run(combined, images, boxes[0]), run(alone, images, boxes[0]), strict=True):
+        np.testing.assert_array_equal(a.box, b.box)
+    assert combined.searched_frames == 0
+
+
+def test_the_combined_tracker_says_that_a_hidden_target_is_lost_and_when_it_is_back():
+    images, boxes = clip(walk(44, 2.0), hidden=range(15, 25))
+    seen = run(Combined(), images, boxes[0])
+    statuses = [s.status for s in seen]
+    assert set(statuses[:13]) == {"tracking"}
+    assert statuses[15] != "tracking"
+    assert statuses[22] == "lost"
+    assert statuses[-1] == "tracking"
+    assert iou_pairs(seen[-1].box, boxes[-1]) > 0.6
+
+
+def test_particles_take_the_combined_tracker_to_a_target_that_jumped():
+    """It jumps four of its widths, beyond the window of its filter."""
+    path = np.concatenate([np.tile([[50.0, 80.0]], (12, 1)), np.tile([[145.0, 80.0]], (14, 1))])
+    images, boxes = clip(path)
+    assert overlaps(run(RegularisedTracker(), images, boxes[0]), boxes)[-1] == 0
+    assert overlaps(run(Combined(CombinedSettings(reach=2)), images, boxes[0]), boxes)[-1] > 0.6
+
+
+def test_particles_with_sizes_find_a_target_that_came_back_larger():
+    """It jumps four of its widths and is a fifth larger there; the particles take its size, too."""
+    path = np.concatenate([np.tile([[50.0, 80.0]], (12, 1)), np.tile([[145.0, 80.0]], (4, 1))])
+    images, boxes = clip(path, sizes=[1.0] * 12 + [1.2] * 4)
+    sizes = {}
+    for spread in (0.0, 0.05):
+        settings = CombinedSettings(reach=2, renewed=0.0, size_spread=spread, filter=RegularisedSettings(sizes=1))
+        tracker = Combined(settings)
+        assert overlaps(run(tracker, images, boxes[0]), boxes)[-1] > 0.5
+        sizes[spread] = tracker.target.size
+    assert sizes[0.0] == 1.0
+    assert 1.1 < sizes[0.05] < 1.35
+
+
+def test_doubt_needs_both_witnesses():
+    tracker = Combined()
+    images, boxes = clip(walk(12))
+    run(tracker, images, boxes[0])
+    peak, colour = np.median(tracker._evidence.peaks), np.median(tracker._evidence.colours)
+    for peak_share, colour_share, doubts in [(0.5, 0.9, True), (0.5, 1.0, False), (0.7, 0.9, False)]:
+        found = replace(tracker.target, peak=peak * peak_share, colour_score=colour * colour_share)
+        assert tracker._doubts(found) == doubts
+
+
+def test_the_first_frames_are_no_evidence():
+    target = replace(_started().target, peak=0.01, colour_score=0.01)
+    assert Evidence((0.5,) * 4, (0.5,) * 4).shares(target) == (1.0, 1.0)
+    assert Evidence((0.5,) * 5, (0.5,) * 5).shares(target) == pytest.approx((0.02, 0.02))
+
+
+def _started():
+    images, boxes = clip(walk(2))
+    tracker = Combined()
+    tracker.start(images[0], boxes[0])
+    return tracker
+
+
+def test_the_same_seed_gives_the_same_boxes():
+    images, boxes = clip(walk(30), hidden=range(12, 20))
+    first, second = (run(Combined(seed=3), images, boxes[0]) for _ in range(2))
+    assert [s.box.tolist() for s in first] == [s.box.tolist() for s in second]

@@ -1,0 +1,133 @@
+"""The thesis's particles: each decision that the text leaves open is held here."""
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
+    GaussianKernel,
+    gaussian_labels,
+    train,
+    transform,
+)
+from tsuiseki.tracking.single.archive import Archive
+from tsuiseki.tracking.single.particles import (
+    best_by_filter,
+    densest,
+    dispersion,
+    draw_particles,
+    jump_prior,
+    mean_by_filter,
+    random_walk,
+    step_deviation,
+)
+
+PEAKS = np.array([[10.0, 10.0], [200.0, 50.0], [60.0, 150.0]])
+DEVIATION = np.array([2.0, 3.0])
+
+
+def draw(past_share, weights=(1.0, 3.0), count=20000, stored=2):
+    rng = np.random.default_rng(0)
+    return draw_particles(PEAKS, stored, np.array(weights), past_share, count, DEVIATION, rng)
+
+
+@pytest.mark.parametrize(("covariance", "expected"), [("variances", [3.0, 6.0]), ("deviations", [9.0, 36.0])])
+def test_the_divisor_divides_variances_or_deviations(covariance, expected):
+    np.testing.assert_allclose(step_deviation(np.array([30.0, 120.0]), 10 / 3, covariance), expected)
+
+
+def test_particles_lie_about_their_maximum_with_the_covariance_of_the_motion():
+    particles = draw(0.0)
+    number = particles[:, 2].astype(int)
+    np.testing.assert_allclose(np.bincount(number) / len(number), 1 / 3, atol=0.015)  # 4 standard errors
+    offset = particles[:, :2] - PEAKS[number]
+    np.testing.assert_allclose(offset.mean(axis=0), 0, atol=0.1)
+    np.testing.assert_allclose(offset.std(axis=0), DEVIATION, rtol=0.03)
+
+
+@pytest.mark.parametrize("past_share", [0.25, 0.5, 1.0])
+def test_a_share_of_the_filters_comes_from_the_past(past_share):
+    number = draw(past_share)[:, 2].astype(int)
+    assert (number >= 3).mean() == pytest.approx(past_share, abs=0.015)
+    # drawn by weight 1 : 3
+    assert (number == 4).sum() / (number >= 3).sum() == pytest.approx(0.75, abs=0.03)
+
+
+def test_without_a_past_every_filter_is_a_hypothesis():
+    assert draw(1.0, weights=(), stored=0)[:, 2].max() <= 2
+
+
+def test_the_walk_keeps_filter_numbers():
+    particles = draw(0.5)
+    moved = random_walk(DEVIATION)(particles, 1.0, np.random.default_rng(1))
+    assert (moved[:, 2] == particles[:, 2]).all()
+    np.testing.assert_allclose((moved - particles)[:, :2].std(axis=0), DEVIATION, rtol=0.03)
+
+
+def test_dispersion_by_hand():
+    particles = np.array([[0, 0, 0], [4, 0, 0], [0, 0, 1.0]])
+    weights = np.array([0.5, 0.25, 0.25])
+    # x: mean 1, variance 3, over 2; filters: 1 - (0.75^2 + 0.25^2)
+    assert dispersion(particles, weights, np.array([2.0, 5.0])) == pytest.approx(3 / 2 + 0.375)
+
+
+def test_dispersion_falls_as_particles_agree():
+    """With the particles' own covariance as C it would be 2 for both."""
+    cloud = draw(0.0, count=500)
+    cloud[:, 2] = 0
+    narrow = cloud * [0.1, 0.1, 1]
+    weights = np.full(500, 1 / 500)
+    assert dispersion(narrow, weights, DEVIATION**2) == pytest.approx(0.01 * dispersion(cloud, weights, DEVIATION**2))
+
+
+def test_names_of_filters_do_not_matter():
+    particles = draw(0.5, count=100)
+    renamed = particles.copy()
+    renamed[:, 2] = np.array([7, 0, 30, 2, 11])[particles[:, 2].astype(int)]
+    weights = np.full(100, 0.01)
+    assert dispersion(particles, weights, DEVIATION**2) == pytest.approx(dispersion(renamed, weights, DEVIATION**2))
+
+
+def test_each_filter_learns_from_its_heaviest_particle():
+    particles = np.array([[1, 1, 4], [2, 2, 0], [3, 3, 4], [5, 5, 0.0]])
+    used, places = best_by_filter(particles, np.array([0.1, 0.4, 0.2, 0.3]))
+    assert used.tolist() == [0, 4]
+    assert places.tolist() == [[2, 2], [3, 3]]
+
+
+def test_each_filter_learns_at_the_mean_of_its_particles():
+    particles = np.array([[1, 1, 4], [2, 2, 0], [4, 7, 4], [5, 8, 0.0]])
+    used, places = mean_by_filter(particles, np.array([0.2, 0.0, 0.1, 0.7]))
+    assert used.tolist() == [0, 4]
+    np.testing.assert_allclose(places, [[5, 8], [2, 3]])
+    _, unseen = mean_by_filter(particles, np.zeros(4))
+    np.testing.assert_allclose(unseen, [[3.5, 5], [2.5, 4]])
+
+
+def test_the_archive_forgets_the_oldest_and_keeps_the_first_frame():
+    windows = np.random.default_rng(0).normal(size=(4, 1, 4, 4)).astype(np.float32)
+    bank = train(transform(windows), gaussian_labels((4, 4), 1.0), GaussianKernel(), 1e-4)
+    single = [bank.select(slice(k, k + 1)) for k in range(4)]
+    archive = Archive(2, first=single[0])
+    for k in (1, 2, 3):
+        archive = archive.add(single[k], 0.1 * k)
+    assert archive.candidates() == (single[0], single[2], single[3])
+    assert archive.weights(by_score=False).tolist() == [1, 1, 1]
+    np.testing.assert_allclose(archive.weights(by_score=True), [0.3, 0.2, 0.3])
+
+
+def test_a_place_counts_by_the_particles_around_it():
+    rng = np.random.default_rng(0)
+    group = np.column_stack([rng.normal(50, 0.5, (40, 2)), np.zeros(40)])
+    alone = np.array([[10.0, 10.0, 1.0]])
+    weights = np.append(np.full(40, 0.8 / 40), 0.2)  # ten times as heavy as each of the others
+    particles = np.concatenate([group, alone])
+    weights[7] = 0.04
+    assert densest(particles, weights, np.array([2.0, 2.0])) == 7
+
+
+def test_near_maxima_are_drawn_more_often():
+    shares = jump_prior(np.array([[0.0, 0], [20, 0], [0, 80]]), np.zeros(2), np.array([20.0, 40.0]))
+    # 1, 1 / 2 and 1 / 5, normalised
+    np.testing.assert_allclose(shares, np.array([10, 5, 2]) / 17)
+    particles = draw_particles(PEAKS, 0, np.empty(0), 0.0, 20000, DEVIATION, np.random.default_rng(0), shares)
+    np.testing.assert_allclose(np.bincount(particles[:, 2].astype(int)) / 20000, shares, atol=0.015)

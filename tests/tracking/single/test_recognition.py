@@ -1,0 +1,54 @@
+"""The second witness: it says lost after enough unlike looks, comes back, and is silent about what it does not know."""
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.single.interface import TargetState
+from tsuiseki.tracking.single.recognised import Recognised
+from tsuiseki.tracking.single.recognition import RecognitionSettings
+
+BOX = np.array([10.0, 10.0, 30.0, 50.0])
+EVERY = RecognitionSettings(every=1, looks=2, trusted=2, lost_looks=2)
+
+
+class StandingStill:
+    """Says that it tracks, always at the same place."""
+
+    def start(self, _, box):
+        self.box = box
+
+    def follow(self, _):
+        return TargetState(self.box, 0.9, "tracking")
+
+
+def statuses(likenesses, settings=EVERY):
+    """Of a tracker whose box looks like the first one by each of ``likenesses``."""
+    told = iter([1.0, *likenesses])
+
+    def describe(*_):
+        likeness = next(told)
+        return np.array([[likeness, np.sqrt(1 - likeness**2)]]) * 7  # any length
+
+    tracker = Recognised(StandingStill(), describe, settings)
+    image = np.zeros((60, 60, 3), dtype=np.uint8)
+    tracker.start(image, BOX)
+    return [tracker.follow(image).status for _ in range(len(likenesses) * settings.every)]
+
+
+def test_two_unlike_looks_in_a_row_say_lost_and_a_like_one_takes_it_back():
+    assert statuses([0.9, 0.9, 0.2, 0.2, 0.2, 0.8]) == ["tracking"] * 3 + ["lost"] * 2 + ["tracking"]
+    assert "lost" not in statuses([0.9, 0.9, 0.2, 0.9, 0.2, 0.9])
+
+
+@pytest.mark.parametrize("usual", [0.58, 0.55])
+def test_a_network_that_hardly_knows_the_target_is_not_heard(usual):
+    assert "lost" not in statuses([usual] * 4 + [0.0] * 4)
+
+
+def test_a_box_that_is_lost_at_once_is_not_taken_for_the_target():
+    assert statuses([0.1] * 4) == ["tracking"] + ["lost"] * 3
+
+
+def test_it_looks_every_few_frames():
+    settings = RecognitionSettings(every=3, lost_looks=1, trusted=1)
+    assert statuses([0.9, 0.1], settings) == ["tracking"] * 5 + ["lost"]

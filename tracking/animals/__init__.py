@@ -1,0 +1,1 @@
+"""Several animals before a fixed camera."""

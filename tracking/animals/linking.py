@@ -1,0 +1,211 @@
+"""Which poses of all frames are one animal: the flow, appearance across contacts, and heads.
+
+The flow of `FlowTracker` links poses by motion and size, `identity` exchanges what appearance contradicts after
+a contact, `heading` finds the heads, and gaps of up to a second are filled on straight lines.
+"""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from tsuiseki.tracking.animals.heading import head_signs, heads, seconds_of_walking, stretches_of
+from tsuiseki.tracking.animals.identity import exchanged_after_contacts
+from tsuiseki.tracking.animals.pose import AnimalPose
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow_input import InputSettings
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Status
+from tsuiseki.tracking.types.tracks import BodyTrack
+
+FIELDS = ("a", "b", "theta", "length", "width")
+CONTACT_SCORE = 0.5
+WALKED = 0.4
+"""Seconds of walking, of all animals together, from which heads are more than a guess."""
+STEADY = 0.4
+"""Seconds over which the ends of a body, seen by region, are taken together."""
+
+
+@dataclass(frozen=True)
+class AnimalSettings:
+    """Settings of the tracker of animals.
+
+    Attributes:
+        smallest: share of the usual animal's core from which a region holds one, in (0, 1).
+        area: usual pixels of the core of one animal; by default found in the video.
+        shortest: seconds that an animal must be seen.
+        forward: how far ahead of the middle the reported place lies, in lengths of the animal; from -0.5 (tail) to 0.5
+            (head).
+        evidence: log-likelihood ratio of appearance that exchanges two animals after a contact.
+    """
+
+    smallest: float = 0.3
+    area: float | None = None
+    shortest: float = 0.4
+    forward: float = 0.0
+    evidence: float = 4.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.smallest < 1:
+            raise RequestError(f"`smallest`: expected a share between 0 and 1, got {self.smallest:g}")
+        if not -0.5 <= self.forward <= 0.5:
+            raise RequestError(f"`forward`: expected -0.5 to 0.5 lengths, got {self.forward:g}")
+        if self.area is not None and not 0 < self.area < np.inf:
+            raise RequestError(f"`area`: expected pixels above 0, got {self.area:g}")
+        for name in ("shortest", "evidence"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise RequestError(f"`{name}`: expected a number from 0, got {getattr(self, name):g}")
+
+
+@dataclass(frozen=True)
+class Animal:
+    """One animal through a video.
+
+    Attributes:
+        track: its states, of the columns `FIELDS`: pixels and radians.
+        poses: of each frame of the track; None where a gap was filled.
+    """
+
+    track: BodyTrack
+    poses: tuple[AnimalPose | None, ...]
+
+
+def link_animals(
+    poses: Sequence[list[AnimalPose]],
+    frames: Sequence[int],
+    settings: AnimalSettings,
+    frame_rate: float,
+    size: tuple[int, int] | None,
+) -> list[Animal]:
+    """The animals by id, numbered by their first frames.
+
+    Args:
+        poses: of each frame, in no particular order.
+        frames: their 0-based numbers, without a gap.
+        settings: see `AnimalSettings`.
+        frame_rate: frames a second.
+        size: width and height of the images; None where not known.
+    """
+    labels = _flow(poses, settings, frame_rate, size)
+    labels, _ = exchanged_after_contacts(labels, list(poses), settings.evidence)
+    rows = [
+        [[part[n] for n in stretch] for stretch in stretches_of(np.array([row for row, _ in part]), round(frame_rate))]
+        for part in _by_animal(labels).values()
+    ]
+    parts = [
+        [(np.array([poses[t][n].place for t, n in part]), [poses[t][n] for t, n in part]) for part in several]
+        for several in rows
+    ]
+    every = [part for several in parts for part in several]
+    signs = head_signs(every, frame_rate)
+    known = any(pose.headed for _, own in every for pose in own)
+    if every and not known and seconds_of_walking(every, frame_rate) < WALKED:
+        warnings.warn("hardly any animal walks: which end is the head is a guess", InputWarning, stacklevel=2)
+    found = []
+    for number, (several, stretches) in enumerate(zip(parts, rows, strict=True), start=1):
+        headings = np.concatenate([heads(places, own, signs, frame_rate) for places, own in several])
+        at = np.array([t for part in stretches for t, _ in part])
+        own = [pose for _, poses_of_part in several for pose in poses_of_part]
+        found.append(_animal(number, at, own, headings, settings.forward, np.asarray(frames), round(frame_rate)))
+    return found
+
+
+def _flow(
+    poses: Sequence[list[AnimalPose]], settings: AnimalSettings, frame_rate: float, size: tuple[int, int] | None
+) -> list[IntArray]:
+    """For each frame the track of each pose, 0 for none."""
+    flow = FlowTracker(
+        FlowSettings(input=InputSettings(camera=None), smoothing=None, min_time=settings.shortest, fill=0.0).alike(),
+        frame_rate=frame_rate,
+        size=size,
+    )
+    for found in poses:
+        flow.update(_detections(found))
+    labels = [np.zeros(len(found), dtype=np.int64) for found in poses]
+    for track in flow.tracks():
+        centres = (track.boxes[:, :2] + track.boxes[:, 2:]) / 2
+        for row, centre, observed in zip(track.frames.tolist(), centres, track.observed, strict=True):
+            if observed:
+                away = [float(np.linalg.norm(pose.place - centre)) for pose in poses[row]]
+                labels[row][int(np.argmin(away))] = track.id
+    return labels
+
+
+def _detections(poses: list[AnimalPose]) -> Detections:
+    """Upright squares about the animals, as wide as they are long."""
+    if not poses:
+        return Detections.empty()
+    places, half = np.array([pose.place for pose in poses]), np.array([pose.length for pose in poses])[:, None] / 2
+    return Detections(np.concatenate([places - half, places + half], axis=1), np.ones(len(poses)))
+
+
+def _by_animal(labels: list[IntArray]) -> dict[int, list[tuple[int, int]]]:
+    """Rows of each track, as frame and number of the pose in it, by the first frame."""
+    found: dict[int, list[tuple[int, int]]] = {}
+    for row, own in enumerate(labels):
+        for n, identity in enumerate(own.tolist()):
+            if identity:
+                found.setdefault(identity, []).append((row, n))
+    return found
+
+
+def _animal(
+    number: int,
+    at: IntArray,
+    poses: list[AnimalPose],
+    headings: FloatArray,
+    forward: float,
+    frames: IntArray,
+    longest: int,
+) -> Animal:
+    """One animal, its gaps of up to ``longest`` frames filled on straight lines, which nothing supports."""
+    states = np.array([[*p.place, heading, p.length, p.width] for p, heading in zip(poses, headings, strict=True)])
+    if poses[0].points is None:
+        _steadied(states, poses, round(STEADY * longest))
+    # A wing or leg that lengthens one frame must not move the place: the animal's own usual length.
+    ahead = forward * float(np.median(states[:, 3]))
+    states[:, 0] += ahead * np.cos(headings)
+    states[:, 1] += ahead * np.sin(headings)
+    scores = np.array([CONTACT_SCORE if pose.contact else 1.0 for pose in poses])
+    gaps = [np.arange(first, last) for first, last in itertools.pairwise(at.tolist()) if last - first <= longest]
+    every = np.unique(np.concatenate([at, *gaps]))
+    observed = np.isin(every, at)
+    states[:, 2] = np.unwrap(states[:, 2])
+    full = np.stack([np.interp(every, at, column) for column in states.T], axis=1)
+    full[:, 2] = np.angle(np.exp(1j * full[:, 2]))
+    full_scores = np.zeros(len(every))
+    full_scores[observed] = scores
+    statuses: list[Status] = ["tracking" if one else "searching" for one in observed]
+    given = iter(poses)
+    shown = tuple(next(given) if one else None for one in observed)
+    return Animal(BodyTrack(number, frames[every], full, full_scores, tuple(statuses)), shown)
+
+
+def _steadied(states: FloatArray, poses: list[AnimalPose], window: int) -> None:
+    """Length, and the way from core to middle, as medians over ``window`` frames: legs and wings come and go.
+
+    Contact hides both: there they are taken over from the frames before and after.
+
+    Args:
+        states: ``(T, 5)``, changed in place.
+        poses: of the same frames.
+        window: frames.
+    """
+    heading = np.stack([np.cos(states[:, 2]), np.sin(states[:, 2])], axis=1)
+    cores = np.array([pose.core for pose in poses])
+    shift = ((states[:, :2] - cores) * heading).sum(axis=1)
+    free = np.flatnonzero([not pose.contact for pose in poses])
+    if len(free) == 0:
+        free = np.arange(len(poses))
+    every = np.arange(len(poses))
+    steady = [
+        np.interp(every, free, median_filter(column[free], max(window, 1), mode="nearest"))
+        for column in (shift, states[:, 3])
+    ]
+    states[:, :2] = cores + steady[0][:, None] * heading
+    states[:, 3] = steady[1]

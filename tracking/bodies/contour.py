@@ -1,0 +1,170 @@
+"""How far a body's contour lies from the edges of a coloured region, equation (7) of the goldfish paper.
+
+Image preparation happens once a frame: the pixels of the colour, their Canny edges, and the distance of every pixel to
+the nearest edge. A particle then costs one look-up for each of its contour points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.features.colour_region import ColourRange, colour_pixels
+from tsuiseki.tracking.types import FloatArray, ImageArray
+
+Points: TypeAlias = NDArray[np.float32]
+Mask: TypeAlias = NDArray[np.uint8]
+Value = TypeVar("Value", np.float32, np.uint8)
+
+FARTHEST = 80.0
+"""Distances in pixels are cut off here: farther away, every place is as wrong as any other."""
+# Where a region's border lies from the index of Canny's mark: a pixel's centre is half a pixel beyond its index, and at
+# straight borders the mark is the pixel before the step, outside the region at its left and top. This is the mean.
+EDGE_OFFSET = np.float32(0.75)
+# OpenCV maps at most this many rows of points at a time (it counts them in 16 bits).
+ROWS_AT_ONCE = 16384
+
+
+@dataclass(frozen=True)
+class Extraction:
+    """What belongs to the bodies in an image.
+
+    Attributes:
+        colour: theirs.
+        smooth: side in pixels of the median filter that takes specks away and closes pinholes; 1 leaves it out.
+    """
+
+    colour: ColourRange
+    smooth: int = 5
+
+    def __post_init__(self) -> None:
+        if self.smooth < 1 or self.smooth % 2 == 0:
+            raise ValueError(f"expected an odd side of the median filter from 1, got {self.smooth}")
+
+    def pixels(self, image: ImageArray) -> Mask:
+        """``(H, W)`` uint8, 255 where an RGB image shows a body and 0 elsewhere."""
+        mask = colour_pixels(image, self.colour)
+        return np.asarray(cv2.medianBlur(mask, self.smooth), dtype=np.uint8) if self.smooth > 1 else mask
+
+
+class BodyPixels(Protocol):
+    """Says which pixels ``(H, W)`` of an image are of bodies: `Extraction`, or a difference from a background."""
+
+    def pixels(self, image: ImageArray) -> Mask: ...
+
+
+@dataclass(frozen=True)
+class EdgeImage:
+    """A frame as the contour likelihood sees it.
+
+    Attributes:
+        mask: ``(H, W)`` uint8, 255 where a body is.
+        distance: ``(H, W)`` float32 pixels to the nearest edge, in [0, FARTHEST].
+        has_edges: False where nothing of the colour was found; every distance is ``FARTHEST`` then.
+    """
+
+    mask: Mask
+    distance: NDArray[np.float32]
+    has_edges: bool
+
+    @classmethod
+    def of(cls, image: ImageArray, extraction: BodyPixels) -> EdgeImage:
+        """Extract, find edges, and measure the distance to them."""
+        return cls.of_mask(extraction.pixels(image))
+
+    @classmethod
+    def of_mask(cls, mask: Mask) -> EdgeImage:
+        """From the pixels ``(H, W)`` of the bodies."""
+        edges = cv2.Canny(mask, 100, 200)
+        if not cv2.hasNonZero(edges):
+            return cls(mask, np.full(mask.shape, FARTHEST, dtype=np.float32), has_edges=False)
+        distance = cv2.distanceTransform(cv2.bitwise_not(edges), cv2.DIST_L2, cv2.DIST_MASK_3)
+        np.minimum(distance, FARTHEST, out=distance)
+        return cls(mask, np.asarray(distance, dtype=np.float32), has_edges=True)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.mask.shape[1], self.mask.shape[0]
+
+
+def look_up(image: NDArray[Value], points: Points) -> NDArray[Value]:
+    """Values ``(N, K)`` at the pixels nearest to points ``(N, K, 2)`` x, y; off the image those of its border."""
+    parts = [
+        # None is right for a second map, but OpenCV's types do not know it.
+        cv2.remap(image, part, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        for part in (points[row : row + ROWS_AT_ONCE] for row in range(0, len(points), ROWS_AT_ONCE))
+    ]
+    return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts), dtype=image.dtype)
+
+
+def point_distances(image: EdgeImage, points: Points) -> NDArray[np.float32]:
+    """Distance ``(N, K)`` in pixels of points ``(N, K, 2)`` to the nearest edge, in [0, FARTHEST].
+
+    Off the image it is that of the border, and at least the distance to the border.
+    """
+    distance = look_up(image.distance, points - EDGE_OFFSET)
+    last = np.array([image.size[0] - 1, image.size[1] - 1], dtype=np.float32)
+    # Over the particles first: that axis is long, and the reduction fast.
+    flat = points.reshape(len(points), -1)
+    least, most = (flat.min(axis=0).reshape(-1, 2), flat.max(axis=0).reshape(-1, 2))
+    if np.any(least < 0.0) or np.any(most > last):
+        outside = np.linalg.norm(points - np.clip(points, 0.0, last), axis=2)
+        distance = np.maximum(distance, np.minimum(outside, FARTHEST))
+    return distance
+
+
+def contour_distance(image: EdgeImage, points: Points) -> FloatArray:
+    """Largest distance ``d_max`` ``(N,)`` in pixels of contour points ``(N, K, 2)`` to the nearest edge, (7)."""
+    return np.asarray(point_distances(image, points).max(axis=1), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class BodyView:
+    """What one body's contours are compared with.
+
+    Attributes:
+        edges: of the frame.
+        neighbours: ``(H, W)`` uint8, above 0 where other bodies are expected; None where none is near.
+        hidden: share of the body's contour that is expected to lie there, in [0, 1].
+    """
+
+    edges: EdgeImage
+    neighbours: Mask | None = None
+    hidden: float = 0.0
+
+
+@dataclass(frozen=True)
+class ContourLikelihood:
+    """``exp(-d_max^2 / spread)`` (7), and what becomes of it where another body is in the way.
+
+    Contour points inside a neighbour are not seen: the image there is explained by the neighbour, so they take no part
+    in ``d_max``, and the share of the contour that is hidden beyond what was expected costs ``hidden_cost``. Without
+    the cost a particle would fit best with all of itself inside the neighbour, and without the exclusion it would fit
+    best on the neighbour's outline. Where bodies are expected to cross, being hidden is no fault.
+
+    Attributes:
+        spread: ``sigma_d``, pixels squared.
+        hidden_cost: subtracted from the log-likelihood of a contour that is hidden in full and was to be seen in full.
+    """
+
+    spread: float = 40.0
+    hidden_cost: float = 14.0
+
+    def __post_init__(self) -> None:
+        if not (self.spread > 0 and np.isfinite(self.spread)) or not self.hidden_cost >= 0:
+            raise ValueError(f"expected a spread above 0 and a cost from 0, got {self.spread} and {self.hidden_cost}")
+
+    def __call__(self, contours: Points, view: BodyView) -> FloatArray:
+        """Log-likelihood ``(N,)`` of contours ``(N, K, 2)``, float32 pixels."""
+        distance = point_distances(view.edges, contours)
+        if view.neighbours is None:
+            return np.asarray(-(distance.max(axis=1).astype(np.float64) ** 2) / self.spread)
+        hidden = look_up(view.neighbours, contours) > 0
+        farthest = np.where(hidden, 0.0, distance).max(axis=1).astype(np.float64)
+        unexpected = np.maximum(hidden.mean(axis=1) - view.hidden, 0.0)
+        return np.asarray(-(farthest**2) / self.spread - self.hidden_cost * unexpected)

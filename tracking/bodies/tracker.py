@@ -1,0 +1,296 @@
+"""Bodies that bend, each followed by its own particle filter; the goldfish paper, sections 3 and 4.
+
+In each frame the coloured region is extracted and its edges found, once for all bodies. Then every body's particles
+move, are weighed by the largest distance of their contour to the edges (7), and give the estimate. Where another body
+is expected, the image belongs to that one: see `ContourLikelihood`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from tsuiseki.tracking.bodies.body import Body
+from tsuiseki.tracking.bodies.body_starts import find_starts, near_mask, visible_distance, within_limits
+from tsuiseki.tracking.bodies.contour import (
+    FARTHEST,
+    BodyPixels,
+    BodyView,
+    ContourLikelihood,
+    EdgeImage,
+    Mask,
+    Points,
+)
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.filters.base import Proposal, bootstrap, each_frame
+from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, draw
+from tsuiseki.tracking.filters.particles.annealed import Annealed
+from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber, ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.particles.weights import weighted_mean
+from tsuiseki.tracking.types import FloatArray, Frame, Status
+from tsuiseki.tracking.types.tracks import BodyTrack
+
+MOSTLY = 0.8
+"""A body of which a greater share is hidden is not seen."""
+SEARCH_EVERY = 5
+"""Frames between two searches of the whole image for a lost body."""
+
+
+@dataclass(frozen=True)
+class DeformableSettings:
+    """Settings of the tracker of bodies.
+
+    Attributes:
+        particles: of each body.
+        spread: ``sigma_d`` of (7), pixels squared.
+        hidden_cost: of a contour that is hidden behind other bodies in full, in units of log-likelihood.
+        margin: pixels around another body's expected contour that count as that body.
+        searching_beyond: a body whose contour is farther than this from the edges is not seen there, pixels.
+        patience: frames unseen until a body is lost.
+        smooth: side in pixels of the median filter of the extraction; 1 leaves it out.
+        layers: 1 draws particles from the motion; 2 draws again near the better ones (`Annealed`), at twice the cost.
+    """
+
+    particles: int = 500
+    spread: float = 40.0
+    hidden_cost: float = 14.0
+    margin: int = 4
+    searching_beyond: float = 15.0
+    patience: int = 10
+    smooth: int = 5
+    layers: int = 1
+
+    def __post_init__(self) -> None:
+        for name, least in (("particles", 1), ("margin", 0), ("patience", 0)):
+            if getattr(self, name) < least:
+                raise RequestError(f"`{name}`: expected a whole number from {least}, got {getattr(self, name)}")
+        if self.layers not in (1, 2):
+            raise RequestError(f"`layers`: expected 1 or 2, got {self.layers}")
+        if self.smooth < 1 or self.smooth % 2 == 0:
+            raise RequestError(f"`smooth`: expected an odd number of pixels, got {self.smooth}")
+        if not 0 < self.spread < np.inf:
+            raise RequestError(f"`spread`: expected squared pixels above 0, got {self.spread:g}")
+        if not 0 <= self.hidden_cost < np.inf:
+            raise RequestError(f"`hidden_cost`: expected a number from 0, got {self.hidden_cost:g}")
+        if not 0 < self.searching_beyond <= FARTHEST:
+            raise RequestError(
+                f"`searching_beyond`: expected pixels above 0, at most {FARTHEST:g}, got {self.searching_beyond:g}"
+            )
+
+
+@dataclass(frozen=True)
+class BodyTarget:
+    """One body.
+
+    Attributes:
+        id: from 1.
+        particles: of its filter.
+        estimate: mean particle ``(D + …,)``; the body's state comes first.
+        before: that of the frame before.
+        score: likelihood (7) of the estimate, in [0, 1].
+        distance: ``d_max`` of the estimate, pixels.
+        status: whether to believe it.
+        unseen: frames in a row it was not seen.
+        log_evidence: of the frame, see `ParticleInfo`; 0 before the first step.
+        effective_sample_size: of the particles after the frame; 0 before the first step.
+    """
+
+    id: int
+    particles: ParticleState
+    estimate: FloatArray
+    before: FloatArray
+    score: float = 1.0
+    distance: float = 0.0
+    status: Status = "tracking"
+    unseen: int = 0
+    log_evidence: float = 0.0
+    effective_sample_size: float = 0.0
+
+
+@dataclass
+class _Record:
+    frames: list[int] = field(default_factory=list)
+    states: list[FloatArray] = field(default_factory=list)
+    scores: list[float] = field(default_factory=list)
+    statuses: list[Status] = field(default_factory=list)
+
+
+class DeformableTracker:
+    """Follows bodies of one kind through frames.
+
+    Args:
+        body: theirs.
+        motion: how they move.
+        extraction: what belongs to them in an image; None where only `update_edges` is used.
+        settings: see `DeformableSettings`.
+        starts: ``(K, D)`` states in the first frame; None finds the bodies there.
+        seed: of the particles.
+        adaptive: chooses the number of particles at every step; None keeps the number.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        motion: BodyMotion,
+        extraction: BodyPixels | None,
+        settings: DeformableSettings | None = None,
+        starts: FloatArray | None = None,
+        seed: int = 0,
+        adaptive: AdaptiveNumber | None = None,
+    ) -> None:
+        self.body, self.motion, self.extraction = body, motion, extraction
+        self.settings = settings or DeformableSettings()
+        self.rng = np.random.default_rng(seed)
+        self.targets: list[BodyTarget] = []
+        self._starts = starts
+        self._columns = len(body.fields)
+        self._records: dict[int, _Record] = {}
+        self._likelihood = ContourLikelihood(self.settings.spread, self.settings.hidden_cost)
+        self._move: Proposal[BodyView] = bootstrap(each_frame(partial(draw, motion)))
+        if self.settings.layers == 2:
+            self._move = Annealed(motion, self._log_likelihood)
+        self._filter: ParticleFilter[BodyView] = ParticleFilter(
+            self._propose, self._log_likelihood, threshold=1.0, adaptive=adaptive
+        )
+
+    def update(self, frame: Frame) -> None:
+        """Take the next frame.
+
+        Raises:
+            ValueError: the tracker has no extraction.
+        """
+        self.update_edges(frame.index, self.edges(frame))
+
+    def edges(self, frame: Frame) -> EdgeImage:
+        """The edges of the bodies in a frame, for `update_edges`.
+
+        Raises:
+            ValueError: the tracker has no extraction.
+        """
+        if self.extraction is None:
+            raise ValueError("expected an extraction to find edges by; give one, or use update_edges")
+        return EdgeImage.of(frame.image, self.extraction)
+
+    def update_edges(self, index: int, edges: EdgeImage) -> None:
+        """Take the next frame, whose edges are known."""
+        if not self._records:
+            self._begin(edges)
+        else:
+            contours = self._expected_contours()
+            for row, target in enumerate(self.targets):
+                self.targets[row] = self._step(target, edges, contours)
+                # Those that follow see this one where it is, and no longer where it was expected.
+                contours[target.id] = self._contour(self.targets[row])
+            self._recover(edges)
+        for target in self.targets:
+            record = self._records.setdefault(target.id, _Record())
+            record.frames.append(index)
+            record.states.append(target.estimate[: self._columns])
+            record.scores.append(target.score)
+            record.statuses.append(target.status)
+
+    def forget(self) -> None:
+        """Drop the states so far from `tracks`; ids go on."""
+        for record in self._records.values():
+            for column in (record.frames, record.states, record.scores, record.statuses):
+                column.clear()
+
+    def tracks(self) -> list[BodyTrack]:
+        """States of all frames so far, by id."""
+        return [
+            BodyTrack(i, np.array(r.frames), np.array(r.states), np.array(r.scores), tuple(r.statuses))
+            for i, r in self._records.items()
+        ]
+
+    def _propose(
+        self, particles: FloatArray, observation: BodyView, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray]:
+        """The motion, in one layer or two; shapes that the body cannot take are moved to its limit."""
+        moved, correction = self._move(particles, observation, rng)
+        return within_limits(moved, self.body), correction
+
+    def _log_likelihood(self, particles: FloatArray, observation: BodyView) -> FloatArray:
+        contours = self.body.contour(particles[:, : self._columns])
+        return self._likelihood(contours, observation)
+
+    def _begin(self, edges: EdgeImage) -> None:
+        """Targets at the given states, or at the bodies that the first frame shows."""
+        starts = self._starts
+        if starts is None:
+            starts = find_starts(edges, self.body, self.rng)
+        for state in starts:
+            number = len(self.targets) + 1
+            self.targets.append(self._assessed(self._placed(number, state), edges, None))
+
+    def _placed(self, number: int, state: FloatArray) -> BodyTarget:
+        """A target whose particles all stand at one state, their motions drawn."""
+        states = np.tile(state, (self.settings.particles, 1))
+        particles = self._filter.init(self.motion.start(states, self.rng))
+        mean = particles.particles.mean(axis=0)
+        return BodyTarget(number, particles, mean, mean)
+
+    def _step(self, target: BodyTarget, edges: EdgeImage, expected: dict[int, Points]) -> BodyTarget:
+        """One frame further."""
+        others = [contour for number, contour in expected.items() if number != target.id]
+        neighbours = near_mask(edges.size, expected[target.id], others, self.settings.margin)
+        _, hidden = visible_distance(edges, expected[target.id][None], neighbours)
+        particles, info = self._filter.step(target.particles, BodyView(edges, neighbours, hidden), self.rng)
+        moved = replace(
+            target,
+            particles=particles,
+            estimate=weighted_mean(particles.particles, particles.log_weights, self.body.angles),
+            before=target.estimate,
+            log_evidence=info.log_evidence,
+            effective_sample_size=info.effective_sample_size,
+        )
+        return self._assessed(moved, edges, neighbours)
+
+    def _assessed(self, target: BodyTarget, edges: EdgeImage, neighbours: Mask | None) -> BodyTarget:
+        """The target with its score and status."""
+        distance, hidden = visible_distance(edges, self._contour(target)[None], neighbours)
+        seen = edges.has_edges and distance <= self.settings.searching_beyond and hidden < MOSTLY
+        unseen = 0 if seen else target.unseen + 1
+        status: Status = "tracking" if seen else "searching"
+        if not edges.has_edges or unseen > self.settings.patience:
+            status = "lost"
+        score = float(np.exp(-(distance**2) / self.settings.spread))
+        return replace(target, score=score, distance=distance, status=status, unseen=unseen)
+
+    def _expected_contours(self) -> dict[int, Points]:
+        """Contours ``(K, 2)`` where the targets are expected before the image is looked at.
+
+        They go on by their last step, whatever their motion: a random walk would expect a fast body where it was.
+        """
+        if not self.targets:
+            return {}
+        now, before = (
+            np.array([getattr(t, name)[: self._columns] for t in self.targets]) for name in ("estimate", "before")
+        )
+        moved = now.copy()
+        moved[:, :2] += now[:, :2] - before[:, :2]
+        contours = self.body.contour(moved)
+        return {target.id: contour for target, contour in zip(self.targets, contours, strict=True)}
+
+    def _contour(self, target: BodyTarget) -> Points:
+        """Contour ``(K, 2)`` of the estimate."""
+        return np.asarray(self.body.contour(target.estimate[None, : self._columns])[0], dtype=np.float32)
+
+    def _recover(self, edges: EdgeImage) -> None:
+        """Put lost targets onto regions that no other target explains, now and then."""
+        patience = self.settings.patience
+        waited = {n: target.unseen - patience for n, target in enumerate(self.targets) if target.status == "lost"}
+        lost = [n for n, frames in waited.items() if frames > 0 and frames % SEARCH_EVERY == 1]
+        if not lost or not edges.has_edges:
+            return
+        states = np.array([target.estimate[: self._columns] for target in self.targets])
+        others = [self.body.contour(states[n : n + 1])[0] for n in range(len(states)) if n not in lost]
+        starts = find_starts(edges, self.body, self.rng, others, self.settings.margin)
+        if len(starts) == 0:
+            return
+        distance = np.linalg.norm(states[lost, None, :2] - starts[None, :, :2], axis=2)
+        for row, column in zip(*linear_sum_assignment(distance), strict=True):
+            number = lost[row]
+            self.targets[number] = self._assessed(self._placed(self.targets[number].id, starts[column]), edges, None)

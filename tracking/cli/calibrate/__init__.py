@@ -1,1 +1,0 @@
-"""`tsuiseki calibrate`: a file for each of its commands."""

@@ -1,1 +1,0 @@
-"""`tsuiseki track`: a file for each of its commands."""

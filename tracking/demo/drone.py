@@ -1,0 +1,81 @@
+"""`tsuiseki demo --scene drone`: people and their actions on a generated clip from a drone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from tsuiseki.tracking.demo.run import OVERLAY_FILE, REPORT_FILE, record_method, show_scores
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from tsuiseki.tracking.cli.options import SeededOutput
+    from tsuiseki.tracking.cli.run import Run
+    from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.drone.tracking import DroneResult
+
+CLIP_FOLDER, THRESHOLD = "drone", 0.4
+
+
+def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
+    """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
+    from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
+    from tsuiseki.datamodules.scenes.drone.files import write_drone
+    from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
+    from tsuiseki.tracking.drone.models import DroneModels
+    from tsuiseki.tracking.drone.tracker import DroneSettings
+    from tsuiseki.tracking.drone.writing import follow
+    from tsuiseki.tracking.formats.mot import read_ground_truth
+    from tsuiseki.tracking.people.finding_options import FindingOptions
+    from tsuiseki.tracking.video.source import open_source
+
+    with output.run() as run:
+        with run.times.measure("generate the clip"):
+            clip = write_drone(
+                run.work / CLIP_FOLDER,
+                DroneSceneSettings(frames=frames),
+                output.seed,
+                watch=lambda drawn: run.watched(drawn, "generating", frames),
+            )
+        source = open_source(clip)
+        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads), bridging=None)
+        truth = read_ground_truth(clip / "gt" / "gt.txt")
+        cache = str(clip), run.work / "observations"
+        results = {
+            name: follow(run, source, models, method, DroneSettings(), cache) for method, name in DRONE_METHODS.items()
+        }
+        tracks = {name: found.tracks for name, found in results.items()}
+        scores = scored(CLIP_FOLDER, truth, tracks, frames)
+        demo = DemoResult(source, truth, tracks, scores, frames)
+        _write(run, demo, results)
+    if run.status == 0:
+        show_scores(demo, output.out, "video, actions and plots")
+    return run.status
+
+
+def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> None:
+    """A folder for each method, the overlay, the report."""
+    from tsuiseki.tracking.demo.page import drone_report
+    from tsuiseki.tracking.demo.people import DRONE_METHODS
+    from tsuiseki.tracking.drone.page import ActionReport, captions_of
+    from tsuiseki.tracking.drone.writing import write_result
+    from tsuiseki.tracking.report.overlay import write_overlay
+    from tsuiseki.tracking.report.page import write_report
+
+    source, best = demo.source, results[list(results)[-1]]
+    rate, captions = source.frame_rate, captions_of(best.people, best.names, THRESHOLD)
+    with run.times.measure("draw the overlay"):
+        overlay = run.draw(
+            OVERLAY_FILE,
+            lambda path: write_overlay(path, source.frames(), best.tracks, rate, captions, trail_seconds=0.0),
+        )
+    for method, name in DRONE_METHODS.items():
+        write_result(run, results[name], source, THRESHOLD, f"{method}/")
+        columns, run.columns = run.columns, {}
+        record_method(run, {"frames": demo.frames, "method": method}, run.times.seconds, columns)
+    actions = ActionReport(source.name, best.people, best.names, best.log.frames, THRESHOLD, rate)
+    facts = {"seed": str(run.output.random_seed)}
+    report = drone_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts), actions)
+    run.write(REPORT_FILE, lambda path: write_report(path, report))

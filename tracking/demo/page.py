@@ -1,0 +1,148 @@
+"""The pages of `tsuiseki demo`: everything that came out of a generated clip, on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.drone.page import ActionReport, action_timelines
+from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
+from tsuiseki.tracking.geometry import centres, iou_matrix
+from tsuiseki.tracking.output import versions
+from tsuiseki.tracking.report.page import BOXES_NOTE, Report, ReportedMethod
+from tsuiseki.tracking.types import BoolArray, Track
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video.source import Source
+
+# A track is of a thing that stands still if its centre moves by less than so many heights, and it is mostly on nobody.
+STILL, MOSTLY = 0.5, 0.8
+STAGES = {
+    "generate": "generate the clip",
+    "decode": "decode",
+    "detect": "detect",
+    "describe": "describe",
+    "overlay": "draw the overlay",
+}
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What came out of a clip.
+
+    Attributes:
+        source: the clip.
+        truth: its labels.
+        tracks: by what each method is called, the one whose result is drawn last.
+        scores: likewise.
+        frames: that were tracked.
+        seconds: of each stage.
+        facts: what the page says of how it was made.
+        overlay: the video with the result drawn in, where there is one.
+    """
+
+    source: Source
+    truth: GroundTruth
+    tracks: Mapping[str, list[Track]]
+    scores: Mapping[str, PeopleEvaluation]
+    frames: int
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
+    overlay: Path | None = None
+
+    @property
+    def people(self) -> int:
+        """How many there are in truth."""
+        return len(set(self.truth.ids.tolist()))
+
+
+def street_report(demo: DemoResult) -> Report:
+    """The page of people on a street."""
+    introduction = (
+        f"{demo.people} people on a generated street, {demo.frames} frames. Networks trained on generated "
+        "scenes found and described them once; three methods linked what they found, each scored against the truth."
+    )
+    return _report(demo, "Tsuiseki demo", " ".join([introduction, *why_not_best(demo)]))
+
+
+def why_not_best(demo: DemoResult) -> list[str]:
+    """What the last method, which is drawn, does worse and better than the one of the highest HOTA, and where.
+
+    Args:
+        demo: the scores of at least one method, and its tracks.
+
+    Returns:
+        A sentence, and one about its false boxes if it has any; none where the last method is the best.
+    """
+    scores = demo.scores
+    drawn, best = list(scores)[-1], max(scores, key=lambda name: scores[name].combined.hota)
+    ours, theirs = scores[drawn].combined, scores[best].combined
+    if ours.hota >= theirs.hota:
+        return []
+    line = (
+        f"{drawn} is not the best here in HOTA ({ours.hota:.3f}; {best} {theirs.hota:.3f}): it keeps "
+        f"{ours.false_positives} false boxes ({best} {theirs.false_positives}), misses {ours.false_negatives} people "
+        f"({theirs.false_negatives}) and changes {ours.id_switches} ids ({theirs.id_switches}); right boxes overlap "
+        f"true ones by {ours.motp:.3f} ({theirs.motp:.3f})."
+    )
+    if not ours.false_positives:
+        return [line]
+    return [line, _where_false_boxes_come_from(demo.tracks[drawn], demo.truth, ours.false_positives)]
+
+
+def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, count: int) -> str:
+    """A sentence that tells things that stand still, boxes filled into gaps and the rest of ``count`` boxes apart."""
+    still = filled = things = 0
+    for track in tracks:
+        false = _on_nobody(track, truth)
+        if not false.any():
+            continue
+        way = np.ptp(centres(track.boxes), axis=0).max() / np.median(track.boxes[:, 3] - track.boxes[:, 1])
+        if false.mean() > MOSTLY and way < STILL:
+            things += 1
+            still += int(false.sum())
+        else:
+            filled += int((false & ~track.observed).sum())
+    found = {
+        f"on things that never move and were taken for people all the time ({things})": still,
+        "filled into gaps over nobody": filled,
+        "beside people or on people who have a box already": count - still - filled,
+    }
+    return f"Its false boxes: {', '.join(f'{number} {where}' for where, number in found.items() if number)}."
+
+
+def _on_nobody(track: Track, truth: GroundTruth) -> BoolArray:
+    """``(T,)`` which boxes of a track overlap nobody by half."""
+    nobody = np.ones(len(track), dtype=np.bool_)
+    for row, frame in enumerate(track.frames.tolist()):
+        there = truth.boxes[truth.frames == frame]
+        nobody[row] = not (iou_matrix(track.boxes[row : row + 1], there) >= 0.5).any()
+    return nobody
+
+
+def drone_report(demo: DemoResult, actions: ActionReport) -> Report:
+    """The page of people who act under a drone, and of what they do."""
+    report = _report(
+        demo,
+        "Tsuiseki demo, from a drone",
+        f"{demo.people} people on generated ground under a drone that jerks, {demo.frames} frames. Networks "
+        "trained on generated clips found and described them and recognised what they do, once; three ways link what "
+        "was found, each scored against the truth.",
+    )
+    return replace(report, overlay_note=BOXES_NOTE, more=[action_timelines(actions)])
+
+
+def _report(demo: DemoResult, title: str, introduction: str) -> Report:
+    return Report(
+        title=title,
+        introduction=introduction,
+        methods=[ReportedMethod(name, demo.scores[name].combined, tracks) for name, tracks in demo.tracks.items()],
+        truth=demo.truth,
+        length=demo.frames,
+        frame_rate=demo.source.frame_rate,
+        overlay=demo.overlay,
+        seconds={STAGES.get(stage, stage): value for stage, value in demo.seconds.items()},
+        facts=dict(demo.facts) | versions(),
+    )

@@ -1,0 +1,130 @@
+"""`tsuiseki demo`: the whole path on a generated labelled clip."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.cli.run import Run, frames_expected
+from tsuiseki.tracking.errors import RequestError
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.people.frame_log import FrameLog
+
+REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
+FRAMES, FRAME_RATE = 180, 25.0
+OUTPUT = SeededOutput(Path("out/demo"), seed=100)
+
+
+def demo(
+    output: SeededOutput = OUTPUT,
+    scene: Literal["street", "drone"] = "street",
+    train: bool = False,
+    assets: Path | None = None,
+    frames: int = FRAMES,
+    threads: int = 0,
+) -> int:
+    """Run the whole path on a generated clip: detect, describe, track three ways, evaluate, report.
+
+    A street with walking people is generated together with its exact truth. The shipped models find and describe the
+    people once; SORT, DeepSORT and min-cost flow link them; each result is scored. DIR gets report.html with everything
+    on one page, overlay.webm, METHOD/tracks.txt and METHOD/run.json for each method, and the clip in street/.
+
+    With --scene drone the people act under a drone that jerks; the shipped models also recognise what they do, and the
+    flow links them without, with single-frame and with multi-frame action features.
+
+    Args:
+        scene: what is generated.
+        train: first train the models anew on generated scenes and use those; takes hours, and the train extra.
+        assets: with --train, folder of the bodies and clothes that people are rendered of (docs/rendered-people.md says
+            how to get them); without it the detector learns from drawn people alone.
+        frames: length of the clip.
+        seed: of the clip.
+        threads: CPU threads of the networks; 0 takes all.
+        overwrite: replace an earlier demo in the folder.
+    """
+    if scene == "drone":
+        from tsuiseki.tracking.demo.drone import demo_drone
+
+        if train:
+            raise RequestError("`train`: expected --scene street; docs/drone.md has the commands for the drone")
+        return demo_drone(output, frames, threads)
+    if assets is not None and not train:
+        raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
+    from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+    from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
+    from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
+    from tsuiseki.tracking.formats.mot import read_ground_truth
+    from tsuiseki.tracking.people.frame_log import run_trackers
+    from tsuiseki.tracking.video.source import open_source
+    from tsuiseki.trainers.shipped_models import make_models
+
+    with output.run() as run:
+        models = make_models(run.work / "models", assets) if train else shipped_street()
+        with run.times.measure("generate"):
+            settings = StreetSettings(frames=frames, frame_rate=FRAME_RATE)
+            clip = write_street(
+                run.work / scene, settings, output.seed, watch=lambda drawn: run.watched(drawn, "generating", frames)
+            )
+        source = open_source(clip)
+        camera = StandingCamera()
+        found = street_inputs(source, models, threads, camera).found(run.frames(source), run.times)
+        steps = run.steps(found, total=frames_expected(source))
+        tracks, log = run_trackers(steps, street_trackers(source, models, threads, camera), run.times)
+        truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
+        scores = scored(scene, truth, tracks, run.count)
+        demo = DemoResult(source, truth, tracks, scores, run.count)
+        _write(run, demo, log, models)
+    if run.status == 0:
+        show_scores(demo, output.out, "video and plots")
+    return run.status
+
+
+def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]) -> None:
+    """A folder for each method, the overlay, the report."""
+    from tsuiseki.tracking.demo.page import street_report
+    from tsuiseki.tracking.demo.people import STREET_METHODS
+    from tsuiseki.tracking.formats.mot import write_tracks
+    from tsuiseki.tracking.report.overlay import write_overlay
+    from tsuiseki.tracking.report.page import write_report
+
+    names = {kind: path.name for kind, path in models.items()}
+    for method, name in STREET_METHODS.items():
+        tracks = demo.tracks[name]
+        run.write(f"{method}/tracks.txt", lambda path, tracks=tracks: write_tracks(path, tracks))  # type: ignore[misc]
+        seconds = {s: v for s, v in run.times.seconds.items() if s not in demo.tracks or s == name}
+        settings = {"frames": demo.frames, "models": names, "method": method}
+        record_method(run, settings, seconds, log.columns(tracks))
+    run.facts["models"] = names
+    source, best = demo.source, demo.tracks[list(demo.tracks)[-1]]
+    with run.times.measure("overlay"):
+        overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
+    facts = {f"{kind} model": name for kind, name in names.items()} | {"seed": str(run.output.random_seed)}
+    report = street_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts))
+    run.write(REPORT_FILE, lambda path: write_report(path, report))
+
+
+def record_method(
+    run: Run, settings: Mapping[str, Any], seconds: Mapping[str, float], columns: Mapping[str, Sequence[Any]]
+) -> None:
+    """Write the ``run.json`` of one method, into the folder of its name."""
+    from tsuiseki.tracking.output import RunRecord
+
+    record = RunRecord(run.output.given.command, settings, run.output.random_seed, seconds, columns)
+    record.write(run.work / settings["method"])
+
+
+def show_scores(demo: DemoResult, out: Path, what: str) -> None:
+    """Print the scores of all methods, and where the report is; ``what`` it shows."""
+    from tsuiseki.tracking.demo.page import why_not_best
+    from tsuiseki.tracking.evaluation.table import people_table, show
+
+    show(people_table(demo.scores))
+    for line in why_not_best(demo):
+        print(line)
+    print(f"report with {what}: {out / REPORT_FILE}")

@@ -1,0 +1,1 @@
+"""People seen from a drone, and what they do."""

@@ -1,0 +1,124 @@
+"""Results against labels, in one call each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence, restrict
+from tsuiseki.tracking.evaluation.pairs import match_results
+from tsuiseki.tracking.evaluation.points import PointScores, PointTracks
+from tsuiseki.tracking.evaluation.points import evaluate_points as score_points
+from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
+from tsuiseki.tracking.evaluation.truths import Truth, read_truths
+from tsuiseki.tracking.types import Estimate, FloatArray, Track
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, parse_frames
+from tsuiseki.tracking.types.labels import GroundTruth
+
+TruthLike: TypeAlias = str | Path | GroundTruth | Sequence[Track]
+
+
+def evaluate_people(truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None = None) -> PeopleScores:
+    """HOTA, MOTA, IDF1 and more of tracked people.
+
+    Args:
+        truth: labels: a sequence folder or file in any layout that `tsuiseki evaluate people` reads, ground truth that
+            was read before, or the right tracks themselves.
+        tracks: the result: tracks, or their file or folder.
+        frames: score this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+
+    Raises:
+        RequestError: one of them cannot be read, or nothing can be scored; the message says why.
+    """
+    label = _truth(truth, frames)
+    if isinstance(tracks, str | Path):
+        (pair,) = match_results([label], Path(tracks))
+        return evaluate_sequence(pair.truth, pair.tracks, pair.length)
+    if not _are_tracks(tracks):
+        raise RequestError("expected the result as tracks, a file or a folder, got nothing of that")
+    return evaluate_sequence(label.labels, restrict(tracks, label.frames), label.length)
+
+
+def evaluate_target(truth: ArrayLike, target: ArrayLike | Iterable[Estimate]) -> SequenceScores:
+    """Success and precision of one target, frame by frame.
+
+    Args:
+        truth: ``(T, 4)`` true boxes x1, y1, x2, y2 in pixels, NaN where there is none.
+        target: the estimates of the same frames, or their boxes ``(T, 4)``.
+
+    Raises:
+        RequestError: these are no boxes, or no frame can be scored.
+    """
+    rows: Any = target if isinstance(target, np.ndarray) else list(target)  # type: ignore[arg-type]
+    found = [row.box if isinstance(row, Estimate) else row for row in rows]
+    return evaluate_boxes(_boxes(truth, "truth"), _boxes(found, "target"))
+
+
+def evaluate_points(
+    truth: Sequence[Track], tracks: Sequence[Track], frames: int, cut_off: float = 100.0
+) -> PointScores:
+    """OSPA, GOSPA and more of tracked points or objects, by the centres of their boxes.
+
+    Args:
+        truth: the right tracks.
+        tracks: the result.
+        frames: length of the video.
+        cut_off: distance in pixels from which a point counts as missed.
+
+    Raises:
+        RequestError: nothing can be scored.
+    """
+    if not truth or frames < 1:
+        raise RequestError("expected at least one frame and one true track, got none")
+    return score_points(PointTracks.of(truth), PointTracks.of(tracks), frames, cut_off)
+
+
+def _truth(truth: TruthLike, frames: str | None) -> Truth:
+    wanted = parse_frames(frames)
+    if isinstance(truth, str | Path):
+        found = read_truths(Path(truth), wanted)
+        if len(found) != 1:
+            raise RequestError(
+                f"expected the labels of one sequence, got {len(found)} in {truth}; score them one by one, or with "
+                "`tsuiseki evaluate people`"
+            )
+        return found[0]
+    labels = truth if isinstance(truth, GroundTruth) else ground_truth_of(truth)
+    labels = labels if wanted == EVERY_FRAME else labels.between(wanted.first, _last(labels, wanted.last))
+    return Truth("sequence", labels, None, wanted)
+
+
+def _last(labels: GroundTruth, last: int | None) -> int:
+    return int(labels.frames.max(initial=0)) if last is None else last
+
+
+def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:
+    """Right tracks as labels that all count.
+
+    Raises:
+        RequestError: there is none, or one is no track.
+    """
+    if not _are_tracks(tracks) or not tracks:
+        raise RequestError("expected the truth as a folder, a file or tracks, got nothing of that")
+    frames = np.concatenate([track.frames for track in tracks])
+    ids = np.concatenate([np.full(len(track), track.id, dtype=np.int64) for track in tracks])
+    order = np.lexsort((ids, frames))
+    count = np.ones(len(frames), dtype=np.bool_)
+    boxes = np.concatenate([track.boxes for track in tracks])
+    return GroundTruth(frames[order], ids[order], boxes[order], count, ~count, np.ones(len(frames)))
+
+
+def _are_tracks(given: object) -> bool:
+    return isinstance(given, Sequence) and all(isinstance(track, Track) for track in given)
+
+
+def _boxes(given: ArrayLike, name: str) -> FloatArray:
+    boxes = np.asarray(given, dtype=np.float64)
+    if boxes.ndim != 2 or boxes.shape[1] != 4:
+        raise RequestError(f"expected `{name}` as boxes of shape (T, 4), got {boxes.shape}")
+    return boxes

@@ -1,0 +1,1 @@
+"""People under ceiling fisheye cameras."""

@@ -1,0 +1,181 @@
+"""`tsuiseki track fisheye`: people under ceiling cameras, and where they are on the floor."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.cli.run import Run, count, frames_expected
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
+from tsuiseki.tracking.fisheye.tracker import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
+from tsuiseki.tracking.fisheye.unrolled import UnrollingSettings
+from tsuiseki.tracking.people.finding_options import Detecting
+from tsuiseki.tracking.weights import shipped
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.fisheye.floor_gate import FloorGate
+    from tsuiseki.tracking.fisheye.page import FloorSection
+    from tsuiseki.tracking.fisheye.tracking import CeilingSource
+    from tsuiseki.tracking.types import Detections
+    from tsuiseki.tracking.types.tracks import FloorTrack
+
+DETECTING = Detecting(score_range=(0.0, 1.0))
+HUNGARIAN = FisheyeSettings()
+UNROLLING = UnrollingSettings()
+DETECTOR_OPTIONS = DetectorOptions()
+
+
+def fisheye(
+    source: list[str],
+    /,
+    cameras: Path,
+    output: SeededOutput,
+    finding: Detecting = DETECTING,
+    method: Literal["hungarian", "flow"] | None = None,
+    view: Literal["unrolled", "image"] = "unrolled",
+    detections: list[Path] | None = None,
+    crops: Literal["upright", "standing", "image"] = "upright",
+    person_height: float = 1.7,
+    body_radius: float = 0.25,
+    resize: Literal["no", "cut", "widen"] = "no",
+    tables: Path = Path("out/cache/person-tables"),
+    overlay: bool = False,
+    save_detections: bool = False,
+    hungarian: FisheyeSettings = HUNGARIAN,
+    flow: FloorFlowSettings = DEFAULT_FLOW,
+    unrolling: UnrollingSettings = UNROLLING,
+    detector_options: DetectorOptions = DETECTOR_OPTIONS,
+) -> int:
+    """Track the people under ceiling cameras: where each is in the image and on the floor, in metres.
+
+    DIR gets, for each camera in a folder of its name (or in DIR itself where there is one), tracks.txt (MOTChallenge
+    text, boxes in the image), world.csv, floor.png, dwell.png and, when asked for, overlay.webm and detections.json;
+    and report.html and run.json. Cameras are tracked apart: ids of one say nothing of another's.
+
+    Args:
+        source: videos, folders of images or MOTChallenge sequence folders, one for each camera, in their order.
+        cameras: cameras.yaml with lens, pose and floor of each camera; tsuiseki calibrate pose writes it.
+        method: hungarian decides each frame, by appearance and then by place; flow links the whole video at the end; by
+            default flow, of a live source hungarian.
+        detections: detections of each source, separated by commas, instead of a detector: MOTChallenge text (det.txt),
+            or rotated boxes of a folder of images: a JSON list of image_id, bbox (cx, cy, w, h, degrees clockwise) and
+            score, or labels of CEPDOF, MW-R or HABBOF.
+        view: what the detector looks at: the image unrolled into views in which people stand upright, or the image as
+            it is. In the first, any detector of ordinary pictures will do.
+        detector: detector of this toolkit or of another, as ONNX; by default the shipped detector_ceiling.onnx for
+            unrolled views, detector_drone.onnx for images.
+        crops: what it sees: people turned upright, as on a standing screen without perspective, or as in the image.
+        person_height: of the model of a person, metres.
+        body_radius: of the model of a person, metres.
+        resize: where images have another size than the calibration, scale it: cut, where they show a part of what was
+            calibrated, widen, where they show more at the sides.
+        tables: folder that keeps the tables of the cameras.
+        overlay: also write videos with the rotated boxes drawn in.
+        save_detections: also write detections.json: the rotated box and score of every detection, as --detections and
+            tsuiseki evaluate detection read them.
+        seed: of random numbers; kept in run.json, for nothing here draws any.
+        hungarian: settings of --method hungarian.
+        flow: settings of --method flow.
+        unrolling: the unrolled views.
+        detector_options: what the file of another project's detector does not tell.
+    """
+    from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
+    from tsuiseki.tracking.features.networks.exported import Detect, open_appearance, open_detector
+    from tsuiseki.tracking.fisheye.floor_gate import FloorGate
+    from tsuiseki.tracking.fisheye.found_boxes import FoundBoxes
+    from tsuiseki.tracking.fisheye.looking import DETECTORS, looking
+    from tsuiseki.tracking.fisheye.page import floor_page
+    from tsuiseki.tracking.fisheye.starts import BestScore
+    from tsuiseki.tracking.fisheye.tracking import (
+        given_detections,
+        link_on_floor,
+        open_ceiling,
+        people_on_floor,
+    )
+    from tsuiseki.tracking.formats.space.rotated import write_rotated_detections
+
+    if detections is not None and (len(detections) != len(source) or finding.detector is not None):
+        raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
+    network = None if str(finding.appearance) == "none" else finding.appearance or shipped("appearance_people")
+    person = PersonModel(height=person_height, body_radius=body_radius)
+    needs_images = detections is None or network is not None or overlay
+    views = open_ceiling(source, cameras, resize, needs_images=needs_images)
+    for each in views:
+        check_height(each.placed.camera, person)
+    found: list[Detect | list[Detections]] = []
+    detector: Detect | None = None
+    if detections is None:
+        path = finding.detector or shipped(DETECTORS[view])
+        detector = open_detector(path, finding.score_threshold, threads=finding.threads, options=detector_options)
+        found += [looking(detector, each.placed.camera, view, unrolling) for each in views]
+    else:
+        for path, each in zip(detections, views, strict=True):
+            found.append(given_detections(path, each, finding.score_range))
+    describe = None if network is None else open_appearance(network, finding.threads)
+    done, lines = [], []
+    with output.run() as run:
+        tell_reading(run, detector)
+        for each, detect in zip(views, found, strict=True):
+            if run.interrupted:
+                break
+            with run.times.measure("table"):
+                ceiling = each.view(tables, person).looking(describe, crops)
+            gate = FloorGate(each.placed.camera, each.floor, person.height / 2)
+            people = people_on_floor(run.frames(each.source), detect, ceiling, run.times, each.source.length, gate)
+            before, name = run.count, each.placed.name
+            prefix = "" if len(views) == 1 else f"{name}/"
+            boxes = FoundBoxes(each.source)
+            scores = BestScore()
+            kept = scores.watched(boxes.watched(people) if save_detections else people)
+            watched = run.steps(kept, f"tracking {name}", frames_expected(each.source))
+            chosen = method or ("hungarian" if each.source.live else "flow")
+            tracks = link_on_floor(watched, each.rate, chosen, hungarian, flow, run.times)
+            if save_detections:
+                run.write(f"{prefix}detections.json", partial(write_rotated_detections, found=boxes.boxes))
+            done.append(_written(run, each, tracks, prefix, overlay))
+            unstarted = scores.too_low(hungarian.start_score) if chosen == "hungarian" else ""
+            lines.append(f"{name}: {count(len(tracks), 'person', 'people')}{_left_out(gate, each)}{unstarted}")
+            run.facts[name] = {
+                "method": chosen,
+                "people": len(tracks),
+                "frames": run.count - before,
+                "frame_rate": each.rate,
+                "outside_floor": gate.left_out,
+            }
+        tell_blank(detector)
+        settings = {name: str(value) for name, value in output.given.settings.items()}
+        page = floor_page(done, run.times.seconds, settings)
+        run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
+        run.done("\n".join([*lines, f"results: {output.out}"]))
+    return run.status
+
+
+def _left_out(gate: FloorGate, view: CeilingSource) -> str:
+    """What to tell of detections outside the floor."""
+    if gate.left_out == 0:
+        return ""
+    floor = ",".join(f"{value:g}" for value in view.floor)
+    return f"; {count(gate.left_out, 'detection', 'detections')} left out, outside the floor {floor}"
+
+
+def _written(run: Run, view: CeilingSource, tracks: list[FloorTrack], prefix: str, overlay: bool) -> FloorSection:
+    """Write what one camera gives; what the page needs of it."""
+    from tsuiseki.tracking.fisheye.page import FloorSection, dwell_figure, floor_figure, write_floor_overlay
+    from tsuiseki.tracking.formats.mot import write_tracks
+    from tsuiseki.tracking.formats.space.world import write_world
+
+    position = view.placed.camera.position
+    run.write(f"{prefix}tracks.txt", lambda path: write_tracks(path, [t.track for t in tracks]))
+    run.write(f"{prefix}world.csv", lambda path: write_world(path, tracks, view.rate))
+    plan, dwell = floor_figure(tracks, view.floor, position[None, :2]), dwell_figure(tracks, view.floor, view.rate)
+    run.write(f"{prefix}floor.png", lambda path: plan.savefig(path, dpi=120, facecolor="white"))
+    run.write(f"{prefix}dwell.png", lambda path: dwell.savefig(path, dpi=120, facecolor="white"))
+    video = None
+    if overlay and not view.source.live:
+        frames = run.watched(view.source.frames(), f"drawing {view.placed.name}", frames_expected(view.source))
+        video = run.draw(f"{prefix}overlay.webm", lambda path: write_floor_overlay(path, frames, tracks, view.rate))
+    return FloorSection(view.placed.name, tracks, view.floor, position[:2], view.rate, video)

@@ -1,0 +1,311 @@
+"""People under a ceiling fisheye camera, by upright appearance and position on the floor (thesis chapter 4).
+
+This is Algorithm 2. In each frame, every detected box is given a rotated box r and a place q on the floor
+(`person_model`). Its appearance feature x is computed on the crop turned upright (`rectification`). Tracks and
+detections are then matched in two stages (2.3.2). The first stage uses C^feat, the distance of their features. The
+second uses C^pos, the distance of their places, for the tracks and detections that the first left unmatched.
+Algorithm 2 prints r in c^pos; the text (4.2.2, 4.3.3) uses the place in the world, and so does this tracker.
+
+The thesis leaves these points open; here:
+
+* C^pos is the distance in metres between a detection and the position predicted for a track.
+* The gate ε_pos is ``reach`` metres, and ``speed`` metres more for each second since the track's last detection. So
+  one setting serves 1 frame a second and 15.
+* The first stage has the same gate. Two people in similar clothes are told apart by their places.
+* The second stage leaves out pairs whose features differ by more than ``place_feature_gate``.
+* The prediction is that of an alpha-beta filter. Its velocity decays with the time constant ``memory``.
+
+`flow_on_floor` links the same detections by the minimum-cost flow, with distances on the floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.assignment import assign
+from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
+from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.association.rows import rows_of
+from tsuiseki.tracking.fisheye.pairwise_flow import PairwiseCosts, pairwise_tracks
+from tsuiseki.tracking.people.flow_output import long_tracks
+from tsuiseki.tracking.people.record import Record
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.floor import FloorDetections
+from tsuiseki.tracking.types.tracks import FloorTrack
+
+# Side of the square that stands for a person on the floor's plan, metres: distances in heights are then in metres.
+SQUARE = 1.0
+# Frames after which what came of no track is dropped.
+PRUNED = 200
+
+
+@dataclass(frozen=True)
+class FisheyeSettings:
+    """How detections are matched to tracks.
+
+    Attributes:
+        by_appearance: match by appearance in the first stage.
+        by_place: match by place in the second stage, and gate the first stage by place.
+        feature_gate: ε_feat, the largest cosine distance of a match by appearance, in [0, 2].
+        reach: ε_pos right after a detection, metres, at least 0.
+        speed: growth of ε_pos with the time since the last detection, m/s, at least 0.
+        place_feature_gate: the largest cosine distance of a match by place, in [0, 2]; 2 asks nothing, as the thesis,
+            and the track of a person who is missed may go on with furniture.
+        memory: time constant with which a track's velocity decays, seconds, above 0.
+        noise: time constant over which measured places are averaged, seconds, above 0.
+        update: weight of the newest feature in a track's running mean, in (0, 1].
+        confirm: seconds with a detection in every frame that confirm a track, at least 0; one detection at least.
+        max_age: seconds without a detection after which a track ends, at least 0.
+        start_score: least score of a detection that starts a track; one without a score always may.
+    """
+
+    by_appearance: bool = True
+    by_place: bool = True
+    feature_gate: float = 0.5
+    reach: float = 0.9
+    speed: float = 1.4
+    place_feature_gate: float = 0.5
+    memory: float = 1.0
+    noise: float = 0.15
+    update: float = 0.3
+    confirm: float = 0.2
+    max_age: float = 3.0
+    start_score: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not (self.by_appearance or self.by_place):
+            raise ValueError("expected matching by appearance or by place, got neither")
+        if not (0 <= self.feature_gate <= 2 and self.reach >= 0 and self.speed >= 0 and 0 < self.update <= 1):
+            raise ValueError("expected feature_gate in [0, 2], reach and speed from 0, and update in (0, 1]")
+        if not 0 <= self.place_feature_gate <= 2:
+            raise ValueError("expected place_feature_gate in [0, 2]")
+        if not (self.memory > 0 and self.noise > 0 and self.confirm >= 0 and self.max_age >= 0):
+            raise ValueError("expected memory and noise above 0, confirm and max_age from 0 seconds")
+
+
+@dataclass(frozen=True)
+class _Live:
+    """The tracks that have not ended, one a row.
+
+    Attributes:
+        numbers: ``(T,)`` in the order of their starts, from 0.
+        places: ``(T, 2)`` metres.
+        velocities: ``(T, 2)`` m/s.
+        appearance: ``(T, D)`` running means of features, of unit length or NaN.
+        hits: ``(T,)`` number of detections.
+        unseen: ``(T,)`` seconds since the last detection.
+    """
+
+    numbers: IntArray
+    places: FloatArray
+    velocities: FloatArray
+    appearance: FloatArray
+    hits: IntArray
+    unseen: FloatArray
+
+    def select(self, rows: IntArray) -> _Live:
+        return _Live(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+class FisheyeTracker:
+    """Matches detections to tracks by appearance first, then by place on the floor; see the module.
+
+    It keeps the boxes and places of confirmed tracks, no detections and no features. Where video never ends, take
+    `tracks` and `forget` them now and then; ids go on.
+
+    Args:
+        frame_rate: frames per second.
+        settings: how detections are matched to tracks.
+    """
+
+    def __init__(self, frame_rate: float, settings: FisheyeSettings | None = None) -> None:
+        self.settings = settings or FisheyeSettings()
+        self._step = 1.0 / frame_rate
+        self._needed = max(1, round(self.settings.confirm * frame_rate))
+        self._live: _Live | None = None
+        self._frame = -1
+        self._record = Record()
+
+    def update(self, found: FloorDetections) -> None:
+        """Take the detections of the next frame."""
+        self._frame += 1
+        width = 0 if self._live is None else self._live.appearance.shape[1]
+        features = found.detections.features
+        if features is None:
+            features = np.full((len(found), width), np.nan)
+        live = self._expected(features.shape[1])
+        seen, detected = self._match(live, found, features)
+        self._live = self._advanced(live, found, features, seen, detected)
+
+    def tracks(self) -> list[FloorTrack]:
+        """The confirmed tracks of all frames so far, or since `forget`, by id."""
+        return [
+            FloorTrack(Track(number, frames, rows[:, :4], scores), rows[:, 4:9], rows[:, 9:])
+            for number, frames, rows, scores in self._record.parts()
+        ]
+
+    def forget(self) -> None:
+        """Drop the boxes and places so far from `tracks`."""
+        self._record.forget()
+
+    def _expected(self, width: int) -> _Live:
+        """The live tracks, predicted for this frame."""
+        live = self._live
+        if live is None or (len(live.numbers) == 0 and live.appearance.shape[1] != width):
+            none = np.empty((0, 2))
+            return _Live(np.empty(0, np.int64), none, none, np.empty((0, width)), np.empty(0, np.int64), np.empty(0))
+        kept = float(np.exp(-self._step / self.settings.memory))
+        moved = live.places + live.velocities * self.settings.memory * (1 - kept)
+        return replace(live, places=moved, velocities=live.velocities * kept, unseen=live.unseen + self._step)
+
+    def _match(self, live: _Live, found: FloorDetections, features: FloatArray) -> tuple[IntArray, IntArray]:
+        """Rows of the matched tracks, and rows of their detections."""
+        settings = self.settings
+        away = np.linalg.norm(live.places[:, None] - found.places[None], axis=2)
+        gate = settings.reach + settings.speed * live.unseen[:, None]
+        # Each distance as a share of its own gate, so that one limit serves all tracks.
+        shares = away / gate
+        seen = detected = np.empty(0, dtype=np.int64)
+        if settings.by_appearance and features.shape[1] and live.appearance.shape[1]:
+            costs = 1 - live.appearance @ features.T
+            shares = np.where(costs > settings.place_feature_gate, np.inf, shares)
+            if settings.by_place:
+                costs = np.where(away > gate, np.inf, costs)
+            seen, detected = assign(costs, settings.feature_gate)
+        if not settings.by_place:
+            return seen, detected
+        rest, free = np.setdiff1d(np.arange(len(away)), seen), np.setdiff1d(np.arange(len(found)), detected)
+        rows, columns = assign(shares[np.ix_(rest, free)], 1.0)
+        return np.concatenate([seen, rest[rows]]), np.concatenate([detected, free[columns]])
+
+    def _advanced(
+        self, live: _Live, found: FloorDetections, features: FloatArray, seen: IntArray, detected: IntArray
+    ) -> _Live:
+        settings = self.settings
+        scores = found.detections.scores
+        free = np.isnan(scores) | (scores >= settings.start_score)
+        free[detected] = False
+        born = np.flatnonzero(free)
+        waiting = (live.hits >= self._needed) & (live.unseen < settings.max_age + 1e-9)
+        waiting[seen] = False
+        old, kept = live.select(seen), live.select(np.flatnonzero(waiting))
+        new = self._record.start(len(born))
+        away = found.places[detected] - old.places
+        step = old.unseen[:, None]
+        alpha = 1 - np.exp(-step / settings.noise)
+        beta = alpha**2 / (2 - alpha)
+        zero = np.zeros(len(born))
+        parts = (
+            (old.numbers, kept.numbers, new),
+            (old.places + alpha * away, kept.places, found.places[born]),
+            (old.velocities + beta * away / step, kept.velocities, np.zeros((len(born), 2))),
+            (self._mean(old.appearance, features[detected]), kept.appearance, features[born]),
+            (old.hits + 1, kept.hits, np.ones(len(born), np.int64)),
+            (np.zeros(len(seen)), kept.unseen, zero),
+        )
+        result = _Live(*(np.concatenate(part) for part in parts))
+        self._note(np.concatenate([old.numbers, new]), found, np.concatenate([detected, born]))
+        self._record.confirm(result.numbers[(result.hits >= self._needed) & (result.unseen == 0)])
+        if self._frame % PRUNED == 0:
+            self._record.prune(result.numbers)
+        return result
+
+    def _note(self, numbers: IntArray, found: FloorDetections, which: IntArray) -> None:
+        """Record the tracks with these numbers at the detections ``which``."""
+        if len(numbers):
+            rows = np.concatenate([found.detections.boxes[which], found.rotated[which], found.places[which]], axis=1)
+            self._record.append(self._frame, numbers, rows, found.detections.scores[which])
+
+    def _mean(self, before: FloatArray, now: FloatArray) -> FloatArray:
+        """``(N, D)`` unit-length running mean of the appearance."""
+        mean = (1 - self.settings.update) * before + self.settings.update * now
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
+        return np.asarray(np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean)))
+
+
+def _joined(number: int, rows: Sequence[tuple[int, FloorDetections, int]]) -> FloorTrack:
+    frames = np.array([frame for frame, _, _ in rows], dtype=np.int64)
+    boxes = np.array([found.detections.boxes[k] for _, found, k in rows])
+    scores = np.nan_to_num([found.detections.scores[k] for _, found, k in rows])
+    return FloorTrack(
+        Track(number, frames, boxes, scores),
+        np.array([found.rotated[k] for _, found, k in rows]),
+        np.array([found.places[k] for _, found, k in rows]),
+    )
+
+
+@dataclass(frozen=True)
+class FloorFlowSettings:
+    """The minimum-cost flow on the floor.
+
+    Attributes:
+        window: longest time between two linked detections, seconds.
+        reach: largest distance between two linked detections of one time, metres.
+        speed: growth of that distance with the time between them, m/s.
+        noise: scale of the difference of two measured places of one person who stands still, metres; see `HandSetCost`.
+        pace: scale of a person's velocity, m/s.
+        appearance: weight of the cosine distance of two features, at least 0.
+        neutral: cosine distance that leaves the cost of a link as it is, in [0, 2].
+        bias: exponent of the cost of a link between equal places with the neutral cosine distance.
+        entry: cost of a track's start and of its end, at least 0.
+        min_seconds: shorter tracks are dropped; at least one detection is asked.
+        observation: cost of a detection. At 1 frame a second a track has few detections, and they must outweigh the
+            cost of its start and end.
+    """
+
+    window: float = 3.0
+    reach: float = 0.8
+    speed: float = 1.5
+    noise: float = 0.25
+    pace: float = 0.8
+    appearance: float = 10.0
+    neutral: float = 0.3
+    bias: float = -4.0
+    entry: float = 2.0
+    min_seconds: float = 0.2
+    observation: ObservationCost = field(default_factory=lambda: ObservationCost(alpha=2.0, beta=-6.0))
+
+
+DEFAULT_FLOW = FloorFlowSettings()
+
+
+def flow_on_floor(
+    found: Sequence[FloorDetections], frame_rate: float, settings: FloorFlowSettings = DEFAULT_FLOW
+) -> list[FloorTrack]:
+    """The tracks of a whole video by minimum-cost flow. A person is a square of 1 m on the floor's plan.
+
+    Args:
+        found: detections of each frame, in order.
+        frame_rate: frames per second.
+        settings: costs and gates.
+    """
+    step = 1.0 / frame_rate
+    gate = GateSettings(
+        window=max(1, round(settings.window * frame_rate)),
+        reach=(settings.reach + settings.speed * step) / SQUARE,
+        speed=settings.speed * step / SQUARE,
+    )
+    transition = HandSetCost(
+        bias=settings.bias,
+        noise=settings.noise / SQUARE,
+        speed_x=settings.pace * step / SQUARE,
+        speed_y=settings.pace * step / SQUARE,
+        appearance=settings.appearance,
+        neutral=settings.neutral,
+    )
+    squares = [np.concatenate([each.places - SQUARE / 2, each.places + SQUARE / 2], axis=1) for each in found]
+    rows = rows_of(
+        [Detections(s, f.detections.scores, f.detections.features) for s, f in zip(squares, found, strict=True)], 0, 0
+    )
+    costs = PairwiseCosts(gate, settings.observation, transition, settings.entry, 0.1 * min(1.0, 10 * step))
+    labels = pairwise_tracks(rows, costs)
+    place = np.concatenate([np.arange(len(each.places)) for each in found]).astype(np.int64)
+    fewest = max(1, round(settings.min_seconds * frame_rate))
+    return [
+        _joined(number, [(int(rows.frames[k]), found[rows.frames[k]], int(place[k])) for k in tracklet])
+        for number, tracklet in enumerate(long_tracks(labels, fewest), start=1)
+    ]

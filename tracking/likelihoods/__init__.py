@@ -1,1 +1,0 @@
-"""How well an image or a measurement agrees with each particle."""

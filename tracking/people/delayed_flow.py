@@ -1,0 +1,284 @@
+"""The flow with a bounded delay: each frame is answered a fixed time after it came, and the answer is final.
+
+When a frame has to be answered, the window up to the newest frame is solved (`flow_window`), its tracks are joined to
+those that ended before (`joining`), and the next few frames are settled together, since one solution serves them all.
+
+* *Settled* are which detections of those frames are used, how they follow each other, and whose they are. What follows
+  the last detection of a person stays open for as long as links and joins can reach.
+* *A person* is answered from the frame on in which all that is known by then makes a track long enough, and keeps the
+  id. Joined to somebody who was answered can only be who was not.
+* *A gap* is filled from the frame on in which its end is known.
+
+Nothing is asked of the future beyond the delay: the camera's steps, the worth of scores, the motion and the appearance
+along tracks are those of the frames that have come. What is kept is the undecided frames and what joins look back to.
+"""
+
+from __future__ import annotations
+
+import itertools
+from copy import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsuiseki.tracking.association.flow.flow_window import CONTEXT, FlowWindow
+from tsuiseki.tracking.association.nearby import Pairs
+from tsuiseki.tracking.association.tracklets.interpolation import SmoothingSettings
+from tsuiseki.tracking.association.tracklets.joining import join
+from tsuiseki.tracking.association.tracklets.smoothness import fit_smoothing
+from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
+from tsuiseki.tracking.people.flow_output import long_tracks, reported
+from tsuiseki.tracking.people.flow_settings import FlowSettings
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Targets, Track
+
+# Decisions in one delay: the more, the later in its delay a frame is settled, and the more is computed.
+DECISIONS = 4
+# Rounds of prices in every decision but the first; prices are kept from one to the next.
+ROUNDS = 2
+# Seconds between two choices of how far boxes are smoothed.
+FIT_EVERY = 5.0
+
+
+@dataclass(frozen=True)
+class People:
+    """What is settled of K people.
+
+    Attributes:
+        ids: ``(K,)``, 0 as long as not answered.
+        sums: ``(K, 3 + D)`` sums over their settled detections, see `evidence`.
+    """
+
+    ids: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    sums: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The people of a frame, as a row each: id, box, score, and whether a detection supports it."""
+
+    frame: int
+    ids: IntArray
+    boxes: FloatArray
+    scores: FloatArray
+    observed: BoolArray
+
+    def targets(self) -> Targets:
+        """As a tracker answers it."""
+        status = np.where(self.observed, "tracking", "searching")
+        return Targets(self.frame, self.ids, self.boxes, np.where(self.observed, self.scores, 0.0), status)
+
+
+class DelayedFlow:
+    """Answers every frame a fixed number of frames later.
+
+    Args:
+        settings: of the tracker.
+        given: prepares the detections.
+        window: a fresh one.
+        delay: frames.
+    """
+
+    def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow, delay: int) -> None:
+        self.settings, self.input, self.window, self.delay = settings, given, window, delay
+        join = settings.join
+        looks_back = [] if join is None else [join.window, join.appearance_window]
+        longest = max(settings.costs.rounds.window, settings.fill, *looks_back)
+        self._reach = round((longest + CONTEXT) * given.frame_rate)
+        self._waiting: tuple[Detections, ...] = ()
+        self._frame = self._answered = self._told = 0
+        # Of the detections that the window keeps: their scores, and whose they are; -1 where not settled, or nobody's.
+        self._scores, self._owner = np.empty(0), np.empty(0, dtype=np.int64)
+        self._people = People()
+        self._ids = self.clutter = 0
+        self._answers: list[Answer] = []
+        self._smoothing: SmoothingSettings | None = None
+        self._fitted = 0
+
+    def update(self, found: Detections) -> Targets | None:
+        """Take the next frame; the people of the frame ``delay`` before, None as long as there is none."""
+        self._waiting = (*self._waiting, found)
+        self._frame += 1
+        asked = self._frame - 1 - self.delay
+        if asked < 0:
+            return None
+        if asked == self._answered:
+            self._decide(asked + max(1, (self.delay + 1) // DECISIONS))
+        self._told = asked + 1
+        return self._answers[asked - self._answers[0].frame].targets()
+
+    def ended(self) -> DelayedFlow:
+        """A copy for which the video ends here, so that asking changes nothing: all its frames are answered."""
+        rest = copy(self)
+        rest.input, rest.window = self.input.copy(), self.window.copy()
+        if rest._answered < rest._frame:
+            rest._decide(rest._frame)
+        return rest
+
+    def tracks(self) -> list[Track]:
+        """The tracks of all frames that are answered and not forgotten."""
+        return tracks_of(self._answers)
+
+    def forget(self) -> None:
+        """Drop the answers that were given from `tracks`."""
+        self._answers = [answer for answer in self._answers if answer.frame >= self._told]
+
+    def _decide(self, before: int) -> None:
+        """Solve the window, and answer the frames before one."""
+        self._absorb()
+        # The first window has no prices from before.
+        solve_window(self.window, self.input, self._scores, None if self._answered == 0 else ROUNDS)
+        tracks = self._tracks()
+        joins, ids = self._settle(tracks, before)
+        self._answer(tracks, ids, before)
+        self._forget(joins, before)
+        self._answered = before
+
+    def _absorb(self) -> None:
+        """Take in the waiting frames."""
+        if not self._waiting:
+            return
+        seen, scores = self.input.rows(self._waiting)
+        self._waiting = ()
+        self.window.costs = self.input.flow_costs(self.settings.costs)
+        self.window.add(seen)
+        self._scores = np.append(self._scores, scores)
+        self._owner = np.append(self._owner, np.full(len(seen), -1))
+
+    def _tracks(self) -> IntArray:
+        """``(N,)`` track of each detection as far as is known now, tracklets joined; -1 for none."""
+        seen, settings = self.window.seen, self.settings
+        labels = self.window.labels()
+        # A detection that was forgotten as nobody's stays so.
+        labels[~self.window.free() & (self._owner < 0)] = -1
+        if settings.join is None or not (labels >= 0).any():
+            return labels
+        known = self._known(labels, (self._owner < 0) & (labels >= 0))
+        features = None if seen.features is None else mean_of(known.sums[:, 3:])
+        return join(seen, labels, features, self.window.costs.link, settings.join, self.window.changes, known.ids > 0)
+
+    def _known(self, tracks: IntArray, rows: BoolArray) -> People:
+        """What is known of M tracks: what is settled of the people in them, and detections besides."""
+        count, owned = int(tracks.max(initial=-1)) + 1, self._owner >= 0
+        track = np.full(len(self._people.ids), -1)
+        track[self._owner[owned]] = tracks[owned]
+        new = self._evidence(rows)
+        ids, sums = np.zeros(count, dtype=np.int64), np.zeros((count, new.shape[1]))
+        kept = track >= 0
+        np.maximum.at(ids, track[kept], self._people.ids[kept])
+        np.add.at(sums[:, : self._people.sums.shape[1]], track[kept], self._people.sums[kept])
+        np.add.at(sums, tracks[rows], new)
+        return People(ids, sums)
+
+    def _evidence(self, rows: BoolArray) -> FloatArray:
+        """``(K, 3 + D)`` of detections: 1, the logit of the probability, whether described, and the features."""
+        logit = self.input.logits(self._scores[rows])
+        evidence = [np.ones(len(logit)), logit]
+        features = self.window.seen.features
+        if features is None:
+            return np.column_stack([*evidence, np.zeros(len(logit))])
+        described = np.asarray(~np.isnan(features[rows]).any(axis=1))
+        return np.column_stack([*evidence, described, np.where(described[:, None], features[rows], 0)])
+
+    def _settle(self, tracks: IntArray, before: int) -> tuple[Pairs, IntArray]:
+        """Settle who is answered before a frame; of others only what no link can reach any more.
+
+        Returns:
+            The numbers of detections that joins put one after the other, and ``(M,)`` ids of tracks, 0 for none.
+        """
+        seen, free = self.window.seen, (self._owner < 0) & (tracks >= 0)
+        known = self._known(tracks, free)
+        believed = (known.ids > 0) | self._believed(known.sums)
+        until = np.append(np.where(believed, before, min(before, self._frame + 1 - self.window.overlap)), -1)
+        bound = free & (seen.frames < until[tracks])
+        settled = np.flatnonzero((self._owner >= 0) | bound)
+        track, first, person = np.unique(tracks[settled], return_index=True, return_inverse=True)
+        fresh = np.flatnonzero(believed[track] & (known.ids[track] == 0))
+        ids = known.ids.copy()
+        ids[track[fresh[np.argsort(first[fresh])]]] = self._ids + 1 + np.arange(len(fresh))
+        self._ids += len(fresh)
+        self._people = People(ids[track], self._known(tracks, bound).sums[track])
+        self._owner = self._owner.copy()
+        self._owner[settled] = person
+        order = settled[np.argsort(tracks[settled], kind="stable")]
+        one, other = order[:-1], order[1:]
+        joined = (tracks[one] == tracks[other]) & (self.window.follower[one] != seen.numbers[other])
+        return (seen.numbers[one[joined]], seen.numbers[other[joined]]), ids
+
+    def _believed(self, sums: FloatArray) -> BoolArray:
+        """``(M,)`` which tracks have enough detections, and good ones, to be answered."""
+        fewest = max(min(self.settings.fewest(self.input.frame_rate), self._frame), 1)
+        enough = sums[:, 0] >= fewest
+        # The calibration by the video itself judges nobody; see `FlowSettings.least`.
+        if self.input.observation is None:
+            return np.asarray(enough)
+        return np.asarray(enough & (sums[:, 1] >= self.settings.least * sums[:, 0]))
+
+    def _answer(self, tracks: IntArray, ids: IntArray, before: int) -> None:
+        """Answer the frames up to one that are not answered yet."""
+        seen, settings = self.window.seen, self.settings
+        longest = round(settings.fill * self.input.frame_rate)
+        found, images = [], []
+        for rows in long_tracks(tracks):
+            number = int(ids[tracks[rows[0]]])
+            if number and seen.frames[rows[-1]] >= self._answered:
+                track = Track(number, seen.frames[rows], seen.boxes[rows], np.nan_to_num(self._scores[rows]))
+                found.append(track)
+                images.append(seen.image[rows])
+        smoothing, camera = self._strength(found), self.input.camera
+        parts = [
+            reported(track, image, camera, longest, smoothing, self._answered)
+            for track, image in zip(found, images, strict=True)
+        ]
+        self._answers = [*self._answers, *answers_of(parts, self._answered, before)]
+
+    def _strength(self, tracks: list[Track]) -> SmoothingSettings | None:
+        """How far these tracks are smoothed: chosen anew every few seconds."""
+        settings, rate = self.settings.smoothing, self.input.frame_rate
+        if settings is None:
+            return None
+        if self._smoothing is None or self._frame >= self._fitted + FIT_EVERY * rate:
+            self._smoothing, self._fitted = fit_smoothing(tracks, rate, settings), self._frame
+        return self._smoothing
+
+    def _forget(self, joins: Pairs, before: int) -> None:
+        """Let go of what no later frame can ask for."""
+        numbers, first = self.window.seen.numbers, before - self._reach
+        self.window.settle(numbers[self._owner >= 0], before, self._frame - 1, joins, first)
+        kept = np.isin(numbers, self.window.seen.numbers, assume_unique=True)
+        self._scores, self._owner = self._scores[kept], self._owner[kept]
+        self.input.camera.forget(min(first, int(self.window.seen.frames.min(initial=first))))
+        if self.input.path is not None:
+            # Others may follow the same path, and have yet to ask how the camera came to the newest frame.
+            self.input.path.forget(self._frame - 1)
+
+
+def mean_of(sums: FloatArray) -> FloatArray:
+    """``(M, D)`` sums of features scaled to unit length, NaN where there are none."""
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))
+
+
+def answers_of(tracks: list[Track], first: int, before: int) -> list[Answer]:
+    """The answers to the frames from ``first`` on and before another."""
+    ids = np.repeat([track.id for track in tracks], [len(track) for track in tracks]).astype(np.int64)
+    frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
+    boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
+    scores = np.concatenate([np.empty(0), *(track.scores for track in tracks)])
+    observed = np.concatenate([np.empty(0, np.bool_), *(track.observed for track in tracks)])
+    order = np.lexsort((ids, frames))
+    cuts = np.searchsorted(frames[order], np.arange(first, before + 1))
+    rows = [order[a:b] for a, b in itertools.pairwise(cuts.tolist())]
+    return [Answer(first + k, ids[row], boxes[row], scores[row], observed[row]) for k, row in enumerate(rows)]
+
+
+def tracks_of(answers: list[Answer]) -> list[Track]:
+    """The tracks in answers, by id."""
+    if not answers:
+        return []
+    frames = np.repeat([answer.frame for answer in answers], [len(answer.ids) for answer in answers])
+    ids, boxes, scores, observed = (
+        np.concatenate([getattr(answer, name) for answer in answers]) for name in ("ids", "boxes", "scores", "observed")
+    )
+    order = np.lexsort((frames, ids))
+    pieces = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1) if len(order) else []
+    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], observed[p]) for p in pieces]

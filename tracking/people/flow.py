@@ -1,0 +1,171 @@
+"""All targets of a video at once, by minimum-cost flow (thesis 2.3.2, eq. 2.11-2.17)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
+from tsuiseki.tracking.association.flow.cost_network import CostChanges, ProjectsAppearance
+from tsuiseki.tracking.association.flow.flow_window import FlowWindow
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.motion.camera_path import CameraPath
+from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
+from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.people.delayed_flow import DelayedFlow
+from tsuiseki.tracking.people.flow_input import FlowInput
+from tsuiseki.tracking.people.flow_settings import FlowSettings
+from tsuiseki.tracking.people.whole_flow import WholeFlow
+from tsuiseki.tracking.types import FloatArray, Targets, Track
+
+__all__ = ["FlowSettings", "FlowTracker"]
+
+
+class FlowTracker:
+    """The cheapest set of tracks that explains all detections.
+
+    What a score is worth is learnt from the video (`score_calibration`), and the camera's motion is taken out
+    (`camera_from_boxes`). The flow over detections is solved exactly (`network_flow`), in turn with the prices of its
+    links by the motion along its tracks (`flow_rounds`). Its tracks are joined over longer gaps (`joining`), weak ones
+    are dropped, and gaps filled. Without a ``delay`` all this waits for the end (`whole_flow`); with one every frame is
+    answered so much later and the answer is final (`delayed_flow`).
+
+    Args:
+        settings: costs and stages.
+        transition: learnt prices of pairs of detections, taken beside the motion; by default none.
+        observation: learnt prices of scores, taken for their calibration; by default the video calibrates them.
+        frame_rate: frames a second.
+        size: width and height of the image, so that leaving it is told from being missed; None where not known.
+        camera: its motion from images, or where it stands still by them, boxes telling the rest; it gets each frame
+            before its detections come here. None takes the boxes.
+        seed: taken as by all trackers; nothing is drawn.
+        changes: by how much costs learnt on whole tracks differ from the settings'; by default not at all.
+        delay: seconds from a frame to its answer, 0 or more; None answers at the end.
+
+    With a delay or with ``changes`` all places are taken alike, whatever ``settings.costs.places`` says: the one
+    answers before all tracks could be looked at twice, the others were learnt so.
+
+    Raises:
+        ValueError: the frame rate is not above 0, or the delay below 0.
+
+    >>> tracker = FlowTracker(frame_rate=10.0, delay=0.5)
+    >>> for t in range(9):
+    ...     people = tracker.update([[t, 0, t + 20, 50, 0.9]])
+    >>> people.frame, people.ids
+    (3, array([1]))
+    """
+
+    def __init__(
+        self,
+        settings: FlowSettings | None = None,
+        transition: TransitionCost | None = None,
+        observation: ScoreCost | None = None,
+        frame_rate: float = 25.0,
+        size: tuple[int, int] | None = None,
+        camera: CameraPath | StandingCamera | None = None,
+        seed: int = 0,  # noqa: ARG002
+        changes: CostChanges | None = None,
+        delay: float | None = None,
+    ) -> None:
+        if not 0 < frame_rate < np.inf:
+            raise ValueError(f"expected a frame rate above 0, got {frame_rate}")
+        if delay is not None and not 0 <= delay < np.inf:
+            raise ValueError(f"expected a delay of 0 seconds or more, got {delay}")
+        settings = settings or FlowSettings()
+        if delay is not None or changes is not None:
+            settings = settings.alike()
+        self.settings = settings
+        self.delay = delay
+        standing = camera if isinstance(camera, StandingCamera) else None
+        path = camera if isinstance(camera, CameraPath) else None
+        given = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, path, standing, observation)
+        most_undecided = None if settings.most_undecided is None else round(settings.most_undecided * frame_rate)
+        window = FlowWindow(settings.costs, frame_rate, size, most_undecided, transition, changes)
+        self._changes = changes
+        self._flow: WholeFlow | DelayedFlow
+        if delay is None:
+            self._flow = WholeFlow(settings, given, window)
+        else:
+            self._flow = DelayedFlow(settings, given, window, round(delay * frame_rate))
+        self._looked_at = self._flow
+        self._given = self._used = 0
+
+    @property
+    def exact(self) -> bool:
+        """False once a decision was made that frames to come might have changed."""
+        return self._flow.window.exact
+
+    @property
+    def camera(self) -> CameraTrajectory:
+        """Where the frames lie, as of the last time that the tracks were asked for."""
+        return self._looked_at.input.camera
+
+    @property
+    def duplicates(self) -> int:
+        """Boxes left out because they lay on another, as of the last time that the tracks were asked for."""
+        return self._looked_at.input.duplicates
+
+    @property
+    def actions(self) -> list[FloatArray | None]:
+        """``(D, A)`` probabilities at the detections of each of ``tracks()``, as of the last time that it was asked.
+
+        Raises:
+            RequestError: there is a delay, which forgets them.
+        """
+        if not isinstance(self._looked_at, WholeFlow):
+            raise RequestError("expected a flow without a delay, which forgets what people do; leave `delay` out")
+        return self._looked_at.actions
+
+    @property
+    def rejected(self) -> tuple[int, int]:
+        """Detections that no track used when the tracks were last asked for, and all that were given."""
+        return self._given - self._used, self._given
+
+    def facts(self) -> dict[str, Any]:
+        """What ``run.json`` tells of the tracker, as of the last time that the tracks were asked for."""
+        camera = self.camera
+        return {
+            "delay": self.delay,
+            "exact": self.exact,
+            "entry_and_exit_by_place": self.settings.costs.places is not None,
+            "camera_from": camera.source,
+            "camera_stood_still": self._looked_at.input.stood_still,
+            "camera_unknown": camera.unknown.from_one(),
+            "duplicates": self.duplicates,
+            "detections": self._given,
+            "detections_rejected": self._given - self._used,
+            "typical_speed": round(self._looked_at.input.evidence.speed(), 3),
+            "clutter_tracks": self._looked_at.clutter,
+        }
+
+    def update(self, detections: DetectionsLike) -> Targets | None:
+        """Take the detections of the next frame; with a delay, the people of the frame so long before.
+
+        Raises:
+            RequestError: the learnt changes project appearance, and the detections have none, or of another length.
+        """
+        found = as_detections(detections)
+        if isinstance(self._changes, ProjectsAppearance):
+            found = self._changes.projected(found)
+        self._given += len(found)
+        self._flow.input.meet()
+        return self._flow.update(found)
+
+    def tracks(self) -> list[Track]:
+        """The tracks of all frames so far, by id; what was not answered is as it is if the video ends here."""
+        self._looked_at = self._flow.ended()
+        tracks = self._looked_at.tracks()
+        self._used = sum(int(track.observed.sum()) for track in tracks)
+        return tracks
+
+    def forget(self) -> None:
+        """With a delay: drop what was answered from ``tracks()``; see `OnlineTracker`.
+
+        Raises:
+            RequestError: there is no delay.
+        """
+        if not isinstance(self._flow, DelayedFlow):
+            raise RequestError("expected a flow with a delay, got one that answers at the end; give `delay`")
+        self._flow.forget()

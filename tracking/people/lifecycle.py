@@ -1,0 +1,198 @@
+"""Start, confirmation and end of the tracks of an online tracker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from tsuiseki.tracking.filters.kalman import (
+    BoxBelief,
+    BoxMotion,
+    join_boxes,
+    predict_boxes,
+    select_boxes,
+    start_boxes,
+    update_boxes,
+)
+from tsuiseki.tracking.people.record import Record
+from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
+
+_STATUSES = np.array(STATUSES)
+
+
+@dataclass(frozen=True)
+class LifecycleSettings:
+    """When a track is confirmed and when it is deleted.
+
+    Attributes:
+        min_hits: detections in a row that confirm a new track; an earlier miss drops it.
+        max_age: frames that a confirmed track is kept without a detection.
+        start_score: lowest score of a detection that may start a track.
+        boxes: what a track that was seen reports: the box of its filter after the update, or the detected one.
+    """
+
+    min_hits: int = 3
+    max_age: int = 10
+    start_score: float = 0.5
+    boxes: Literal["filtered", "detected"] = "filtered"
+
+    def __post_init__(self) -> None:
+        if self.min_hits < 1 or self.max_age < 0:
+            raise ValueError(f"expected min_hits >= 1 and max_age >= 0, got {self.min_hits} and {self.max_age}")
+
+
+@dataclass(frozen=True)
+class Survivors:
+    """Where the live tracks after a frame come from, in their order: seen, kept, started.
+
+    Attributes:
+        seen: rows of the earlier tracks that were matched.
+        detected: the detections they were matched to.
+        kept: rows of the earlier tracks that were not seen and live on.
+        started: detections that started a track.
+        lost: rows of the earlier tracks that were confirmed and are deleted.
+    """
+
+    seen: IntArray
+    detected: IntArray
+    kept: IntArray
+    started: IntArray
+    lost: IntArray
+
+
+class Lifecycle:
+    """The tracks that are alive, each with a Kalman filter, and the record of all that were.
+
+    A track is reported where it was seen.
+    """
+
+    def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
+        self._settings = settings
+        self._motion = motion
+        self._record = Record()
+        self._frame = -1
+        self._belief = start_boxes(np.empty((0, 4)), motion)
+        self._numbers = np.empty(0, dtype=np.int64)
+        self._hits = np.empty(0, dtype=np.int64)
+        self._misses = np.empty(0, dtype=np.int64)
+        self._targets = Targets.empty(0)
+
+    def predict(self) -> FloatArray:
+        """``(N, 4)`` where the live tracks are expected in the next frame."""
+        self._frame += 1
+        self._belief = predict_boxes(self._belief, self._motion)
+        return self._belief.boxes
+
+    @property
+    def belief(self) -> BoxBelief:
+        """What is known of the live tracks."""
+        return self._belief
+
+    def correct(self, which: IntArray, belief: BoxBelief) -> None:
+        """Replace what is known of the tracks at ``(K,)`` indices."""
+        boxes, velocities, variance = (
+            part.copy() for part in (self._belief.boxes, self._belief.velocities, self._belief.variance)
+        )
+        boxes[which], velocities[which], variance[which] = belief.boxes, belief.velocities, belief.variance
+        self._belief = BoxBelief(boxes, velocities, variance)
+
+    @property
+    def misses(self) -> IntArray:
+        """``(N,)`` frames since each live track was last seen."""
+        return self._misses
+
+    @property
+    def targets(self) -> Targets:
+        """The confirmed tracks of the last frame: those seen, those kept, and those deleted in it."""
+        return self._targets
+
+    def tracks(self) -> list[Track]:
+        """All confirmed tracks so far."""
+        return self._record.tracks()
+
+    def forget(self) -> None:
+        """Drop the boxes so far from `tracks`."""
+        self._record.forget()
+
+    def advance(self, seen: IntArray, detected: IntArray, detections: Detections) -> Survivors:
+        """Update the tracks ``seen`` by the detections they were matched to, keep or drop the others, start new ones.
+
+        Args:
+            seen: rows of the matched tracks.
+            detected: the detection of each.
+            detections: all of the frame.
+        """
+        parts = self._divide(seen, detected, detections)
+        lost = self._numbers[parts.lost], self._belief.boxes[parts.lost]
+        updated = update_boxes(select_boxes(self._belief, seen), detections.boxes[detected], self._motion)
+        old = np.concatenate([seen, parts.kept])
+        started = len(parts.started)
+        hits, misses = self._hits[old], self._misses[old] + 1
+        hits[: len(seen)] += 1
+        misses[: len(seen)] = 0
+        beliefs = [updated]
+        if len(parts.kept):
+            beliefs.append(select_boxes(self._belief, parts.kept))
+        if started:
+            beliefs.append(start_boxes(detections.boxes[parts.started], self._motion))
+            hits, misses = np.append(hits, np.ones(started, np.int64)), np.append(misses, np.zeros(started, np.int64))
+        self._belief = join_boxes(beliefs) if len(beliefs) > 1 else updated
+        self._numbers = np.append(self._numbers[old], self._record.start(started)) if started else self._numbers[old]
+        self._hits, self._misses = hits, misses
+        scores, boxes = self._note(parts, detections)
+        self._targets = self._answer(scores, boxes, *lost)
+        return parts
+
+    def _divide(self, seen: IntArray, detected: IntArray, detections: Detections) -> Survivors:
+        unseen = self._hits >= self._settings.min_hits
+        unseen[seen] = False
+        young = self._misses < self._settings.max_age
+        free = detections.scores >= self._settings.start_score
+        free[detected] = False
+        kept, lost = np.flatnonzero(unseen & young), np.flatnonzero(unseen & ~young)
+        return Survivors(seen, detected, kept, np.flatnonzero(free), lost)
+
+    def _note(self, parts: Survivors, detections: Detections) -> tuple[FloatArray, FloatArray]:
+        """Record the tracks detected in this frame.
+
+        Returns:
+            ``(N,)`` the scores of all live tracks, 0 for those not detected, and ``(N, 4)`` the boxes they report.
+        """
+        present = self._misses == 0
+        scores, boxes = np.zeros(len(present)), self._belief.boxes
+        if not present.any():
+            return scores, boxes
+        numbers = self._numbers[present]
+        self._record.confirm(numbers[self._hits[present] == self._settings.min_hits])
+        detected = np.concatenate([parts.detected, parts.started])
+        scores[present] = np.nan_to_num(detections.scores[detected])
+        if self._settings.boxes == "detected":
+            boxes = boxes.copy()
+            boxes[present] = detections.boxes[detected]
+        self._record.append(self._frame, numbers, boxes[present], scores[present])
+        return scores, boxes
+
+    def _answer(self, scores: FloatArray, boxes: FloatArray, lost: IntArray, lost_boxes: FloatArray) -> Targets:
+        """The confirmed live tracks, then those deleted in this frame."""
+        confirmed = np.flatnonzero(self._hits >= self._settings.min_hits)
+        numbers, boxes, scores = self._numbers[confirmed], boxes[confirmed], scores[confirmed]
+        searched = self._misses[confirmed] > 0
+        status = _STATUSES[searched.astype(np.intp)]
+        if len(lost):
+            numbers, boxes = np.append(numbers, lost), np.concatenate([boxes, lost_boxes])
+            scores = np.append(scores, np.zeros(len(lost)))
+            status = np.append(status, _STATUSES[np.full(len(lost), 2)])
+        # Only a box that was not seen can have shrunk.
+        boxes = with_area(boxes) if len(lost) or searched.any() else boxes
+        return Targets(self._frame, self._record.ids(numbers), boxes, scores, status)
+
+
+def with_area(boxes: FloatArray) -> FloatArray:
+    """``(N, 4)`` boxes, those that a prediction has shrunk to nothing one pixel wide or high."""
+    thin = (boxes[:, 2:] - boxes[:, :2]) < 1
+    if not thin.any():
+        return boxes
+    middle = (boxes[:, :2] + boxes[:, 2:]) / 2
+    return np.where(np.tile(thin, 2), np.concatenate([middle - 0.5, middle + 0.5], axis=1), boxes)

@@ -1,0 +1,67 @@
+"""SORT: people followed online by where they are alone (Bewley et al., "Simple online and realtime tracking", 2016)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tsuiseki.tracking.association.assignment import assign
+from tsuiseki.tracking.filters.kalman import BoxMotion
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.people.lifecycle import Lifecycle, LifecycleSettings
+from tsuiseki.tracking.types import Targets, Track
+
+
+@dataclass(frozen=True)
+class SortSettings:
+    """Settings of SORT.
+
+    Attributes:
+        min_iou: least overlap of a prediction and a detection that may be the same person, in (0, 1].
+        lifecycle: when tracks are believed and given up.
+        motion: noise of the Kalman filter.
+    """
+
+    min_iou: float = 0.3
+    lifecycle: LifecycleSettings = field(default_factory=LifecycleSettings)
+    motion: BoxMotion = field(default_factory=BoxMotion)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.min_iou <= 1:
+            raise ValueError(f"expected min_iou in (0, 1], got {self.min_iou}")
+
+
+class Sort:
+    """Each frame: predict every track, match predictions to detections by overlap, update what matched.
+
+    The matching maximises the overlap (Hungarian method on 1 - IoU, gated). Beyond the paper, the boxes a track had
+    before it was confirmed are in ``tracks()`` too once it is. It draws no random numbers.
+
+    >>> tracker = Sort()
+    >>> for t in range(5):
+    ...     people = tracker.update([[t, 0, t + 20, 50, 0.9]])
+    >>> people.ids, people.status
+    (array([1]), array(['tracking'], dtype='<U9'))
+    >>> [track.frames.tolist() for track in tracker.tracks()]
+    [[0, 1, 2, 3, 4]]
+    """
+
+    def __init__(self, settings: SortSettings | None = None, seed: int = 0) -> None:
+        self.settings, self.seed = settings or SortSettings(), seed
+        self._lifecycle = Lifecycle(self.settings.lifecycle, self.settings.motion)
+
+    def update(self, detections: DetectionsLike) -> Targets:
+        """Take the detections of the next frame; its people."""
+        found = as_detections(detections)
+        predicted = self._lifecycle.predict()
+        seen, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - self.settings.min_iou)
+        self._lifecycle.advance(seen, detected, found)
+        return self._lifecycle.targets
+
+    def tracks(self) -> list[Track]:
+        """The confirmed tracks of all frames so far, by id."""
+        return self._lifecycle.tracks()
+
+    def forget(self) -> None:
+        """See `OnlineTracker`."""
+        self._lifecycle.forget()

@@ -1,1 +1,0 @@
-"""A whole video through models and a tracker: what `import tsuiseki` and the commands of `tsuiseki track` both call."""

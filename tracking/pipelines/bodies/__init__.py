@@ -1,1 +1,0 @@
-"""Bodies with a shape of their own: skeletons of animals, and fish that bend."""

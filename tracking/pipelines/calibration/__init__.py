@@ -1,1 +1,0 @@
-"""Cameras from boards and measured points."""

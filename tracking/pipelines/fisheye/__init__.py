@@ -1,1 +1,0 @@
-"""People under ceiling cameras: found in each image, linked on the floor."""

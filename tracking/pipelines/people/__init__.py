@@ -1,1 +1,0 @@
-"""People in video: found and described, then linked."""

@@ -1,1 +1,0 @@
-"""Any number of points: coloured objects in video, or a sensor's measurements."""

@@ -1,1 +1,0 @@
-"""One target, from the box it begins with."""

@@ -1,0 +1,1 @@
+"""An unknown number of objects: points, blobs and a sensor's measurements."""

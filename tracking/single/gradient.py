@@ -1,0 +1,195 @@
+"""Trackers that climb: mean shift, CamShift, median flow; thesis 2.2.2. The climbing itself is OpenCV's."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.single.interface import TargetState
+from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+
+HUES = 30
+LEAST_SATURATION, LEAST_VALUE = 40, 32
+STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.5)
+MOST_FORWARD_BACKWARD = 2.0  # pixels
+
+
+class MeanShift:
+    """The mode of the back-projected hue histogram; the score is the Bhattacharyya coefficient (2.4).
+
+    Comaniciu et al., "Real-time tracking of non-rigid objects using mean shift", CVPR 2000; with ``adapts_size`` the
+    box grows and shrinks with the mass under it: CamShift, Bradski, 1998.
+    """
+
+    def __init__(self, adapts_size: bool = False, lost_below: float = 0.5, seed: int = 0) -> None:
+        del seed
+        self.adapts_size = adapts_size
+        self.lost_below = lost_below
+
+    def start(self, image: ImageArray, box: FloatArray) -> None:
+        """See `SingleTracker.start`."""
+        self._box = np.asarray(box, dtype=np.float64)
+        self._window = _whole_window(self._box, image)
+        self._histogram = self._hues(image, self._window)
+        self._scaled = self._histogram * np.float32(255 / max(float(self._histogram.max()), 1e-9))
+
+    def follow(self, image: ImageArray) -> TargetState:
+        """See `SingleTracker.follow`."""
+        colours = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
+        likely = cv2.calcBackProject([colours], [0], self._scaled, [0, 180], 1)
+        likely = cv2.bitwise_and(likely, _coloured(colours))
+        if self.adapts_size:
+            rotated, window = cv2.CamShift(likely, self._window, STOP)
+            if min(window[2:]) >= 2 and min(rotated[1]) > 0:
+                self._window = _four(window)
+                self._box = _upright_hull(rotated)
+        else:
+            _, window = cv2.meanShift(likely, self._window, STOP)
+            self._box = self._box + np.tile(np.subtract(window[:2], self._window[:2]), 2)
+            self._window = _four(window)
+        score = float(np.sqrt(self._hues(image, self._window) * self._histogram).sum())
+        status: Status = "tracking" if score >= self.lost_below else "lost"
+        return TargetState(self._box, score, status)
+
+    def _hues(self, image: ImageArray, window: tuple[int, ...]) -> NDArray[np.float32]:
+        """``(30, 1)`` histogram of the clearly coloured pixels, that sums to one; grey windows have their values."""
+        x, y, w, h = window
+        colours = cv2.cvtColor(np.ascontiguousarray(image[y : y + h, x : x + w]), cv2.COLOR_RGB2HSV)
+        mask = _coloured(colours)
+        histogram = cv2.calcHist([colours], [0], mask if mask.any() else None, [HUES], [0, 180])
+        return np.asarray(histogram / max(float(histogram.sum()), 1.0))
+
+
+def _coloured(hues: NDArray[Any]) -> NDArray[np.uint8]:
+    """255 where a pixel of an HSV image has a hue worth the name."""
+    return np.asarray(cv2.inRange(hues, (0, LEAST_SATURATION, LEAST_VALUE), (180, 255, 255)), dtype=np.uint8)
+
+
+def _upright_hull(ellipse: tuple[Sequence[float], Sequence[float], float]) -> FloatArray:
+    """``(4,)`` hull of the rectangle that has the moments of CamShift's ellipse (centre, axes, degrees).
+
+    OpenCV's axes are four standard deviations of the mass, and a rectangle's sides are the root of twelve.
+    """
+    (x, y), axes, angle = ellipse
+    corners = cv2.boxPoints(((x, y), (axes[0] * np.sqrt(12) / 4, axes[1] * np.sqrt(12) / 4), angle))
+    return np.concatenate([corners.min(axis=0), corners.max(axis=0)]).astype(np.float64)
+
+
+def _four(window: Sequence[int]) -> tuple[int, int, int, int]:
+    x, y, width, height = window
+    return x, y, width, height
+
+
+def _whole_window(box: FloatArray, image: ImageArray) -> tuple[int, int, int, int]:
+    """The part of a box inside the image as x, y, width, height in whole pixels, at least 2 x 2."""
+    height, width = image.shape[:2]
+    x1, y1, x2, y2 = np.round(box).astype(int).tolist()
+    x1, y1 = min(max(x1, 0), width - 2), min(max(y1, 0), height - 2)
+    return x1, y1, max(min(x2, width) - x1, 2), max(min(y2, height) - y1, 2)
+
+
+class MedianFlow:
+    """Points tracked by Lucas and Kanade move the box by their median and stretch it by the median of their distances.
+
+    Kalal et al., "Forward-backward error: automatic detection of tracking failures", ICPR 2010. Points that do not come
+    back when tracked backwards, and the half that moves least like the image around it, are left out. The score is the
+    share of points that are left.
+    """
+
+    def __init__(self, side: int = 10, lost_below: float = 0.1, seed: int = 0) -> None:
+        del seed
+        self.side = side
+        self.lost_below = lost_below
+
+    def start(self, image: ImageArray, box: FloatArray) -> None:
+        """See `SingleTracker.start`."""
+        self._box = np.asarray(box, dtype=np.float64)
+        self._grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+
+    def follow(self, image: ImageArray) -> TargetState:
+        """See `SingleTracker.follow`."""
+        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        before = self._points()
+        after, there = _flow(self._grey, grey, before)
+        back, again = _flow(grey, self._grey, after)
+        error = np.linalg.norm(back - before, axis=2).ravel()
+        good = (there.ravel() == 1) & (again.ravel() == 1)
+        if good.any():
+            good &= error <= max(float(np.median(error[good])), 1e-9)
+        self._grey = grey
+        score = 2 * float(good.mean())
+        reliable = good.any() and float(np.median(error[good])) <= MOST_FORWARD_BACKWARD
+        if not reliable or score < self.lost_below:
+            return TargetState(self._box, 0.0 if not reliable else score, "lost")
+        self._move(before[good, 0].astype(np.float64), after[good, 0].astype(np.float64))
+        return TargetState(self._box, min(score, 1.0), "tracking")
+
+    def _points(self) -> NDArray[np.float32]:
+        share = (np.arange(self.side) + 0.5) / self.side
+        x, y = np.meshgrid(share, share)
+        size = self._box[2:] - self._box[:2]
+        points = self._box[:2] + np.column_stack([x.ravel(), y.ravel()]) * size
+        return points[:, None].astype(np.float32)
+
+    def _move(self, before: FloatArray, after: FloatArray) -> None:
+        shift = np.median(after - before, axis=0)
+        first, second = np.triu_indices(len(before), 1)
+        old = np.linalg.norm(before[first] - before[second], axis=1)
+        new = np.linalg.norm(after[first] - after[second], axis=1)
+        growth = float(np.median(new[old > 0] / old[old > 0])) if (old > 0).any() else 1.0
+        centre, half = (self._box[:2] + self._box[2:]) / 2 + shift, (self._box[2:] - self._box[:2]) / 2
+        half = np.maximum(half * np.clip(growth, 0.8, 1.25), 1.0)
+        self._box = np.concatenate([centre - half, centre + half])
+
+
+def _flow(old: NDArray[Any], new: NDArray[Any], points: NDArray[np.float32]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Where points ``(N, 1, 2)`` went, and which of them ``(N, 1)`` were found."""
+    guess = points.copy()  # not used, but OpenCV's types ask for it
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(old, new, points, guess, winSize=(11, 11), maxLevel=4)
+    return np.asarray(moved), np.asarray(found)
+
+
+class Mil:
+    """OpenCV's tracker by multiple instance learning, Babenko et al., CVPR 2009. It gives no score, so it is 1.
+
+    Args:
+        seed: of the features and of the windows that it draws.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self._rng = np.random.default_rng(seed)
+
+    def start(self, image: ImageArray, box: FloatArray) -> None:
+        """See `SingleTracker.start`."""
+        _seed_opencv(self._rng)
+        self._tracker = cv2.TrackerMIL.create()
+        self._box = np.asarray(box, dtype=np.float64)
+        try:
+            self._tracker.init(np.ascontiguousarray(image[..., ::-1]), _whole_window(self._box, image))
+        except cv2.error as error:
+            raise RequestError(
+                f"`box`: expected a box with room around it, which MIL needs in an image of {image.shape[1]}x"
+                f"{image.shape[0]}, got {', '.join(f'{v:g}' for v in self._box)}; choose another method"
+            ) from error
+
+    def follow(self, image: ImageArray) -> TargetState:
+        """See `SingleTracker.follow`."""
+        _seed_opencv(self._rng)
+        found, (x, y, w, h) = self._tracker.update(np.ascontiguousarray(image[..., ::-1]))
+        if found and w > 0 and h > 0:
+            self._box = np.array([x, y, x + w, y + h], dtype=np.float64)
+        return TargetState(self._box, float(found), "tracking" if found else "lost")
+
+
+def _seed_opencv(rng: np.random.Generator) -> None:
+    """OpenCV draws from a generator of its own and from the C library's, both of the whole process."""
+    cv2.setRNGSeed(int(rng.integers(2**31)))
+    library = ctypes.CDLL("ucrtbase" if os.name == "nt" else None)
+    library.srand(int(rng.integers(2**31)))

@@ -1,0 +1,317 @@
+"""A correlation filter with memory, colours and a filter over sizes: the filter of the combined tracker.
+
+It has three parts, each published on its own:
+
+* where the target is: a filter of the target alone in a wide window (`filters.correlation.regularised_correlation`: Li
+  2018, Galoogahi 2017);
+* the colours of its pixels (`likelihoods.pixel_colour`: Bertinetto 2016);
+* how large it is: a filter over sizes (`filters.correlation.scale_filter`: Danelljan 2014).
+
+The response of a place is
+
+    (1 - share) * filter + share * mean colour probability.
+
+The response of a size is that of the filter over sizes, and the contrast of colours between the box and a frame around
+it. A box holds outstretched arms and legs, and the contrast is greatest for less than the box; how much less is
+measured in the first frame. The filter over sizes learns what it has found, and sees sizes up to a sixth away. Where
+the size is further off, it confirms itself for good. The colours see further: the size follows them to one far from the
+present one that they want for several frames in a row. Where they tell the target's pixels clearly, their number tells
+the size (the zeroth moment: Bradski 1998), whatever the target's outline does. Else a peak of their contrast does, and
+the filter of places has to agree. Nothing is trained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import scipy.fft
+
+from tsuiseki.tracking.features.hog import hog
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
+    ComplexArray,
+    Float32Array,
+    cosine_window,
+    gaussian_labels,
+)
+from tsuiseki.tracking.filters.correlation.regularised_correlation import (
+    Support,
+    learn,
+    respond,
+)
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_area, far_peak
+from tsuiseki.tracking.single.interface import TargetState, box_centre
+from tsuiseki.tracking.single.peaks import peak
+from tsuiseki.tracking.single.pixel_colour import PixelColour, coloured_area, shift_response, size_contrast
+from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
+from tsuiseki.tracking.single.search_windows import cut
+from tsuiseki.tracking.single.size_samples import SizeLadder, SizeSample
+from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+
+CELL = 4  # template pixels
+_LEAST_CELLS = 4
+_FAR = 4  # steps of size from which on a size is far from the present one
+_WIDEST = 8  # steps of size to each side, in which the contrast of the first frame is looked for
+
+
+@dataclass(frozen=True)
+class Model:
+    """What is fixed for one target.
+
+    Attributes:
+        settings: constants.
+        target: ``(2,)`` first width and height, pixels.
+        scale: image pixels per template pixel at the first size.
+        shape: rows and columns of the window, cells.
+        taper: ``shape`` cosine window.
+        wanted: spectrum of the wanted response.
+        support: the target's cells.
+        to_centre: ``(rows, 2 * (columns // 2 + 1))`` signs of real and imaginary parts that bring a window's middle
+            to shift zero.
+        ladder: of sizes.
+    """
+
+    settings: RegularisedSettings
+    target: FloatArray
+    scale: float
+    shape: tuple[int, int]
+    taper: Float32Array
+    wanted: ComplexArray
+    support: Support
+    to_centre: Float32Array
+    ladder: SizeLadder
+
+    @classmethod
+    def of(cls, settings: RegularisedSettings, width: float, height: float) -> Model:
+        """For a target of ``width`` x ``height`` pixels in its first frame."""
+        target = np.array([width, height], dtype=np.float64)
+        # A square window: thin targets move as far sideways as lengthwise. It always holds the target.
+        sides = np.maximum(settings.padding * np.sqrt(width * height), 1.5 * target)
+        scale = float(sides.max()) / (settings.cells * CELL)
+        columns, rows = (max(_LEAST_CELLS, 2 * round(float(side) / (2 * CELL * scale))) for side in sides)
+        wide, high = target / (scale * CELL)
+        # Half a window of an even number of cells is half a turn of every odd frequency.
+        signs = 1 - 2 * ((np.arange(rows)[:, None] + np.arange(columns // 2 + 1)) % 2)
+        template = np.maximum(np.round(target * np.sqrt(settings.size_area / target.prod()) / CELL), 2) * CELL
+        return cls(
+            settings,
+            target,
+            scale,
+            (rows, columns),
+            cosine_window((rows, columns)),
+            gaussian_labels((rows, columns), float(np.sqrt(wide * high)) * settings.label_sigma),
+            Support.of((rows, columns), float(high), float(wide)),
+            np.repeat(signs, 2, axis=1).astype(np.float32),
+            SizeLadder(target, template.astype(np.int64), CELL, settings.size_step, settings.sizes),
+        )
+
+    def cell_pixels(self, size: float) -> float:
+        """Side of a cell in image pixels for a target of relative ``size``."""
+        return CELL * self.scale * size
+
+    def box(self, centre: FloatArray, size: float) -> FloatArray:
+        """``(4,)`` corners."""
+        half = self.target * size / 2
+        return np.concatenate([centre - half, centre + half])
+
+    def patch(self, image: ImageArray, centre: FloatArray, size: float) -> ImageArray:
+        """``(H, W, 3)`` template pixels of the window around ``centre``, with a border of one cell."""
+        rows, columns = self.shape
+        width, height = (columns + 2) * CELL, (rows + 2) * CELL
+        return np.asarray(cut(image, centre[None], np.array([self.scale * size]), width, height)[0])
+
+    def describe(self, patches: Sequence[ImageArray]) -> ComplexArray:
+        """``(B, 32, rows, columns // 2 + 1)`` spectra of gradients and brightness, target at shift zero."""
+        rows, columns = self.shape
+        brightness = np.empty((len(patches), 1, rows, columns), dtype=np.float32)
+        for patch, means in zip(patches, brightness, strict=True):
+            grey = cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY)[CELL:-CELL, CELL:-CELL].astype(np.float32) / 255 - 0.5
+            means[0] = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)  # means of cells
+        features = np.concatenate([hog(np.stack(patches), CELL), brightness], axis=1)
+        features *= self.taper
+        for one in features:
+            one *= np.float32(1 / np.sqrt(np.vdot(one, one) / one.size + 1e-9))
+        spectra = scipy.fft.rfft2(features)
+        spectra.view(np.float32)[:] *= self.to_centre
+        return np.asarray(spectra)
+
+    def colour_response(self, colour: PixelColour, patch: ImageArray) -> Float32Array:
+        """``shape``: `pixel_colour.shift_response` of a patch."""
+        width, height = self.target / self.scale
+        return shift_response(colour.probabilities(patch), float(width), float(height), self.shape, CELL)
+
+
+@dataclass(frozen=True)
+class RegularisedTarget:
+    """Where the target is, and what is known of it.
+
+    Attributes:
+        centre: ``(2,)`` pixels.
+        size: relative to the first.
+        filters: see `regularised_correlation.learn`.
+        colour: of its pixels.
+        sizes: the size filter; None where one size is tried.
+        contrast_at: where the colours' contrast was greatest in the first frame, over the size of the box there.
+        peak: response at ``centre``, colours included.
+        colour_score: mean colour probability at ``centre``, in [0, 1].
+        seen: what `resize` looked at, for the `update` of the same frame; None else.
+        insisted: for how many frames in a row the colours have wanted a far larger size; negative: a far smaller one.
+        area: of the target's colours in the first frame, see `pixel_colour.coloured_area`.
+    """
+
+    centre: FloatArray
+    size: float
+    filters: ComplexArray
+    colour: PixelColour
+    sizes: ScaleFilter | None
+    contrast_at: float = 1.0
+    peak: float = 1.0
+    colour_score: float = 1.0
+    seen: SizeSample | None = None
+    insisted: int = 0
+    area: float = 1.0
+
+
+def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTarget:
+    """The target of the first frame."""
+    patch = model.patch(image, centre, 1.0)
+    width, height = model.target / model.scale
+    filters = learn(model.describe([patch])[0], model.wanted, model.support, None, model.settings.learning)
+    sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0)) if model.settings.sizes > 1 else None
+    colour = PixelColour.learn(patch, float(width), float(height))
+    factors = model.settings.size_step ** np.arange(-_WIDEST, _WIDEST + 1.0)
+    probabilities = colour.probabilities(patch)
+    contrast = size_contrast(probabilities, float(width), float(height), factors)
+    contrast_at = model.settings.size_step ** (model.settings.calibration * best_offset(contrast))
+    area = max(coloured_area(probabilities, float(width), float(height)), 1.0)
+    return RegularisedTarget(centre, 1.0, filters, colour, sizes, contrast_at, area=area)
+
+
+def responses(model: Model, target: RegularisedTarget, image: ImageArray) -> tuple[Float32Array, Float32Array]:
+    """Responses ``(rows, columns)`` of places about the target over cyclic shifts, and the colours' share alone."""
+    patch = model.patch(image, target.centre, target.size)
+    colours = model.colour_response(target.colour, patch)
+    found = respond(target.filters, model.describe([patch])[0], model.shape)
+    return _joined(model, found, colours), colours
+
+
+def responses_at(
+    model: Model, target: RegularisedTarget, image: ImageArray, centres: FloatArray, bank: ComplexArray
+) -> Float32Array:
+    """Responses over cyclic shifts in several windows.
+
+    Args:
+        model: of the target.
+        target: gives size and colours.
+        image: the frame.
+        centres: ``(W, 2)`` of the windows, pixels.
+        bank: ``(K, D, rows, columns // 2 + 1)`` filters.
+
+    Returns:
+        ``(W, K, rows, columns)``.
+    """
+    patches = [model.patch(image, centre, target.size) for centre in centres]
+    colours = np.stack([model.colour_response(target.colour, patch) for patch in patches])
+    found = np.stack([respond(bank, window, model.shape) for window in model.describe(patches)])
+    return _joined(model, found, colours[:, None])
+
+
+def _joined(model: Model, found: Float32Array, colours: Float32Array) -> Float32Array:
+    """What filters have found and the mean colour probabilities, in one response."""
+    share = np.float32(model.settings.colour_share)
+    return np.asarray((1 - share) * found + share * colours)
+
+
+def locate(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
+    """The target in the next frame, without learning from it."""
+    response, colours = responses(model, target, image)
+    shift, value = peak(response)
+    column, row = np.round(shift).astype(int)
+    extent = np.array([image.shape[1], image.shape[0]], dtype=np.float64)
+    centre = np.clip(target.centre + shift * model.cell_pixels(target.size), 0, extent)
+    moved = replace(target, centre=centre, peak=value, colour_score=float(colours[row, column]))
+    return resize(model, moved, image)
+
+
+def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
+    """The target at the size that fits best at its place."""
+    settings = model.settings
+    if target.sizes is None:
+        return target
+    middle = round(model.ladder.level(target.size))
+    seen = model.ladder.sample(image, target.centre, middle)
+    probabilities = target.colour.probabilities(model.patch(image, target.centre, target.size))
+    width, height = model.target / model.scale
+    near = settings.sizes // 2
+    reach = max(settings.size_reach, near)
+    factors = settings.size_step ** (middle + np.arange(-reach, reach + 1.0)) / target.size * target.contrast_at
+    contrast = size_contrast(probabilities, float(width), float(height), factors)
+    best = best_offset(target.sizes.respond(seen) + settings.size_colour * contrast[reach - near : reach + near + 1])
+    clear = settings.size_reach > 0 and contrast[reach - near : reach + near + 1].max() >= settings.size_by_area
+    if clear:
+        area = coloured_area(probabilities, float(width), float(height))
+        far = far_area(area / target.area, settings.size_step, _FAR)
+    else:
+        far = far_peak(contrast, _FAR, settings.size_margin) if settings.size_reach else 0.0
+    side = int(np.sign(far))
+    insisted = target.insisted + side if side * target.insisted > 0 else side
+    if abs(insisted) >= settings.size_patience:
+        step = float(np.clip(far, -near, near))
+        best, insisted = (far, insisted) if clear or _agrees(model, target, image, step) else (best, 0)
+    factor = settings.size_step ** (middle + best) / target.size
+    size = target.size * float(np.clip(factor, 1 / settings.size_change, settings.size_change))
+    size = float(np.clip(size, settings.smallest, settings.largest))
+    return replace(target, size=size, seen=seen, insisted=insisted)
+
+
+def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: float) -> bool:
+    """Whether the filter of places responds so many steps of size away nearly as much as at the present size."""
+    settings = model.settings
+    there = replace(target, size=target.size * settings.size_step**step)
+    present, away = (peak(responses(model, one, image)[0])[1] for one in (target, there))
+    return away >= settings.size_agreement * present
+
+
+def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: float = 1.0) -> RegularisedTarget:
+    """The target after learning from where it is, at ``rate`` in (0, 1] of the usual speed."""
+    settings = model.settings
+    patch = model.patch(image, target.centre, target.size)
+    width, height = model.target / model.scale
+    colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), settings.colour_rate * rate)
+    learning = replace(settings.learning, memory=settings.learning.memory / rate)
+    filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters, learning)
+    sizes = target.sizes
+    if sizes is not None:
+        level = model.ladder.level(target.size)
+        sample = model.ladder.sample(image, target.centre, round(level), target.seen)
+        new = ScaleFilter.learn(sample, level - round(level))
+        insists = abs(target.insisted) >= settings.size_patience
+        sizes = sizes.blend(new, (settings.size_relearning if insists else settings.size_rate) * rate)
+    return replace(target, filters=filters, colour=colour, sizes=sizes, seen=None)
+
+
+class RegularisedTracker:
+    """The filter alone; the score is the response at the target.
+
+    Attributes:
+        settings: constants.
+        target: where the target is.
+    """
+
+    def __init__(self, settings: RegularisedSettings | None = None, seed: int = 0) -> None:
+        del seed
+        self.settings = settings or RegularisedSettings()
+
+    def start(self, image: ImageArray, box: FloatArray) -> None:
+        """See `SingleTracker.start`."""
+        width, height = (box[2:] - box[:2]).tolist()
+        self._model = Model.of(self.settings, width, height)
+        self.target = start(self._model, image, box_centre(np.asarray(box)))
+
+    def follow(self, image: ImageArray) -> TargetState:
+        """See `SingleTracker.follow`."""
+        self.target = update(self._model, locate(self._model, self.target, image), image)
+        status: Status = "tracking" if self.target.peak > self.settings.lost_below else "lost"
+        return TargetState(self._model.box(self.target.centre, self.target.size), self.target.peak, status)

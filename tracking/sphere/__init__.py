@@ -1,0 +1,1 @@
+"""A ball in space."""

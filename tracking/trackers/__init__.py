@@ -1,1 +1,0 @@
-"""The trackers; each file reads like its algorithm."""

@@ -1,1 +1,0 @@
-"""Trackers of people from their detections, online and by network flow."""

@@ -1,1 +1,0 @@
-"""A ball in space from calibrated cameras."""

@@ -1,0 +1,146 @@
+"""A video as a folder of images, one a frame; and one image by its file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, is_sequence, list_images, read_sequence
+from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
+from tsuiseki.tracking.types import Frame, ImageArray
+from tsuiseki.tracking.types.frame_range import FrameRange
+
+DEFAULT_FRAME_RATE = 25.0
+ORIENTATION_TAG = 0x0112
+TURNED_ORIENTATIONS = (5, 6, 7, 8)
+# Leftovers of file managers that may lie among images.
+HARMLESS_NAMES = ("thumbs.db", "desktop.ini")
+# Of videos, which a message tells to give by themselves; more than any data set here holds.
+HINTED_SUFFIXES = (".mp4", ".m4v", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".webm")
+
+
+@dataclass(frozen=True)
+class ImageFolder:
+    """A video as one image file a frame; a text-only sequence has none."""
+
+    name: str
+    frame_rate: float
+    images: tuple[Path, ...]
+    size: tuple[int, int]
+    text_length: int
+    frames_wanted: FrameRange
+    live: bool = False
+    rate_missing: bool = False
+
+    @classmethod
+    def open(cls, folder: Path, wanted: FrameRange) -> ImageFolder:
+        """The images of ``folder``, a sequence's or its own, up to the end of what is wanted.
+
+        Raises:
+            RequestError: they are none, or differ in size, or something else lies among them.
+        """
+        if is_sequence(folder):
+            sequence = read_sequence(folder)
+            images, name, frame_rate = sequence.images, sequence.name, sequence.frame_rate
+            text_length, size = sequence.length, (sequence.width, sequence.height)
+            rate_missing = sequence.rate_missing
+        else:
+            images = _of_one_target(folder) or _images_only(folder)
+            name, frame_rate, text_length, size = folder.resolve().name, DEFAULT_FRAME_RATE, 0, (0, 0)
+            rate_missing = False  # nobody expects a folder of images to say
+        if images or text_length:
+            wanted = wanted.within(len(images) or text_length)
+        size = _common_size(images) if images else size
+        return cls(name, frame_rate, images, size, text_length, wanted, rate_missing=rate_missing)
+
+    @property
+    def has_images(self) -> bool:
+        """False for a text-only sequence."""
+        return bool(self.images)
+
+    @property
+    def length(self) -> int | None:
+        """Number of frames; None for a text-only sequence that does not say."""
+        return len(self.images) or self.text_length or None
+
+    def frames(self) -> Iterator[Frame]:
+        """See `Source.frames`."""
+        if not self.images:
+            raise RequestError(f"{self.name} has no images; expected them in its folder img1/")
+        wanted = self.frames_wanted.within(len(self.images))
+        assert wanted.last is not None
+        for index in range(wanted.first, wanted.last + 1):
+            yield Frame(index, index / self.frame_rate, read_image(self.images[index], self.size))
+
+
+def read_image(path: Path, size: tuple[int, int] | None = None) -> ImageArray:
+    """``(H, W, 3)`` uint8 RGB of an image file, turned as its camera says.
+
+    Args:
+        path: the file.
+        size: width and height that it must have; by default any.
+
+    Raises:
+        RunError: it cannot be decoded or has another size.
+    """
+    try:
+        decoded = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
+    except (OSError, cv2.error):
+        decoded = None
+    if decoded is None:
+        raise RunError(f"{path}: expected an image, got something that cannot be decoded")
+    if size is not None and decoded.shape[1::-1] != size:
+        raise RunError(f"{path}: expected {size[0]}x{size[1]} pixels, got {decoded.shape[1]}x{decoded.shape[0]}")
+    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def _of_one_target(folder: Path) -> tuple[Path, ...]:
+    """The images of a sequence of OTB, UAV123 or VOT, which lie beside its labels; none where it is something else."""
+    labelled = any(LABEL_NAMES.fullmatch(path.name) for path in folder.iterdir())
+    parts = [list_images(folder / name) for name in IMAGE_FOLDERS]
+    return next((images for images in parts if images), list_images(folder) if labelled else ())
+
+
+def _images_only(folder: Path) -> tuple[Path, ...]:
+    images = list_images(folder)
+    if not images:
+        suffixes = ", ".join(IMAGE_SUFFIXES)
+        videos = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in HINTED_SUFFIXES)
+        hint = f", but {videos[0]}; give a video by its own path" if videos else ""
+        raise RequestError(f"{folder}: expected images ({suffixes}) or a MOTChallenge sequence, found neither{hint}")
+    strange = sorted(
+        path.name
+        for path in set(folder.iterdir()) - set(images)
+        if path.is_file() and not path.name.startswith(".") and path.name.lower() not in HARMLESS_NAMES
+    )
+    if strange:
+        raise RequestError(f"{folder}: expected only images, found {strange[0]}; move it elsewhere")
+    return images
+
+
+def _common_size(images: tuple[Path, ...]) -> tuple[int, int]:
+    """Width and height of all the images; only their headers are read."""
+    first = _image_size(images[0])
+    for path in images[1:]:
+        size = _image_size(path)
+        if size != first:
+            raise RequestError(
+                f"{path}: expected {first[0]}x{first[1]} pixels as in {images[0].name}, got {size[0]}x{size[1]}"
+            )
+    return first
+
+
+def _image_size(path: Path) -> tuple[int, int]:
+    try:
+        with Image.open(path) as image:
+            # Asking a PNG for tags that it does not have would decode it all.
+            turned = "exif" in image.info and image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
+            return (image.height, image.width) if turned else (image.width, image.height)
+    except (UnidentifiedImageError, OSError, Image.DecompressionBombError, SyntaxError) as error:
+        raise RequestError(f"{path}: expected an image, got something that cannot be decoded") from error
