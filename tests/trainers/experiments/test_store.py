@@ -17,9 +17,8 @@ import pytest
 
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments import store as store_module
-from tsuiseki.trainers.experiments.experiment import Watch
-from tsuiseki.trainers.experiments.store import Store, code_version
-from tsuiseki.trainers.experiments.values import described, plain, restored
+from tsuiseki.trainers.experiments.store import Store, code_version, described, plain, restored
+from tsuiseki.trainers.experiments.study import Watch
 
 CALLS: list[object] = []
 

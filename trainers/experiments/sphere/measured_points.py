@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,17 @@ from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.sphere.points import track_sphere_points
 from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
-from tsuiseki.trainers.experiments.intervals import interval
+from tsuiseki.trainers.experiments.study import (
+    Bench,
+    Column,
+    Name,
+    Outcome,
+    Study,
+    at_least_one,
+    at_quantile,
+    tabulated,
+    with_interval,
+)
 
 RATE, FRAMES = 60.0, 45
 GRAVITY, RADIUS, BOUNCE = 9.81, 0.02, 0.75
@@ -26,13 +36,20 @@ PIXEL, MISSED, FALSE = 1.0, 0.05, 0.02
 """Standard deviation of a measured pixel, and shares of frames without one and with one anywhere in the image."""
 STEP = 1e-4
 BALLISTIC = SphereSettings(motion="ballistic", bounce=BOUNCE)
-ROWS: Mapping[str, SphereSettings | None] = {
+ROWS: Mapping[Name, SphereSettings | None] = {
     "triangulated, where both cameras measured": None,
     "`--points`": SphereSettings(),
     "`--motion ballistic`": BALLISTIC,
     "`--motion ballistic --drag`": SphereSettings(motion="ballistic", bounce=BOUNCE, drag=DRAG),
     "`--motion ballistic --drag --spin`": SphereSettings(motion="ballistic", bounce=BOUNCE, drag=DRAG, spin=SPIN),
 }
+COLUMNS = (
+    Column("error, cm: mean of the throws, 95 %", np.mean, factor=100, show=with_interval),
+    *(
+        Column(heading, np.asarray, factor=100, show=partial(at_quantile, share=share))
+        for heading, share in (("median", 0.5), ("95 % of the moments", 0.95), ("largest", 1.0))
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -62,25 +79,13 @@ def reproduce(bench: Bench, seeds: int = 20, seed: int = 0) -> Outcome:
         RequestError: no throw.
     """
     at_least_one(seeds=seeds)
-    errors: dict[str, list[FloatArray]] = {name: [] for name in ROWS}
-    for number in bench.watch.over(range(seed, seed + seeds), "throws", seeds):
-        for name in ROWS:
-            errors[name].append(bench.store.recall(run_throw, name, number))
-    lines = []
-    for name, throws in errors.items():
-        means = 100 * np.array([np.mean(one) for one in throws])
-        every = 100 * np.concatenate(throws)
-        mean, low, high = interval(means)
-        lines.append(
-            [name, f"{mean:.2f} [{low:.2f}, {high:.2f}]", *(f"{np.quantile(every, q):.2f}" for q in (0.5, 0.95, 1.0))]
-        )
-    columns = ("", "error, cm: mean of the throws, 95 %", "median", "95 % of the moments", "largest")
+    found = Study(ROWS, range(seed, seed + seeds), run_throw, "throws").run(bench)
     note = (
         f"{seeds} throws of {FRAMES} frames at {RATE:g} frames/s, two cameras; pixels {PIXEL:g} px off, "
         f"{100 * MISSED:.0f} % missed, {100 * FALSE:.0f} % false; drag {DRAG:g} 1/m, top spin {-SPIN[0]:g} 1/s."
     )
-    values = {name: [one.tolist() for one in throws] for name, throws in errors.items()}
-    return Outcome(values, [Table("", columns, lines)], notes=[note])
+    values = {name: [one.tolist() for one in throws] for name, throws in found.items()}
+    return Outcome(values, [tabulated(found, COLUMNS)], notes=[note])
 
 
 def thrown(seed: int) -> Throw:
@@ -108,14 +113,14 @@ def thrown(seed: int) -> Throw:
     return Throw(truth, pixels)
 
 
-def run_throw(name: str, seed: int) -> FloatArray:
-    """``(T,)`` distances to the truth, metres, of one of `ROWS`; as `track sphere --points` runs it.
+def run_throw(settings: SphereSettings | None, seed: int) -> FloatArray:
+    """``(T,)`` distances to the truth, metres, as `track sphere --points` finds them.
 
     Args:
-        name: of the row.
+        settings: one of `ROWS`.
         seed: of the throw and of the particles.
     """
-    throw, settings, cameras = thrown(seed), ROWS[name], ball_cameras(2)
+    throw, cameras = thrown(seed), ball_cameras(2)
     if settings is None:
         points, _ = triangulate(cameras, throw.pixels.transpose(1, 0, 2))
         away = np.linalg.norm(points - throw.truth, axis=1)

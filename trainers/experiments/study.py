@@ -1,0 +1,371 @@
+"""An experiment as data: rows × units, computed through the store, and the tables, numbers and plots of what came out.
+
+A `Study` names rows (what is compared), units (clips, sequences or seeds) and a function that measures one row on one
+unit. `tabulated` turns the measurements into a table with intervals over the units and the paper's values beside ours,
+`curves` into a plot. An experiment's module has a function ``reproduce(bench, option, …) -> Outcome``; it neither
+prints nor writes, as `tsuiseki reproduce` does that for all of them alike.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.report.plots import COLOURS
+from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.trainers.experiments.store import Store, plain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+T = TypeVar("T")
+Row = TypeVar("Row")
+Unit = TypeVar("Unit")
+Found = TypeVar("Found")
+Name: TypeAlias = str | tuple[str, ...]
+"""Of a row: the cells that begin its line in a table."""
+Show: TypeAlias = Callable[[FloatArray, str], str]
+"""Text of the values ``(S,)`` of S units, from the values and the format of a number."""
+LEAST_WIDTH = 160
+"""Columns of a terminal that a table may have at least."""
+SAMPLES = 10_000
+
+
+class Watch:
+    """Receives the progress of an experiment; this one ignores it."""
+
+    fingerprint = "how progress is shown makes no difference"
+
+    def over(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        """Pass ``items`` through; ``what`` names them and ``total`` is their number if known."""
+        del what, total
+        yield from items
+
+    def say(self, line: str) -> None:
+        """A line of progress."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Where an experiment works.
+
+    Attributes:
+        store: keeps what was computed.
+        watch: receives the progress.
+    """
+
+    store: Store
+    watch: Watch = field(default_factory=Watch)
+
+
+@dataclass(frozen=True)
+class Study(Generic[Row, Unit, Found]):
+    """Rows × units.
+
+    Attributes:
+        rows: settings of each row, in the order of the table.
+        units: what every row is measured on.
+        measure: a function of a module ``(row's settings, unit) -> measurements``, annotated with what it returns (see
+            `Store.recall`): a number, or a dataclass or dictionary of numbers.
+        what: names the runs in the line of progress.
+    """
+
+    rows: Mapping[Name, Row]
+    units: Sequence[Unit]
+    measure: Callable[[Row, Unit], Found]
+    what: str = "runs"
+
+    def run(self, bench: Bench) -> dict[Name, list[Found]]:
+        """Measurements of each row, one a unit; each is kept at once, so that an interrupted study goes on."""
+        found: dict[Name, list[Found]] = {name: [] for name in self.rows}
+        jobs = [(unit, name) for unit in self.units for name in self.rows]
+        for unit, name in bench.watch.over(jobs, self.what, len(jobs)):
+            found[name].append(bench.store.recall(self.measure, self.rows[name], unit))
+        return found
+
+
+def paired_interval(first: FloatArray, second: FloatArray) -> tuple[float, float, float]:
+    """Mean of ``first - second`` over paired units ``(S,)``, and its interval of 95 % by Student's t."""
+    return interval(np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64))
+
+
+def interval(values: FloatArray) -> tuple[float, float, float]:
+    """Mean of ``values`` ``(S,)`` and its interval of 95 % by Student's t; NaN ends for one value.
+
+    >>> interval(np.array([1.0, 2.0, 3.0]))[0]
+    2.0
+    """
+    from scipy.stats import t
+
+    mean = float(np.mean(values))
+    if len(values) < 2:
+        return mean, float("nan"), float("nan")
+    half = float(t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
+    return mean, mean - half, mean + half
+
+
+def bootstrap(values: FloatArray) -> tuple[float, float, float]:
+    """Mean of ``values`` ``(S,)`` and its interval of 95 % over samples of S values drawn with replacement."""
+    rng = np.random.default_rng(0)
+    means = values[rng.integers(len(values), size=(SAMPLES, len(values)))].mean(axis=1)
+    low, high = np.quantile(means, (0.025, 0.975))
+    return float(values.mean()), float(low), float(high)
+
+
+def mean_only(values: FloatArray, form: str) -> str:
+    """The mean."""
+    return f"{np.mean(values):{form}}"
+
+
+def median_only(values: FloatArray, form: str) -> str:
+    """The median."""
+    return f"{np.median(values):{form}}"
+
+
+def at_quantile(values: FloatArray, form: str, share: float) -> str:
+    """The value below which a ``share`` of them lies."""
+    return f"{np.quantile(values, share):{form}}"
+
+
+def with_error(values: FloatArray, form: str) -> str:
+    """The mean and its standard error."""
+    error = np.std(values, ddof=1) / np.sqrt(len(values)) if len(values) > 1 else float("nan")
+    return f"{np.mean(values):{form}} ± {error:{form.lstrip('+')}}"
+
+
+def with_deviation(values: FloatArray, form: str) -> str:
+    """The mean and the standard deviation of the values."""
+    return f"{np.mean(values):{form}} ± {np.std(values):{form.lstrip('+')}}"
+
+
+def with_interval(values: FloatArray, form: str) -> str:
+    """The mean and its interval by Student's t."""
+    mean, low, high = (f"{one:{form}}" for one in interval(values))
+    return f"{mean} [{low}, {high}]" if len(values) > 1 else mean
+
+
+def with_bootstrap(values: FloatArray, form: str) -> str:
+    """The mean and its bootstrap interval."""
+    mean, low, high = (f"{one:{form}}" for one in bootstrap(values))
+    return f"{mean} [{low}, {high}]" if len(values) > 1 else mean
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table of measurements.
+
+    Attributes:
+        heading: above it.
+        value: of a measurement: a function, or its field or key; dots lead into nested ones. A number, or an array of
+            which all units' together are shown.
+        form: format of a number.
+        factor: times the value, such as 100 for percent.
+        show: the values of all units as text.
+        paper: the paper's value by row; a column of them then stands to the right.
+        gain: shows the differences to the base of `tabulated`, unit by unit, in a column to the right.
+    """
+
+    heading: str
+    value: str | Callable[[Any], Any] = float
+    form: str = ".2f"
+    factor: float = 1.0
+    show: Show = mean_only
+    paper: Mapping[Name, float] = field(default_factory=dict)
+    gain: Show | None = None
+
+    def values(self, found: Sequence[Any]) -> FloatArray:
+        """``(S,)`` values of S units."""
+        return self.factor * np.concatenate([np.atleast_1d(self._value(one)) for one in found]).astype(np.float64)
+
+    def _value(self, one: Any) -> Any:
+        if callable(self.value):
+            return self.value(one)
+        for part in self.value.split("."):
+            one = one[part] if isinstance(one, Mapping) else getattr(one, part)
+        return one
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as it is printed.
+
+    Attributes:
+        title: stands above it.
+        columns: headings.
+        rows: one cell a column.
+    """
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def markdown(self) -> str:
+        """The table in Markdown."""
+        lines = [self.columns, ["---"] * len(self.columns), *self.rows]
+        return "\n".join([f"{self.title}\n" if self.title else "", *(f"| {' | '.join(line)} |" for line in lines)])
+
+    def text(self) -> str:
+        """The table for a terminal."""
+        from rich.box import SIMPLE_HEAD
+        from rich.console import Console
+        from rich.table import Table as Shown
+
+        shown = Shown(title=self.title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+        for number, heading in enumerate(self.columns):
+            shown.add_column(heading, justify="right" if number else "left")
+        for row in self.rows:
+            shown.add_row(*row)
+        console = Console(width=max(LEAST_WIDTH, Console().width), color_system=None)
+        with console.capture() as capture:
+            console.print(shown)
+        return capture.get()
+
+
+def tabulated(
+    found: Mapping[Name, Sequence[Any]],
+    columns: Sequence[Column],
+    heads: Sequence[str] = ("",),
+    title: str = "",
+    base: Callable[[Name], Name] | Name | None = None,
+) -> Table:
+    """A line for each row.
+
+    Args:
+        found: measurements by row, one a unit, the units in the same order.
+        columns: of the table.
+        heads: headings of the cells of a row's name.
+        title: stands above.
+        base: the row that gains are over, or a function that names it for a row.
+    """
+    headings = list(heads)
+    for column in columns:
+        over = f" over {base}" if isinstance(base, str) else ""
+        headings += [column.heading, *(["paper"] if column.paper else [])]
+        headings += [f"{column.heading}{over}, 95 %"] if column.gain else []
+    lines = []
+    for name, own in found.items():
+        cells = [name] if isinstance(name, str) else list(name)
+        below = base(name) if callable(base) else base
+        for column in columns:
+            values = column.values(own)
+            cells.append(column.show(values, column.form))
+            if column.paper:
+                cells.append(f"{column.paper[name]:{column.form}}" if name in column.paper else "")
+            if column.gain and (below is None or below == name):
+                cells.append("")
+            elif column.gain and below is not None:
+                cells.append(column.gain(values - column.values(found[below]), f"+{column.form}"))
+        lines.append(cells)
+    return Table(title, headings, lines)
+
+
+def values_of(found: Mapping[Name, Sequence[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
+    """All measurements for results.json: of each row its name, a key a head, and ``runs``, one a unit."""
+    names = {name: (name,) if isinstance(name, str) else name for name in found}
+    return [{**dict(zip(heads, names[name], strict=True)), "runs": plain(runs)} for name, runs in found.items()]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A line of a plot.
+
+    Attributes:
+        label: in the legend.
+        x: ``(N,)``.
+        y: ``(N,)``.
+        error: ``(N,)``, or ``(2, N)`` below and above, of the bars; None for none.
+        style: of Matplotlib.
+    """
+
+    label: str
+    x: Sequence[float]
+    y: Sequence[float]
+    error: FloatArray | Sequence[float] | None = None
+    style: str = "o-"
+
+
+def curves(
+    panels: Mapping[str, Sequence[Curve]], across: Sequence[str], up: str, size: tuple[float, float] = (4.5, 3.6)
+) -> Figure:
+    """A panel beside the other, each with its lines and a legend; its axes can be changed afterwards.
+
+    Args:
+        panels: lines by title.
+        across: label of the horizontal axis of each panel.
+        up: label of the vertical axis of the first.
+        size: of a panel, inches.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(size[0] * len(panels), size[1]), dpi=100, layout="constrained")
+    for place, (title, lines) in enumerate(panels.items()):
+        axes = figure.add_subplot(1, len(panels), place + 1)
+        for number, one in enumerate(lines):
+            colour = COLOURS[number % len(COLOURS)]
+            axes.errorbar(one.x, one.y, one.error, fmt=one.style, color=colour, label=one.label, capsize=2)
+        axes.set_title(title, loc="left")
+        axes.set(xlabel=across[place], ylabel=up if place == 0 else "")
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False, fontsize="small")
+    return figure
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an experiment found.
+
+    Attributes:
+        values: all numbers, for results.json: dictionaries, lists and plain values.
+        tables: the paper's and ours.
+        plots: figures by name, written as NAME.png.
+        files: what else is written, by name: text, or the bytes of a picture.
+        notes: lines that stand below the tables.
+        finished: False where it was stopped by its own limit: then nothing but the notes is shown, and running it
+            again goes on.
+    """
+
+    values: Any = None
+    tables: Sequence[Table] = ()
+    plots: Mapping[str, Figure] = field(default_factory=dict)
+    files: Mapping[str, str | bytes] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+    finished: bool = True
+
+    def parts(self) -> Iterator[tuple[str, Callable[[Path], Any]]]:
+        """The files of the result: the name of each, and what writes it to a path."""
+        yield "results.json", partial(_write, content=json.dumps(self.values, indent=1) + "\n")
+        text = "\n\n".join([*(table.markdown() for table in self.tables), *self.notes])
+        yield "tables.md", partial(_write, content=text.strip() + "\n")
+        for name, figure in self.plots.items():
+            yield f"{name}.png", partial(figure.savefig, facecolor="white")
+        for name, content in self.files.items():
+            yield name, partial(_write, content=content)
+
+
+def _write(path: Path, content: str | bytes) -> None:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+
+
+def png(image: ImageArray) -> bytes:
+    """A picture as the bytes of a PNG file."""
+    import cv2
+
+    return bytes(cv2.imencode(".png", np.ascontiguousarray(image[:, :, ::-1]))[1])
+
+
+def at_least_one(**numbers: float) -> None:
+    """Refuse arguments below 1.
+
+    Raises:
+        RequestError: names the first of them.
+    """
+    for name, value in numbers.items():
+        if value < 1:
+            raise RequestError(f"`{name}`: expected at least 1, got {value}")
