@@ -172,7 +172,7 @@ COMMANDS: Tree = {
             "blobs": Experiment("coloured objects, beside components and SORT", "finite_sets.blobs"),
             "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),
             "association": Experiment("people and cars linked on given detections, with peers", "association"),
-            "end-to-end": Experiment("costs learnt through the flow", "end_to_end.end_to_end"),
+            "end-to-end": Experiment("costs learnt through the flow", "end_to_end"),
             "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
             "stereo-sphere": Experiment("a ball in space from two cameras", "sphere.stereo_sphere"),
             "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere.measured_points"),

@@ -228,7 +228,11 @@ def combined_scores(sums: FloatArray) -> dict[str, float]:
 
 
 def score_table(
-    title: str, rows: Mapping[str, FloatArray], bases: Sequence[str], settings: Mapping[str, str] = {}
+    title: str,
+    rows: Mapping[str, FloatArray],
+    bases: Sequence[str],
+    last: Mapping[str, str] | None = None,
+    heading: str = "settings",
 ) -> Table:
     """Scores of all sequences together, and how far each row is above some rows, with 95 % intervals over sequences.
 
@@ -236,7 +240,8 @@ def score_table(
         title: of the data set.
         rows: ``(S, 83)`` sums of each sequence, see `score_sums`.
         bases: names of the rows that all others are compared with.
-        settings: where those of a row come from, by its name.
+        last: a cell more by the name of a row; None leaves that column out.
+        heading: above it.
     """
     lines = []
     for name, sums in rows.items():
@@ -244,9 +249,10 @@ def score_table(
         cells = [*(f"{found[key]:.3f}" for key in SCORES), *(str(int(found[key])) for key in COUNTS[:3])]
         for base in bases:
             cells += [""] * 4 if base == name else _gains(sums, rows[base])
-        lines.append([name, *cells, settings.get(name, "")])
+        lines.append([name, *cells, *([] if last is None else [last.get(name, "")])])
     above = [f"{what} − {name}" for name in bases for what in ("HOTA", "MOTA", "IDF1", "IDSW")]
-    return Table("", (title, "HOTA", "DetA", "AssA", "MOTA", "IDF1", "IDSW", "FP", "FN", *above, "settings"), lines)
+    columns = (title, "HOTA", "DetA", "AssA", "MOTA", "IDF1", "IDSW", "FP", "FN", *above)
+    return Table("", columns if last is None else (*columns, heading), lines)
 
 
 def _gains(ours: FloatArray, theirs: FloatArray) -> list[str]:

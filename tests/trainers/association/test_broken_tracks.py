@@ -13,7 +13,7 @@ from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.data import RandomWindows
 from tsuiseki.trainers.association.labelled_flow import next_of_owner
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
-from tsuiseki.trainers.experiments.end_to_end.gradient import crossing
+from tsuiseki.trainers.experiments.end_to_end import crossing
 
 RATE = 10.0
 OFTEN = Breaks(copies=1, every=2.0, shortest=0.5, longest=1.0)

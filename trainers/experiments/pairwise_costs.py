@@ -26,11 +26,8 @@ from tsuiseki.trainers.association.data import RandomWindows
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
 from tsuiseki.trainers.association.graphs import Graph, Graphs
-from tsuiseki.trainers.experiments.association.sequences import Clip
-from tsuiseki.trainers.experiments.end_to_end.runs import learnable, learnt_changes, tracked
-from tsuiseki.trainers.experiments.end_to_end.simple_changes import Mixed
 
-Learner = Literal["logistic", "trees"]
+PairLearner = Literal["logistic", "trees"]
 # Trust in links and in detections, worth of a detection of even chances, cost of ends beyond the default.
 FIRST = (1.0, 0.5, -3.0, 0.0)
 # Share of the learnt change of what using a detection costs that is taken outside of training.
@@ -39,7 +36,7 @@ LOOKS, WINDOWS, SECONDS, MOST_LINKS = 30, 8, 3.0, 40_000
 
 
 class Classifier(Protocol):
-    """What both learners are to us."""
+    """A learner of either kind."""
 
     def decision_function(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` logits."""
@@ -108,20 +105,8 @@ class _Known:
         return np.asarray(self.graph.costs + np.concatenate([changes, links]))
 
 
-def pairwise_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], learner: Learner) -> list[FloatArray]:
-    """Tracks of ``tests`` by costs that were learnt on the pairs of ``train``."""
-    changes = fit_pairs(learnable(train), learner)
-    return [tracked(clip, changes) for clip in tests]
-
-
-def mixed_tables(train: tuple[Clip, ...], tests: tuple[Clip, ...], fit: Fit) -> list[FloatArray]:
-    """As `pairwise_tables` of trees, with links and joins by what was learnt through the flow."""
-    changes = Mixed(learnt_changes(train, fit), fit_pairs(learnable(train), "trees"))
-    return [tracked(clip, changes) for clip in tests]
-
-
 @threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]
-def fit_pairs(graphs: Sequence[Graphs], learner: Learner, seed: int = 0) -> PairChanges:
+def fit_pairs(graphs: Sequence[Graphs], learner: PairLearner, seed: int = 0) -> PairChanges:
     """The classifiers of links and detections, and their scalars.
 
     Args:
@@ -130,18 +115,16 @@ def fit_pairs(graphs: Sequence[Graphs], learner: Learner, seed: int = 0) -> Pair
         seed: of samples, windows and trees.
     """
     every = [one.detections for one in graphs]
-    detections = detection_classifier(
-        np.concatenate([one.detections for one in every]),
-        np.concatenate([one.owners >= 0 for one in every]),
-        learner,
-        seed,
-    )
-    link = link_classifier(
-        np.concatenate([one.links for one in every]),
-        np.concatenate([one.labelled[3 * len(one) :] > 0 for one in every]),
-        learner,
-        seed,
-    )
+    used = np.concatenate([one.detections for one in every])
+    somebody = np.concatenate([one.owners >= 0 for one in every])
+    links = np.concatenate([one.links for one in every])
+    right = np.concatenate([one.labelled[3 * len(one) :] > 0 for one in every])
+    sample = np.sort(np.random.default_rng(seed).permutation(len(links))[:MOST_LINKS])
+    # A sample of the links would miss right ones, of which there are few; all are taken, and the logit is corrected.
+    share = len(sample) / max(len(links), 1)
+    chosen = np.union1d(sample, np.flatnonzero(right))
+    link = _learnt(learner, links[chosen], right[chosen], np.where(right[chosen], 1.0, 1 / share), seed)
+    detections = _learnt(learner, used, somebody, np.ones(len(somebody)), seed)
     first = PairChanges(link, detections)
     windows = RandomWindows(graphs, SECONDS, WINDOWS, lambda: (seed, 0))
     known = [
@@ -152,23 +135,7 @@ def fit_pairs(graphs: Sequence[Graphs], learner: Learner, seed: int = 0) -> Pair
     return replace(first, scalars=_tuned(known))
 
 
-def link_classifier(rows: FloatArray, right: BoolArray, learner: Learner, seed: int = 0) -> Classifier:
-    """Learnt from ``(P, F)`` features of links, of which ``(P,)`` are right: from all right ones and a sample."""
-    rng = np.random.default_rng(seed)
-    sample = np.sort(rng.permutation(len(rows))[:MOST_LINKS])
-    # A sample of the links would miss right ones, of which there are few; all are taken, and the logit is corrected.
-    share = len(sample) / max(len(rows), 1)
-    chosen = np.union1d(sample, np.flatnonzero(right))
-    weight = np.where(right[chosen], 1.0, 1 / share)
-    return _learnt(learner, rows[chosen], right[chosen], weight, seed)
-
-
-def detection_classifier(rows: FloatArray, right: BoolArray, learner: Learner, seed: int = 0) -> Classifier:
-    """Learnt from ``(N, G)`` features of detections, of which ``(N,)`` lie on somebody."""
-    return _learnt(learner, rows, right, np.ones(len(right)), seed)
-
-
-def _learnt(learner: Learner, rows: FloatArray, right: BoolArray, weight: FloatArray, seed: int) -> Classifier:
+def _learnt(learner: PairLearner, rows: FloatArray, right: BoolArray, weight: FloatArray, seed: int) -> Classifier:
     if learner == "trees":
         made = HistGradientBoostingClassifier(
             max_iter=80, max_leaf_nodes=12, min_samples_leaf=60, l2_regularization=5.0, random_state=seed
