@@ -35,7 +35,7 @@ from tsuiseki.trainers.experiments.given_sequences import (
     tracks_of,
 )
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Study, Table
+from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -127,7 +127,7 @@ def reproduce(
         if "rates" in parts and one.key == "mot17":
             tables += [_rate_table(bench, one, sequences, rate) for rate in RATES]
         if "delays" in parts and one.key in ("mot17", "pets"):
-            delays = {name: LinkedBy("flow", delay) for name, delay in DELAYS.items()}
+            delays: dict[Name, LinkedBy] = {name: LinkedBy("flow", delay) for name, delay in DELAYS.items()}
             found = Study(delays, sequences, linked, f"{one.title}, delays").run(bench)
             title = f"{one.title}: delay of the flow"
             tables.append(score_table(title, _scored(bench, sequences, found), ("flow, all",)))
@@ -184,14 +184,17 @@ def _tracks(
     bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], environment: Peer | None
 ) -> tuple[dict[str, list[FloatArray]], dict[str, str]]:
     """The tracks of every row by sequence, and where its settings come from."""
-    ways = {str(method): LinkedBy(method) for method in SETTINGS}
+    ways: dict[Name, LinkedBy] = {method: LinkedBy(method) for method in SETTINGS}
     if any(given.pictures for given in sequences):
         ways[BOXES_ALONE] = LinkedBy("flow", pictures=False)
-    tracks = dict(Study(ways, sequences, linked, one.title).run(bench))
+    found = Study(ways, sequences, linked, one.title).run(bench)
+    tracks = {str(name): tables for name, tables in found.items()}
     tracks[UNFILLED] = [_detected_only(table) for table in tracks[FLOW]]
     settings = {**{str(method): where for method, where in SETTINGS.items()},
                 UNFILLED: SETTINGS["flow"], BOXES_ALONE: SETTINGS["flow"]}  # fmt: skip
-    for logistic in () if environment is None else (False, True) if one.logits else (False,):
+    if environment is None:
+        return tracks, settings
+    for logistic in (False, True) if one.logits else (False,):
         work = bench.watch.over(sequences, f"{one.title}, peers", len(sequences))
         answers = [bench.store.recall(peer_tracks, environment, PROGRAM, given, logistic) for given in work]
         for name in NAMES:

@@ -187,7 +187,7 @@ def reproduce(
     sets = [every[first : first + clips] for first in range(0, len(every), clips)]
     bench.watch.say("tracking")
     people = {"taken out": people_rows(sets), "left in": people_rows(sets, compensate=False)}
-    iterations = {m: by_iteration(every, m) for m in METHODS if m.startswith("flow-maf")}
+    iterations = {str(m): by_iteration(every, m) for m in METHODS if m.startswith("flow-maf")}
     bench.watch.say("recognising actions, showing switches")
     curves = {m: [people_row(people_scores(every, found)) for found in results] for m, results in iterations.items()}
     gains = action_gains(every, iterations["flow-maf"])

@@ -41,7 +41,7 @@ from tsuiseki.trainers.experiments.given_sequences import (
     table_sums,
 )
 from tsuiseki.trainers.experiments.pairwise_costs import PairLearner, fit_pairs
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Study, Table
+from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 DEFAULT, PAIRS, BOTH = "default", ("pairs, logistic", "pairs, boosted trees"), "both losses"
 # A fit through the flow, or what learns on pairs.
-LEARNERS: dict[str, Fit | PairLearner] = {
+LEARNERS: dict[Name, Fit | PairLearner] = {
     "Fenchel-Young": Fit(loss="fenchel_young"),
     "hinge": Fit(loss="hinge"),
     BOTH: Fit(),
@@ -149,7 +149,7 @@ def given_rows(
     bench: Bench,
     one: DataSet,
     sequences: Sequence[GivenSequence],
-    learners: Mapping[str, Fit | PairLearner] = LEARNERS,
+    learners: Mapping[Name, Fit | PairLearner] = LEARNERS,
 ) -> dict[str, FloatArray]:
     """``(S, 83)`` sums of each row of a data set; a sequence is tracked by what the other groups taught."""
     count = min(FOLDS[one.key], len(sequences))
