@@ -1,31 +1,136 @@
-"""Crops of people with their actions, cut once from labelled video and kept on disk.
-
-A clip becomes a folder: ``local_rgb.npy``, ``global_rgb.npy``, ``local_flow.npy`` and ``global_flow.npy``, each
-``(N, S, S, C)`` uint8, ``rows.npz`` with what they show, and ``settings.json``, which says how they were cut and is
-written last. The crops are larger than the network's input by a margin, so that training can shift them.
-"""
+"""Video in which people are labelled with what they do, of any layout."""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 from zipfile import BadZipFile
 
+import cv2
 import numpy as np
 
-from tsuiseki.datamodules.action_frames import ReadFrame, frame_reader
-from tsuiseki.datamodules.readers.acting import ActionSequence
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName, crop_squares, flow_to, square_boxes
 from tsuiseki.tracking.features.motion.optical_flow import FlowName
+from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES, VIDEO_SUFFIXES
+from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
+from tsuiseki.tracking.formats.okutama import check_frames
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import ActionLabels
+
+
+@dataclass(frozen=True)
+class ActionSequence:
+    """A video and what everybody in it does.
+
+    Attributes:
+        name: of the video.
+        files: one image a frame, by frame number; or one video file.
+        labels: in pixels of the frames.
+    """
+
+    name: str
+    files: tuple[Path, ...]
+    labels: ActionLabels
+
+    def digest(self) -> str:
+        """A digest of labels and files, by their names and sizes."""
+        rows = self.labels
+        content = hashlib.sha256()
+        for values in (rows.frames, rows.ids, np.round(rows.boxes, 3), rows.lost, rows.occluded, rows.actions):
+            content.update(np.ascontiguousarray(values).tobytes())
+        content.update(repr([(path.name, path.stat().st_size) for path in self.files]).encode())
+        return content.hexdigest()[:32]
+
+
+def action_sequences(folder: str | Path, multiple_actions: bool = False) -> list[ActionSequence]:
+    """The videos at ``folder`` that are labelled with actions: of Okutama-Action, of Drone-Action, or generated clips.
+
+    Args:
+        folder: see `open_labelled`.
+        multiple_actions: of Okutama-Action, read ``MultiActionLabels``, with all actions but ids that change every 180
+            frames.
+
+    Raises:
+        RequestError: there is none, labels are broken, frames are missing, or frames and labels do not match.
+    """
+    found = [video for video in open_labelled(Path(folder), multiple_actions) if video.read_actions is not None]
+    if not found:
+        raise RequestError(f"{folder}: expected video labelled with actions, found none")
+    return [_sequence(video) for video in found]
+
+
+def _sequence(video: LabelledVideo) -> ActionSequence:
+    if not video.files:
+        place = f"Drone*/*/Extracted-Frames-1280x720/{video.name}/, or img1/ of a generated clip"
+        raise RequestError(f"{video.name}: expected its frames in {place}; found none")
+    if video.length is None:
+        return ActionSequence(video.name, video.files, video.actions())
+    first = cv2.imread(str(video.files[0]))
+    if first is None:
+        raise RequestError(f"{video.files[0]}: expected an image, got something unreadable")
+    size = (first.shape[1], first.shape[0])
+    labels = video.actions(size)
+    # Drone-Action's labels are in pixels of their frames, whatever those are.
+    if labels.class_names != DRONE_ACTION_CLASSES:
+        check_frames(labels, video.length, size, video.name)
+    return ActionSequence(video.name, video.files, labels)
+
+
+# (H, W, 3) uint8 RGB of a 0-based frame number; numbers are asked for in rising order.
+ReadFrame: TypeAlias = Callable[[int], ImageArray]
+
+
+def frame_reader(sequence: ActionSequence) -> ReadFrame:
+    """What reads the frames of ``sequence``; it raises RequestError where one cannot be read."""
+    files = sequence.files
+    if len(files) == 1 and files[0].suffix.lower() in VIDEO_SUFFIXES:
+        return ForwardVideo(files[0])
+    return lambda number: read_image(files[number])
+
+
+class ForwardVideo:
+    """Frames of a video file, asked for in rising order; what lies between is passed over.
+
+    Args:
+        path: of the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._capture = cv2.VideoCapture(str(path))
+        self._next = 0
+
+    def __call__(self, number: int) -> ImageArray:
+        """``(H, W, 3)`` uint8 RGB of the frame ``number``.
+
+        Raises:
+            RequestError: the video ends before, or cannot be decoded there.
+            ValueError: the frame lies before the last one.
+        """
+        if number < self._next:
+            raise ValueError(f"expected frames in rising order, got {number} after {self._next - 1}")
+        while self._next <= number:
+            if not self._capture.grab():
+                raise RequestError(
+                    f"{self.path}: expected a video of at least {number + 1} frames, got {self._next}; "
+                    "are its labels those of another video?"
+                )
+            self._next += 1
+        decoded, image = self._capture.retrieve()
+        if not decoded:
+            raise RequestError(f"{self.path}: frame {number + 1} cannot be decoded")
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
 
 VERSION = 2
 

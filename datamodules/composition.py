@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.datamodules.augmentation import Example
-from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
+from tsuiseki.datamodules.scenes.people.person import render_person_sprite
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.rendered_people import put_before, put_on_ground
+from tsuiseki.datamodules.identity_crops import put_before, put_on_ground
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, empty_view, fit_size_by_row
-from tsuiseki.datamodules.readers.images import labelled_images
-from tsuiseki.datamodules.scenes.street.conventions import BoxConvention
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.datamodules.labelled_images import labelled_images, read_image
+from tsuiseki.datamodules.scenes.training_pictures import BoxConvention
 from tsuiseki.tracking.types import ImageArray
 
 # Most bytes of decoded images kept of one source; beyond it they are decoded anew each time.
@@ -134,15 +131,3 @@ class Footage:
             cutouts = [cut_out_people(e, background.image) for e in examples]
             self.views.append(FixedView(background, cutouts, fit_size_by_row(boxes)))
             self._place += [(number, frame) for frame in range(len(members))]
-
-
-def read_image(path: Path) -> ImageArray:
-    """``(H, W, 3)`` uint8 RGB.
-
-    Raises:
-        RequestError: the file is no image.
-    """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if image is None:
-        raise RequestError(f"expected an image at {path}, got something that cannot be decoded; replace or remove it")
-    return np.asarray(image, dtype=np.uint8)

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.formats.drone.actions import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.drone.okutama import actions_of, write_okutama
+from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.formats.okutama import actions_of, write_okutama
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 REPOSITORY = Path(__file__).resolve().parent.parent

@@ -11,13 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
-from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, write_blobs
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
-from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, write_blobs
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.types import Frame, Targets
 from tsuiseki.tracking.video.source import LiveSource, open_source
 from tsuiseki.tracking.video.webm import VideoWriter

@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.readers.images import LabelledImage, labelled_images
+from tsuiseki.datamodules.labelled_images import LabelledImage, labelled_images
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc, evaluate_retrieval
 from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.preprocessing import crop_boxes

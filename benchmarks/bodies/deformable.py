@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, plan_goldfish
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker

@@ -12,7 +12,7 @@ import argparse
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.filters.motion.learnt_motion import LearntMotion, PrincipalComponents
 from tsuiseki.tracking.types import FloatArray

@@ -16,19 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
-from tsuiseki.trainers.experiments.goldfish.fair_test import learn_exactly
-from tsuiseki.trainers.experiments.goldfish.runs import Clip, prepare_clip
-from tsuiseki.trainers.experiments.goldfish.trials import BODY, EXTRACTION, TRACKER
+from tsuiseki.tracking.formats.silhouettes import centre_inside
+from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.experiments.goldfish import BODY, TRACKER, FishClip, prepare_clip
 
 FISH, FIRST_SEED = 5, 8_000_000
 
 
-def followed(clip: Clip, motion: BodyMotion, particles: int, rows: list[int]) -> int:
+def followed(clip: FishClip, motion: BodyMotion, particles: int, rows: list[int]) -> int:
     """How many of the fish ``rows``, followed by one tracker from their exact first states, are there to the end."""
     starts = np.array([clip.fish[row].states[0] for row in rows])
     tracker = DeformableTracker(BODY, motion, None, replace(TRACKER, particles=particles), starts, 0)
@@ -52,11 +51,12 @@ def main() -> None:
             write_goldfish(Path(folder) / f"{n}", GoldfishSettings(fish=FISH), FIRST_SEED + n)
             for n in range(asked.clips + 1)
         ]
-        _, learnt = learn_exactly(folders[:1])
-        clips = [prepare_clip(one, BODY, EXTRACTION) for one in folders[1:]]
+        clips = [prepare_clip(one) for one in folders]
+    exact = [fish.states for fish in clips.pop(0).fish]
+    learnt = learn_motion(exact, BODY.name, BODY.fields, BODY.angles, GoldfishSettings().frame_rate)
     motions: Mapping[str, BodyMotion] = {
         "wide random walk": RandomWalk(wide_noise(BODY)),
-        "learnt, 1.6 times as wide": learnt.motion.widened(1.6).proposal(),
+        "learnt, 1.6 times as wide": learnt.widened(1.6).proposal(),
     }
     print(f"{asked.clips * FISH} fish, {asked.particles} particles each      together    each on its own")
     for name, motion in motions.items():

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, draw_street, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, draw_street, plan_street
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections, labelled_boxes
 from tsuiseki.tracking.features.ground_plane import GroundPlane
 from tsuiseki.tracking.features.networks.exported import open_detector

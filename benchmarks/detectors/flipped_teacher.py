@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from benchmarks.detectors.accuracy import sequences
-from tsuiseki.datamodules.readers.images import labelled_images
+from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.models.distillation import SoftTargets
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.preprocessing import fit_image

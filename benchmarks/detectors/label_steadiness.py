@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, draw_street, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, draw_street, plan_street
 from tsuiseki.tracking.formats.mot import read_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import Sequence, read_sequence
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, read_sequence
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 SMALLEST = 40.0
@@ -42,7 +42,7 @@ def main() -> None:
         report(f"generated street {seed + 1}", StreetSettings().frame_rate, street_tracks(7100 + seed))
 
 
-def labelled_tracks(sequence: Sequence) -> Iterator[Track]:
+def labelled_tracks(sequence: MotSequence) -> Iterator[Track]:
     """The people who count."""
     truth = read_ground_truth(sequence.ground_truth_path)
     count = truth.evaluated

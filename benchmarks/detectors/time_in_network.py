@@ -13,7 +13,7 @@ import time
 from typing import Any
 
 from benchmarks.machine import machine
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, street_frames
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, street_frames
 from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 

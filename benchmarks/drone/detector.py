@@ -20,7 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.readers.images import LabelledImage, labelled_images
+from tsuiseki.datamodules.labelled_images import LabelledImage, labelled_images
 from tsuiseki.tracking.drone.observations import Observers, observe
 from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.networks.exported import Detector

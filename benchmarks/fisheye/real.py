@@ -40,7 +40,7 @@ from tsuiseki.tracking.fisheye.tracker import DEFAULT_FLOW, FisheyeSettings
 from tsuiseki.tracking.fisheye.tracking import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import UnrollingSettings
 from tsuiseki.tracking.fisheye.view import CeilingView
-from tsuiseki.tracking.formats.space.rotated import (
+from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,
     about_bodies,
     as_detections,

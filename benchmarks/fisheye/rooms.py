@@ -14,12 +14,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.rooms.ceiling import Room
+from tsuiseki.datamodules.scenes.room_clip import Room
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.features.networks.exported import Detect, Detector
 from tsuiseki.tracking.fisheye.looking import DETECTORS, looking
 from tsuiseki.tracking.fisheye.unrolled import UnrollingSettings
-from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, about_bodies
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped

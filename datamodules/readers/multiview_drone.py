@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.cameras.calibration import Intrinsics
-from tsuiseki.tracking.cameras.files import read_intrinsics
+from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.clip_files import ClipSettings, numbered, write_image
-from tsuiseki.datamodules.scenes.fish.drawing import Drawn, within
+from tsuiseki.datamodules.scenes.clip import ClipSettings, numbered, write_image
+from tsuiseki.datamodules.scenes.fish_drawing import Drawn, within
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.silhouettes import FOLDER, write_silhouettes
-from tsuiseki.tracking.formats.bodies.states import write_states
+from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.formats.silhouettes import FOLDER, write_silhouettes
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import exact_track

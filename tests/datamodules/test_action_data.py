@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.action import ActionData
-from tsuiseki.datamodules.action_batches import ActionAugmentation, ActionBatches, changed, draw_changes
-from tsuiseki.datamodules.action_crops import CropSettings, cut_clip, has_crops, load_crops
-from tsuiseki.datamodules.readers.acting import action_sequences
+from tsuiseki.datamodules.action_crops import CropSettings, action_sequences, cut_clip, has_crops, load_crops
+from tsuiseki.datamodules.action_data import ActionAugmentation, ActionBatches, ActionData, changed, draw_changes
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import NO_MOTION, STREAMS
 

@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.appearance import AppearanceData, IdentityBatches
+from tsuiseki.datamodules.appearance_data import AppearanceData, IdentityBatches
 from tsuiseki.datamodules.crop_augmentation import CropAugmentation, augment_crop, draw_camera
 from tsuiseki.datamodules.identity_crops import (
     IdentityCrops,
     crops_from_folder,
     cut_with_margin,
     join_crops,
+    put_on_ground,
     read_crops,
+    render_people,
     uncovered,
     write_crops,
 )
-from tsuiseki.datamodules.rendered_people import put_on_ground, render_people
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import crop_boxes
 from tsuiseki.tracking.formats.mot import write_ground_truth

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from tsuiseki.datamodules.augmentation import Example
-from tsuiseki.datamodules.detection import (
+from tsuiseki.datamodules.detection_data import (
     IGNORED,
     PADDING,
     PERSON,
@@ -21,8 +21,8 @@ from tsuiseki.datamodules.detection import (
     collate,
 )
 from tsuiseki.datamodules.footage import Footage, Source
-from tsuiseki.datamodules.scene_images import write_scene_images
-from tsuiseki.datamodules.scenes.street.training import TrainingSettings
+from tsuiseki.datamodules.generated_pictures import write_scene_images
+from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence

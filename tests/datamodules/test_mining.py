@@ -11,7 +11,7 @@ import pytest
 
 from tsuiseki.datamodules import mining
 from tsuiseki.datamodules.augmentation import Augmentation
-from tsuiseki.datamodules.detection import NO_COMPOSITION, DetectionData, TrainingExamples
+from tsuiseki.datamodules.detection_data import NO_COMPOSITION, DetectionData, TrainingExamples
 from tsuiseki.datamodules.footage import Footage, Source
 from tsuiseki.datamodules.mining import FalseBoxes, Mining, is_false, mine
 from tsuiseki.tracking.errors import RequestError

@@ -12,10 +12,10 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
 from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet
 from tsuiseki.tracking.features.action_inputs import STREAMS, ActionInput, StreamName
-from tsuiseki.tracking.formats.drone.okutama import OKUTAMA_ACTIONS
+from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.video.webm import VideoWriter
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
-from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+from tsuiseki.datamodules.scenes.people.person import render_person_sprite
 from tsuiseki.models.backbones import build_trunk
 from tsuiseki.models.detector import people_detector
 from tsuiseki.tracking.cli import main

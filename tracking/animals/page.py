@@ -8,10 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.formats.bodies.point_table import PointTable
 from tsuiseki.tracking.report.overlay import draw_label, track_colour, write_drawn
 from tsuiseki.tracking.types import Frame, ImageArray
-from tsuiseki.tracking.types.tracks import BodyTrack
+from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
 
 
 def draw_animals(frame: Frame, tracks: Sequence[BodyTrack], points: PointTable | None = None) -> ImageArray:

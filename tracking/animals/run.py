@@ -41,9 +41,9 @@ def animals(
         video_background,
     )
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.formats.bodies.points import write_deeplabcut, write_sleap
-    from tsuiseki.tracking.formats.bodies.sleap_hdf5 import hdf5_installed, write_sleap_analysis
-    from tsuiseki.tracking.formats.bodies.states import write_states
+    from tsuiseki.tracking.formats.body_points import write_deeplabcut, write_sleap
+    from tsuiseki.tracking.formats.body_states import write_states
+    from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, write_sleap_analysis
 
     source = video.open(images=True, replayable=True, timed=True)
     table = skeleton.table()

@@ -16,8 +16,8 @@ from tsuiseki.tracking.animals.linking import Animal
 from tsuiseki.tracking.animals.pose import AnimalPose
 from tsuiseki.tracking.animals.skeleton import Skeleton, line_of
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.point_table import PointTable
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.tracks import PointTable
 
 TOUCHING = 0.5
 """Animals nearer than so many lengths may be mistaken for each other."""

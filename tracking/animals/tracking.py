@@ -21,12 +21,11 @@ from tsuiseki.tracking.animals.skeletons import (
 from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Background, Contrast, learn_background
-from tsuiseki.tracking.formats.bodies.point_table import PointTable
-from tsuiseki.tracking.formats.bodies.points import read_poses_file
+from tsuiseki.tracking.formats.body_points import read_poses_file
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.frame_range import parse_frames
-from tsuiseki.tracking.types.tracks import BodyTrack
+from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
 from tsuiseki.tracking.video.source import Source, open_source
 
 SAMPLED = 32

@@ -19,7 +19,7 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
     from tsuiseki.tracking.bodies.state_plots import plot_states
     from tsuiseki.tracking.bodies.tracking import CONTRASTS, columns_of
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.formats.bodies.states import write_states
+    from tsuiseki.tracking.formats.body_states import write_states
 
     source = video.open(images=True)
     tracker = choice.tracker(source, output.seed)

@@ -27,8 +27,7 @@ from tsuiseki.tracking.bodies.contour import (
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import Proposal, bootstrap, each_frame
 from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, draw
-from tsuiseki.tracking.filters.particles.annealed import Annealed
-from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber, ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.particles.weights import weighted_mean
 from tsuiseki.tracking.types import FloatArray, Frame, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
@@ -51,7 +50,6 @@ class DeformableSettings:
         searching_beyond: a body whose contour is farther than this from the edges is not seen there, pixels.
         patience: frames unseen until a body is lost.
         smooth: side in pixels of the median filter of the extraction; 1 leaves it out.
-        layers: 1 draws particles from the motion; 2 draws again near the better ones (`Annealed`), at twice the cost.
     """
 
     particles: int = 500
@@ -61,14 +59,11 @@ class DeformableSettings:
     searching_beyond: float = 15.0
     patience: int = 10
     smooth: int = 5
-    layers: int = 1
 
     def __post_init__(self) -> None:
         for name, least in (("particles", 1), ("margin", 0), ("patience", 0)):
             if getattr(self, name) < least:
                 raise RequestError(f"`{name}`: expected a whole number from {least}, got {getattr(self, name)}")
-        if self.layers not in (1, 2):
-            raise RequestError(f"`layers`: expected 1 or 2, got {self.layers}")
         if self.smooth < 1 or self.smooth % 2 == 0:
             raise RequestError(f"`smooth`: expected an odd number of pixels, got {self.smooth}")
         if not 0 < self.spread < np.inf:
@@ -128,7 +123,6 @@ class DeformableTracker:
         settings: see `DeformableSettings`.
         starts: ``(K, D)`` states in the first frame; None finds the bodies there.
         seed: of the particles.
-        adaptive: chooses the number of particles at every step; None keeps the number.
     """
 
     def __init__(
@@ -139,7 +133,6 @@ class DeformableTracker:
         settings: DeformableSettings | None = None,
         starts: FloatArray | None = None,
         seed: int = 0,
-        adaptive: AdaptiveNumber | None = None,
     ) -> None:
         self.body, self.motion, self.extraction = body, motion, extraction
         self.settings = settings or DeformableSettings()
@@ -150,11 +143,7 @@ class DeformableTracker:
         self._records: dict[int, _Record] = {}
         self._likelihood = ContourLikelihood(self.settings.spread, self.settings.hidden_cost)
         self._move: Proposal[BodyView] = bootstrap(each_frame(partial(draw, motion)))
-        if self.settings.layers == 2:
-            self._move = Annealed(motion, self._log_likelihood)
-        self._filter: ParticleFilter[BodyView] = ParticleFilter(
-            self._propose, self._log_likelihood, threshold=1.0, adaptive=adaptive
-        )
+        self._filter: ParticleFilter[BodyView] = ParticleFilter(self._propose, self._log_likelihood, threshold=1.0)
 
     def update(self, frame: Frame) -> None:
         """Take the next frame.

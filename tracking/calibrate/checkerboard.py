@@ -29,7 +29,7 @@ def checkerboard(
         every: use every so many frames of a video.
     """
     from tsuiseki.tracking.calibrate.checkerboard_files import calibrate_from_checkerboards
-    from tsuiseki.tracking.cameras.files import write_intrinsics
+    from tsuiseki.tracking.cameras.intrinsic_files import write_intrinsics
     from tsuiseki.tracking.cli.progress import progress
 
     if min(corners) < 3 or corners[0] == corners[1] or every < 1:

@@ -89,7 +89,7 @@ class FloorPose(LensSizes):
     def camera(self, file: Path) -> tuple[PinholeCamera | OmnidirectionalCamera, list[str]]:
         """The camera whose lens is in ``file``, in its place, and what is to be told of the fit."""
         from tsuiseki.tracking.calibrate.point_files import locate_from_points
-        from tsuiseki.tracking.cameras.files import read_intrinsics
+        from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
         from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
         from tsuiseki.tracking.cameras.pose import pose_at
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.cameras.calibration import Calibration, calibrate_camera, locate_camera
-from tsuiseki.tracking.cameras.files import read_intrinsics
+from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import PersonModel, stand
 from tsuiseki.tracking.cameras.pose import Camera, locate_over_floor
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.space.correspondences import Correspondences, read_correspondences, read_floor_points
+from tsuiseki.tracking.formats.correspondences import Correspondences, read_correspondences, read_floor_points
 from tsuiseki.tracking.types import FloatArray
 
 REACH = 10.0

@@ -27,7 +27,7 @@ def points(
             fitted then, and the lens may distort.
     """
     from tsuiseki.tracking.calibrate.point_files import calibrate_from_points, described
-    from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+    from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 
     groups, found = calibrate_from_points(file, size.image_size, intrinsics)
     placed = [PlacedCamera(group.camera, one.camera, rate.frame_rate) for group, one in zip(groups, found, strict=True)]

@@ -33,7 +33,7 @@ def pose(
         person_height: of the model of a person, metres.
     """
     from tsuiseki.tracking.calibrate.point_files import floor_about, standing
-    from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, write_floor_cameras
+    from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_cameras
     from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
 
     camera, lines = place.camera(file)
@@ -43,7 +43,7 @@ def pose(
     area = floor_about(camera, floor)
     if stand is not None:
         lines.append(standing(camera, area, stand, person_height))
-    placed = CameraOverFloor(name, camera, area, rate.frame_rate)
-    output.write(output.out, lambda path: write_floor_cameras(path, [placed]))
+    placed = CameraOverFloor(name, camera, rate.frame_rate, floor=area)
+    output.write(output.out, lambda path: write_cameras(path, [placed]))
     x, y, z = (camera.position.round(6) + 0.0).tolist()
     print("\n".join([*lines, f"{name}: at {x:.3f}, {y:.3f}, {z:.3f} m: {output.out}"]))

@@ -24,7 +24,7 @@ import numpy as np
 import yaml
 from numpy.polynomial import Polynomial
 
-from tsuiseki.tracking.cameras.files import HALF_PIXEL, read_intrinsics
+from tsuiseki.tracking.cameras.intrinsic_files import HALF_PIXEL, read_intrinsics
 from tsuiseki.tracking.cameras.lens_fitting import (
     EquidistantLens,
     UnifiedLens,

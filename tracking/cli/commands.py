@@ -48,15 +48,16 @@ class Command:
 
 @dataclass(frozen=True)
 class Experiment(Command):
-    """A paper's experiment in the module ``place`` of `tsuiseki.trainers.experiments`."""
+    """A paper's experiment: ``module`` or ``module:function`` in `tsuiseki.trainers.experiments`."""
 
     def load(self, words: Sequence[str]) -> Callable[..., Any]:
         """See `Command.load`."""
         from tsuiseki.tracking.cli.reproduce import reproduction
 
+        module, _, function = self.place.partition(":")
         with needs_train_extra():
-            found = importlib.import_module(f"tsuiseki.trainers.experiments.{self.place}")
-        return reproduction(words[-1], found.reproduce)
+            found = importlib.import_module(f"tsuiseki.trainers.experiments.{module}")
+        return reproduction(words[-1], getattr(found, function or "reproduce"))
 
 
 @dataclass(frozen=True)
@@ -146,13 +147,15 @@ COMMANDS: Tree = {
     "evaluate": Group(
         "score results against labels",
         {
-            "people": Command("tracks: HOTA, MOTA, IDF1 and more"),
-            "detection": Command("detections: average precision"),
-            "single": Command("one target: success and precision"),
-            "coverage": Command("tracks of many on one labelled person: coverage and switches"),
-            "points": Command("tracked points: OSPA, GOSPA and more"),
-            "states": Command("bodies that bend: position, heading, identity"),
-            "action": Command("what people do: F1 and average precision"),
+            "people": Command("tracks: HOTA, MOTA, IDF1 and more", "tracking.cli.evaluate:people"),
+            "detection": Command("detections: average precision", "tracking.cli.evaluate:detection"),
+            "single": Command("one target: success and precision", "tracking.cli.evaluate:single"),
+            "coverage": Command(
+                "tracks of many on one labelled person: coverage and switches", "tracking.cli.evaluate:coverage"
+            ),
+            "points": Command("tracked points: OSPA, GOSPA and more", "tracking.cli.evaluate:points"),
+            "states": Command("bodies that bend: position, heading, identity", "tracking.cli.evaluate:states"),
+            "action": Command("what people do: F1 and average precision", "tracking.cli.evaluate:action"),
         },
     ),
     "reproduce": Group(
@@ -162,10 +165,7 @@ COMMANDS: Tree = {
                 "correlation filters selected by a particle filter", "single.multi_correlation_filter"
             ),
             "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets.phd"),
-            "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish.pca_particle_filter"),
-            "goldfish-correlation": Experiment(
-                "whether shape and motion drawn together help few particles", "goldfish.fair_test"
-            ),
+            "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish"),
             "drone-action-features": Experiment("tracks and actions from a drone improve each other", "drone"),
             "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "finite_sets.unseen"),
             "phd-motions": Experiment("targets that are calm and agile by turns", "finite_sets.motions"),

@@ -12,8 +12,6 @@ import yaml
 from tsuiseki.tracking.errors import RequestError
 
 MOST_BYTES = 1_000_000
-# Nested aliases stand for billions of values in a few lines.
-MOST_VALUES = 100_000
 
 
 def config_text(path: Path, command: Sequence[str]) -> str:
@@ -28,16 +26,16 @@ def config_text(path: Path, command: Sequence[str]) -> str:
     """
     text = _text(path)
     try:
+        # Nested aliases stand for billions of values in a few lines.
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
+            raise RequestError(f"`config`: expected YAML of options in {path}, got aliases; write their values out")
         node = yaml.compose(text, Loader=yaml.SafeLoader)
-        count = 0 if node is None else _values(node, {})
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark is not None else ""
         raise RequestError(
             f"`config`: expected YAML of options in {path}, got something that cannot be read{where}"
         ) from error
-    if count > MOST_VALUES:
-        raise RequestError(f"`config`: expected YAML of options in {path}, got aliases that stand for too many values")
     if node is None:
         return "{}"
     if not isinstance(node, yaml.MappingNode):
@@ -58,20 +56,6 @@ def _text(path: Path) -> str:
         raise RequestError(f"`config`: expected YAML of options in {path}, got something binary") from error
     except OSError as error:
         raise RequestError(f"`config`: cannot read {path}: {error.strerror}") from error
-
-
-def _values(node: yaml.Node, known: dict[int, int]) -> int:
-    """How many values ``node`` stands for, every alias counted."""
-    if id(node) in known:
-        return known[id(node)]
-    known[id(node)] = MOST_VALUES + 1  # an alias inside of what it names has no end
-    parts: list[yaml.Node] = []
-    if isinstance(node, yaml.MappingNode):
-        parts = [part for pair in node.value for part in pair]
-    elif isinstance(node, yaml.SequenceNode):
-        parts = node.value
-    known[id(node)] = 1 + sum(_values(part, known) for part in parts)
-    return known[id(node)]
 
 
 def _settings(path: Path, record: dict[str, Any], command: Sequence[str]) -> dict[str, Any]:

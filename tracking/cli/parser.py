@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeGuard, get_type_hints
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
-from jsonargparse._actions import ActionConfigFile, _ActionConfigLoad
 
 from tsuiseki.tracking.cli.config import config_text
 from tsuiseki.tracking.cli.options import Given, Output
@@ -210,7 +209,7 @@ def build_parser(prog: str, function: Callable[..., Any], every_option: bool = F
         else:
             value = {"required": True} if option.required else {"default": option.default}
             parser.add_argument(f"--{option.name}", type=option.kind, help=option.text, **value)
-    parser.add_argument("--config", action=ActionConfigFile, metavar="FILE", help=CONFIG_HELP)
+    parser.add_argument("--config", action="config", metavar="FILE", help=CONFIG_HELP)
     if groups := [f"--{option.name}.*" for option in options if option.grouped]:
         parser.add_argument("--help_all", action="help", help=f"also show {', '.join(groups)}")
     _show_as_typed(parser._actions, parser._option_string_actions)
@@ -266,7 +265,7 @@ def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> N
     for action in actions:
         if action.dest == "help":
             action.help = "show this help and exit"
-        elif action.dest.endswith(".help") or isinstance(action, _ActionConfigLoad):
+        elif action.dest.endswith(".help") or action.metavar == "CONFIG":
             action.help = SUPPRESS
         elif "print_config" in action.dest:
             action.help = PRINT_HELP

@@ -32,6 +32,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -45,6 +46,7 @@ from tsuiseki.tracking.types.frame_range import FrameRange
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
+    from tsuiseki.tracking.result import Result, Writer
     from tsuiseki.tracking.types import Frame
     from tsuiseki.tracking.video.source import Source
 
@@ -225,6 +227,16 @@ class Run:
         for path in sorted(part.iterdir()):
             path.replace(self.work / path.name)
         self._written = True
+
+    def save(self, result: Result[Any]) -> None:
+        """Write the files of ``result``, and take what it knows into ``run.json``."""
+        self.columns = result.frames
+        self.facts |= result.facts
+        for name, write in result.files.items():
+            self.write(name, partial(self._beside, write))
+
+    def _beside(self, write: Writer, path: Path) -> object:
+        return write(path, self.work)
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""

@@ -20,8 +20,7 @@ CLIP_FOLDER, THRESHOLD = "drone", 0.4
 
 def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
-    from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-    from tsuiseki.datamodules.scenes.drone.files import write_drone
+    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
     from tsuiseki.tracking.drone.models import DroneModels

@@ -55,7 +55,7 @@ def demo(
         return demo_drone(output, frames, threads)
     if assets is not None and not train:
         raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
-    from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
@@ -122,7 +122,7 @@ def record_method(
 def show_scores(demo: DemoResult, out: Path, what: str) -> None:
     """Print the scores of all methods, and where the report is; ``what`` it shows."""
     from tsuiseki.tracking.demo.page import why_not_best
-    from tsuiseki.tracking.evaluation.table import people_table, show
+    from tsuiseki.tracking.evaluation.tables import people_table, show
 
     show(people_table(demo.scores))
     for line in why_not_best(demo):

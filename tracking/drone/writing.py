@@ -14,7 +14,7 @@ from tsuiseki.tracking.drone.page import ActionReport, action_page, captions_of
 from tsuiseki.tracking.drone.tracker import DroneSettings
 from tsuiseki.tracking.drone.tracking import DroneResult, link
 from tsuiseki.tracking.drone.video_observations import video_observations
-from tsuiseki.tracking.formats.drone.acting_tracks import write_acting_tracks
+from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.report.overlay import write_overlay
 from tsuiseki.tracking.video.source import Source

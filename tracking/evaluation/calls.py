@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence, restrict
-from tsuiseki.tracking.evaluation.pairs import match_results
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks
 from tsuiseki.tracking.evaluation.points import evaluate_points as score_points
+from tsuiseki.tracking.evaluation.result_files import match_results
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.evaluation.truths import Truth, read_truths
 from tsuiseki.tracking.types import Estimate, FloatArray, Track

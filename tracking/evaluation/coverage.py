@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
+from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP, restrict
 from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
+from tsuiseki.tracking.evaluation.result_files import (
+    RESULT_PLACES,
+    SINGLE_RESULT_PLACES,
+    result_file,
+    warn_of_other_frames,
+)
+from tsuiseki.tracking.evaluation.tables import by_sequence, score_table
+from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.types import IntArray, Track
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 @dataclass(frozen=True)
@@ -63,3 +78,97 @@ def spans(frames: IntArray, values: IntArray) -> list[Span]:
     breaks = np.flatnonzero((np.diff(frames) != 1) | (np.diff(values) != 0)) + 1
     pieces = np.split(np.arange(len(frames)), breaks) if len(frames) else []
     return [Span(int(frames[p[0]]), int(frames[p[-1]]), int(values[p[0]])) for p in pieces]
+
+
+@dataclass(frozen=True)
+class TargetCoverage:
+    """Tracks against one labelled target.
+
+    Attributes:
+        labelled: frames in which the target is labelled.
+        covered: of them, those in which a track is on it.
+        tracks: that are on it in some frame.
+        switches: how often another track than the last one is on it.
+        longest: frames in a row with the same track on it.
+        first: frame of the first of them all, from 0; None where no track ever is.
+        others: tracks that are never on it.
+    """
+
+    labelled: int
+    covered: int
+    tracks: int
+    switches: int
+    longest: int
+    first: int | None
+    others: int
+
+
+def target_coverage(boxes: np.ndarray, tracks: Sequence[Track], overlap: float = 0.5) -> TargetCoverage:
+    """Which of ``tracks`` are on a target when.
+
+    Args:
+        boxes: ``(T, 4)`` of the target, NaN where it is not to be seen.
+        tracks: of everybody.
+        overlap: of boxes from which a track is on the target, in (0, 1].
+    """
+    frames = np.flatnonzero(np.isfinite(boxes).all(axis=1))
+    if not len(frames):
+        return TargetCoverage(0, 0, 0, 0, 0, None, len(tracks))
+    everyone = np.ones(len(frames), dtype=np.bool_)
+    truth = GroundTruth(frames, everyone.astype(np.int64), boxes[frames], everyone, ~everyone, np.ones(len(frames)))
+    (found,) = coverage(truth, tracks, overlap)
+    ids = found.track_ids
+    on = ids[ids > 0]
+    stretches = [span.last - span.first + 1 for span in spans(found.frames, ids) if span.value]
+    return TargetCoverage(
+        len(frames), len(on), len(np.unique(on)), int((np.diff(on) != 0).sum()), max(stretches, default=0),
+        int(found.frames[ids > 0][0]) if len(on) else None, len(tracks) - len(np.unique(on)),
+    )  # fmt: skip
+
+
+def cover_targets(
+    sequences: Sequence[SingleSequence], result: Path, overlap: float, frames: FrameRange = EVERY_FRAME
+) -> dict[str, TargetCoverage]:
+    """Every labelled target, by the name of its sequence, against its tracks.
+
+    A result that is of other frames than those that are scored is warned of.
+
+    Args:
+        sequences: with one labelled target each.
+        result: a MOTChallenge text file where there is one sequence, or a folder, see `pairs`.
+        overlap: see `target_coverage`.
+        frames: that are scored.
+
+    Raises:
+        RequestError: a sequence has no result, or it is broken, or ``frames`` reaches beyond it.
+    """
+    return {one.name: _cover(one, result, len(sequences) == 1, overlap, frames) for one in sequences}
+
+
+def _cover(target: SingleSequence, result: Path, alone: bool, overlap: float, frames: FrameRange) -> TargetCoverage:
+    file = result_file(target.name, result, alone, RESULT_PLACES, SINGLE_RESULT_PLACES)
+    tracks = read_tracks(file)
+    wanted = frames.within(len(target.boxes))
+    assert wanted.last is not None
+    warn_of_other_frames(file, wanted.first, wanted.last)
+    boxes = target.boxes.copy()
+    boxes[~wanted.mask(np.arange(len(boxes)))] = np.nan
+    return target_coverage(boxes, restrict(tracks, wanted), overlap)
+
+
+def coverage_table(results: Mapping[str, Mapping[str, TargetCoverage]]) -> Table:
+    """A row a sequence and result."""
+    headings = ("Frames", "Covered [%]", "Tracks on it", "Switches", "Longest", "First frame", "Other tracks")
+    rows = {name: {sequence: _cells(one) for sequence, one in found.items()} for name, found in results.items()}
+    return score_table(("Sequence", "Result"), headings, by_sequence(next(iter(rows.values())), rows))
+
+
+def _cells(one: TargetCoverage) -> list[str]:
+    share = f"{100 * one.covered / one.labelled:.1f}" if one.labelled else "-"
+    first = "-" if one.first is None else str(one.first + 1)
+    return [str(one.labelled), share, *map(str, (one.tracks, one.switches, one.longest, first, one.others))]
+
+
+def coverage_values(results: Mapping[str, Mapping[str, TargetCoverage]]) -> dict[str, Any]:
+    """The same as plain values."""
+    return {name: {sequence: asdict(one) for sequence, one in found.items()} for name, found in results.items()}

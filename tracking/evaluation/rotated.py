@@ -9,8 +9,8 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import DetectionScores, scores_of_matches
-from tsuiseki.tracking.evaluation.pairs import DetectionEvaluation
-from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, read_rotated_detections, read_rotated_labels
+from tsuiseki.tracking.evaluation.result_files import DetectionEvaluation
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, read_rotated_detections, read_rotated_labels
 from tsuiseki.tracking.geometry import rotated_iou
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 

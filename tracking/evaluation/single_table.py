@@ -6,18 +6,18 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich import box
-from rich.table import Table
-from rich.text import Text
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.evaluation.result_files import tracked_frames
 from tsuiseki.tracking.evaluation.single import PRECISION_AT, Curves, SequenceScores, SingleEvaluation, evaluate_single
-from tsuiseki.tracking.evaluation.stretch import tracked_frames
-from tsuiseki.tracking.formats.boxes import read_result
-from tsuiseki.tracking.formats.single import PublishedScores, SingleSequence, read_published, same_name
+from tsuiseki.tracking.evaluation.tables import score_table
+from tsuiseki.tracking.formats.single import PublishedScores, SingleSequence, read_published, read_result, same_name
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 @dataclass(frozen=True)
@@ -115,31 +115,20 @@ def single_table(results: Mapping[str, Compared], by: str) -> Table:
         results: by name.
         by: ``sequence`` or ``attribute``.
     """
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column(by.capitalize(), no_wrap=True)
-    for name in results:
-        table.add_column(Text(name), justify="right", no_wrap=True)
     if by == "sequence":
-        names = list(dict.fromkeys(n for r in results.values() for n in r.sequences))
-        for name in names:
-            table.add_row(
-                Text(name),
-                *(_percent(r.sequences[name].auc if name in r.sequences else None) for r in results.values()),
-            )
-        table.add_section()
+        found = {name: {key: one.auc for key, one in r.sequences.items()} for name, r in results.items()}
     else:
-        groups = [g for g in next(iter(results.values())).groups if g != "ALL"]
-        for group in groups:
-            table.add_row(
-                group, *(_percent(r.groups[group].auc if group in r.groups else None) for r in results.values())
-            )
-        table.add_section()
+        found = {name: {key: one.auc for key, one in r.groups.items()} for name, r in results.items()}
+    keys = list(dict.fromkeys(key for r in found.values() for key in r if key != "ALL"))
     whole = [r.groups["ALL"] for r in results.values()]
-    table.add_row("AUC, 21 thresholds", *(_percent(c.auc) for c in whole))
-    table.add_row("AUC, 11 thresholds", *(_percent(c.thesis_auc) for c in whole))
-    table.add_row("precision at 20 px", *(_percent(float(c.precision[PRECISION_AT])) for c in whole))
-    table.add_row("sequences", *(str(c.sequences) for c in whole))
-    return table
+    means = [
+        ["AUC, 21 thresholds", *(_percent(c.auc) for c in whole)],
+        ["AUC, 11 thresholds", *(_percent(c.thesis_auc) for c in whole)],
+        ["precision at 20 px", *(_percent(float(c.precision[PRECISION_AT])) for c in whole)],
+        ["sequences", *(str(c.sequences) for c in whole)],
+    ]
+    rows = [[key, *(_percent(one.get(key)) for one in found.values())] for key in keys]
+    return score_table((by.capitalize(),), list(results), [rows, means])
 
 
 def _percent(value: float | None) -> str:

@@ -17,8 +17,8 @@ from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.stretch import warn_of_other_frames
-from tsuiseki.tracking.formats.bodies.states import read_fields, read_states
+from tsuiseki.tracking.evaluation.result_files import warn_of_other_frames
+from tsuiseki.tracking.formats.body_states import read_fields, read_states
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.okutama import Protocol
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
-from tsuiseki.tracking.formats.space.rotated import about_bodies, is_rotated, read_rotated_labels
+from tsuiseki.tracking.formats.okutama import Protocol
+from tsuiseki.tracking.formats.rotated import about_bodies, is_rotated, read_rotated_labels
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -38,7 +38,7 @@ def read_truths(
     """The labels at ``path``.
 
     Args:
-        path: see `open_labelled`; or the JSON of CEPDOF, see `tsuiseki.tracking.formats.space.rotated`.
+        path: see `open_labelled`; or the JSON of CEPDOF, see `tsuiseki.tracking.formats.rotated`.
         frames: the stretch to keep; frames keep their numbers.
         protocol: by which Okutama-Action's labels count, see `okutama_truth`.
         size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsuiseki.tracking.formats.space.rotated import RotatedBoxes, half_turned
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, half_turned
 from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import Source

@@ -96,7 +96,7 @@ def fisheye(
         open_ceiling,
         people_on_floor,
     )
-    from tsuiseki.tracking.formats.space.rotated import write_rotated_detections
+    from tsuiseki.tracking.formats.rotated import write_rotated_detections
 
     if detections is not None and (len(detections) != len(source) or finding.detector is not None):
         raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
@@ -166,7 +166,7 @@ def _written(run: Run, view: CeilingSource, tracks: list[FloorTrack], prefix: st
     """Write what one camera gives; what the page needs of it."""
     from tsuiseki.tracking.fisheye.page import FloorSection, dwell_figure, floor_figure, write_floor_overlay
     from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.formats.space.world import write_world
+    from tsuiseki.tracking.formats.track3d import write_world
 
     position = view.placed.camera.position
     run.write(f"{prefix}tracks.txt", lambda path: write_tracks(path, [t.track for t in tracks]))

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, read_floor_cameras
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
 from tsuiseki.tracking.cameras.person_model import PersonModel, cached_table
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detect
@@ -22,7 +22,7 @@ from tsuiseki.tracking.fisheye.tracker import (
 )
 from tsuiseki.tracking.fisheye.view import CeilingView
 from tsuiseki.tracking.formats.mot import read_detections
-from tsuiseki.tracking.formats.space.rotated import (
+from tsuiseki.tracking.formats.rotated import (
     as_detections,
     is_rotated,
     read_rotated_detections,
@@ -80,7 +80,7 @@ def open_ceiling(
         RequestError: the numbers differ, there are no images, a calibration is of another size, or one of several
             sources is live.
     """
-    placed = read_floor_cameras(cameras)
+    placed = read_cameras(cameras)
     if len(sources) != len(placed):
         raise RequestError(
             f"expected one source for each camera, got {len(sources)} sources and {len(placed)} cameras in {cameras}"
@@ -128,7 +128,7 @@ def given_detections(
     """The detections of each frame of a source in a file: MOTChallenge text, or rotated boxes by image.
 
     Args:
-        path: a det.txt, or what `tsuiseki.tracking.formats.space.rotated` reads: detections, or labels as such.
+        path: a det.txt, or what `tsuiseki.tracking.formats.rotated` reads: detections, or labels as such.
         view: the source, a folder of images where the boxes are rotated, since those name images; and its camera.
         score_range: smallest and largest score to expect; by default any.
 

@@ -10,7 +10,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable
 from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
 from tsuiseki.tracking.features.networks.exported import Describe
-from tsuiseki.tracking.formats.space.rotated import about_bodies
+from tsuiseki.tracking.formats.rotated import about_bodies
 from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.types.floor import FloorDetections

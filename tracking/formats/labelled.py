@@ -18,27 +18,30 @@ from pathlib import Path
 from typing import TypeAlias
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.drone_action import (
+from tsuiseki.tracking.formats.drone_action import (
     DroneActionClip,
     drone_action_labels,
     find_drone_action,
     is_drone_action,
     read_drone_action_boxes,
 )
-from tsuiseki.tracking.formats.drone.okutama import ACTIONS_FILE, Protocol, counted_from, okutama_truth
-from tsuiseki.tracking.formats.drone.okutama_folders import (
+from tsuiseki.tracking.formats.kitti import LABELS, KittiSequence, find_kitti, is_kitti, read_kitti
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences, list_images, read_sequence
+from tsuiseki.tracking.formats.okutama import (
+    ACTIONS_FILE,
     OkutamaVideo,
+    Protocol,
     clip_labelled_by,
+    counted_from,
     find_okutama,
     is_okutama,
     is_okutama_file,
+    okutama_truth,
     read_clip_labels,
     read_okutama_video,
 )
-from tsuiseki.tracking.formats.drone.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
-from tsuiseki.tracking.formats.kitti import LABELS, KittiSequence, find_kitti, is_kitti, read_kitti
-from tsuiseki.tracking.formats.mot import read_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import Sequence, find_sequences, list_images, read_sequence
+from tsuiseki.tracking.formats.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
@@ -133,7 +136,7 @@ def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
     return [_sequence(sequence) for sequence in find_sequences(folder)]
 
 
-def _sequence(sequence: Sequence) -> LabelledVideo:
+def _sequence(sequence: MotSequence) -> LabelledVideo:
     return LabelledVideo(
         sequence.name,
         sequence.images,
@@ -143,7 +146,7 @@ def _sequence(sequence: Sequence) -> LabelledVideo:
     )
 
 
-def _clip_by_actions(clip: Sequence) -> LabelledVideo:
+def _clip_by_actions(clip: MotSequence) -> LabelledVideo:
     """A generated clip, of which the rows with actions say who is where."""
     return LabelledVideo(clip.name, clip.images, clip.length or None, None, lambda size: read_clip_labels(clip, size))
 

@@ -14,7 +14,7 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
 
 @dataclass(frozen=True)
-class Sequence:
+class MotSequence:
     """A sequence folder.
 
     Attributes:
@@ -48,7 +48,7 @@ class Sequence:
         return self.folder / "det" / "det.txt"
 
 
-def read_sequence(folder: str | Path) -> Sequence:
+def read_sequence(folder: str | Path) -> MotSequence:
     """The sequence in ``folder``.
 
     Raises:
@@ -78,7 +78,7 @@ def read_sequence(folder: str | Path) -> Sequence:
         raise RequestError(
             f"{folder}: seqinfo.ini promises {length} frames, but {image_folder}/ has {len(images)} images"
         )
-    return Sequence(
+    return MotSequence(
         name=info.get("name", folder.resolve().name),
         folder=folder,
         frame_rate=_frame_rate(info, folder),
@@ -95,7 +95,7 @@ def is_sequence(folder: Path) -> bool:
     return any((folder / part).exists() for part in ("seqinfo.ini", "img1", "gt/gt.txt"))
 
 
-def find_sequences(folder: str | Path) -> list[Sequence]:
+def find_sequences(folder: str | Path) -> list[MotSequence]:
     """The sequence that ``folder`` is, or those one level below it, by name.
 
     Raises:

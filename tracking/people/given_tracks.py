@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.drone.okutama import read_okutama
-from tsuiseki.tracking.formats.drone.okutama_folders import ADVICE, check_frames, is_okutama_file
 from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.formats.okutama import ADVICE, check_frames, is_okutama_file, read_okutama
 from tsuiseki.tracking.types import Detections, IntArray, Track
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import Source, VideoFile

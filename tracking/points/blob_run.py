@@ -20,7 +20,7 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
         seed: of the particles.
     """
     from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.formats.sensors.points import write_point_tracks
+    from tsuiseki.tracking.formats.sensed_points import write_point_tracks
     from tsuiseki.tracking.points.tracking import blob_result, said_of_counts
     from tsuiseki.tracking.report.overlay import write_overlay
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.formats.sensors.measurements import read_scans
-from tsuiseki.tracking.formats.sensors.sensing_model import read_sensing_model, sensing_model
+from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model
 from tsuiseki.tracking.points.measurement_model import region_of
 from tsuiseki.tracking.points.measurement_tracker import Lag, MeasurementMethod, MeasurementTracker
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel

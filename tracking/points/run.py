@@ -39,8 +39,7 @@ def points(
         seed: of the particles.
     """
     from tsuiseki.tracking.cli.run import count
-    from tsuiseki.tracking.formats.sensors.measurements import read_scans, write_sensed_tracks
-    from tsuiseki.tracking.formats.sensors.sensing_model import read_sensing_model
+    from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, write_sensed_tracks
     from tsuiseki.tracking.points.measurement_model import positions_of
     from tsuiseki.tracking.points.measurement_tracker import MeasurementTracker
     from tsuiseki.tracking.points.measurement_tracking import with_region

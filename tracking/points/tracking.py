@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
-from tsuiseki.tracking.formats.sensors.points import is_point_file, read_points
+from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.people.finding import given_detections
 from tsuiseki.tracking.people.frame_log import shifted

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.evaluation.coverage import Coverage, coverage, spans
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
-from tsuiseki.tracking.evaluation.table import COLUMNS, cells
+from tsuiseki.tracking.evaluation.tables import COLUMNS, cells
 from tsuiseki.tracking.report.overlay import track_colour
 from tsuiseki.tracking.report.plots import comparison_figure, count_figure, inline_svg
 from tsuiseki.tracking.types import Track

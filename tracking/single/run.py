@@ -35,7 +35,7 @@ def single(
     """
     import numpy as np
 
-    from tsuiseki.tracking.formats.boxes import write_boxes
+    from tsuiseki.tracking.formats.single import write_boxes
     from tsuiseki.tracking.report.single_plots import save_peaks
     from tsuiseki.tracking.single.choice import warn_if_not_asked
     from tsuiseki.tracking.single.page import write_target_overlay

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.files import PlacedCamera
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
 from tsuiseki.tracking.report.page import embedded_video, html_page, listing, scrolling, section
 from tsuiseki.tracking.report.plots import inline_svg

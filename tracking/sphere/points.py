@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.cameras.files import read_cameras
+from tsuiseki.tracking.cameras.camera_files import read_projective_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.particles.views import Covering
-from tsuiseki.tracking.formats.space.ball_points import read_ball_points
+from tsuiseki.tracking.formats.correspondences import read_ball_points
 from tsuiseki.tracking.sphere.runs import FrameTimes, SphereRun
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.sphere_run import Seen, Start
@@ -80,7 +80,7 @@ def sphere_points_run(
             raise RequestError(
                 f"`{name}`: expected none with `points`, which have no image to weigh; got {getattr(settings, name)}"
             )
-    placed = read_cameras(Path(cameras))
+    placed = read_projective_cameras(Path(cameras))
     if len(files) != len(placed) or len(files) < 2:
         raise RequestError(
             f"`points`: expected at least two files and one camera for each, got {len(files)} files and {len(placed)} "

@@ -58,7 +58,7 @@ def sphere(
     """
     import numpy as np
 
-    from tsuiseki.tracking.formats.space.track3d import read_path3d, write_track3d
+    from tsuiseki.tracking.formats.track3d import read_path3d, write_track3d
     from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_page
     from tsuiseki.tracking.sphere.points import sphere_points_run
     from tsuiseki.tracking.sphere.space_plots import path_figure

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.files import PlacedCamera
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.sphere.sphere_run import (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.files import PlacedCamera
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray, Position
 from tsuiseki.tracking.types.tracks import Path3D

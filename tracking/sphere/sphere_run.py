@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.cameras.files import PlacedCamera
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import in_sight
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.sphere.tracker import (

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras
 from tsuiseki.tracking.cameras.volume import check_volume, common_volume
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.sphere.background import median_background
@@ -106,7 +106,7 @@ def sphere_run(
     settings = settings or SphereSettings()
     if not 0 < radius < 10:
         raise RequestError(f"`radius`: expected metres above 0 (and below 10), got {radius:g}")
-    placed = read_cameras(Path(cameras))
+    placed = read_projective_cameras(Path(cameras))
     if len(sources) != len(placed) or len(sources) < 2:
         raise RequestError(
             f"expected at least two videos and one camera for each, got {len(sources)} videos and {len(placed)} "

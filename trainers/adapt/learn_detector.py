@@ -15,7 +15,7 @@ import torch
 from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheckpoint
 
 from tsuiseki.datamodules.augmentation import Augmentation, fitted_scale
-from tsuiseki.datamodules.detection import Composition, DetectionData
+from tsuiseki.datamodules.detection_data import Composition, DetectionData
 from tsuiseki.datamodules.footage import Source
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector

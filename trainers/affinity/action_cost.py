@@ -35,8 +35,7 @@ from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import Sequence as MotSequence
-from tsuiseki.tracking.formats.mot_sequence import find_sequences
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray

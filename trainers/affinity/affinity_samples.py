@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.action_cost import action_distances
 from tsuiseki.tracking.association.affinity import FeatureSet, feature_rows
@@ -20,7 +20,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.features.networks.streaming import stream
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import Sequence as VideoSequence
+from tsuiseki.tracking.formats.mot_sequence import MotSequence
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -169,7 +169,7 @@ def join_samples(parts: Sequence[PairSamples]) -> PairSamples:
 
 
 def labelled_parts(
-    sequence: VideoSequence,
+    sequence: MotSequence,
     frames: tuple[int, int] | None,
     find: Sequence[Detector] | Literal["given", "simulated"],
     models: Sequence[Appearance],
@@ -203,7 +203,7 @@ def labelled_parts(
         yield label_detections(found, truth, start)
 
 
-def stretches(sequence: VideoSequence, frames: tuple[int, int] | None, count: int) -> list[tuple[int, int]]:
+def stretches(sequence: MotSequence, frames: tuple[int, int] | None, count: int) -> list[tuple[int, int]]:
     """First frame, from 0, and the one after the last of ``count`` equal stretches, at least one.
 
     Raises:
@@ -217,7 +217,7 @@ def stretches(sequence: VideoSequence, frames: tuple[int, int] | None, count: in
     return list(itertools.pairwise(borders.tolist()))
 
 
-def _frames(sequence: VideoSequence, start: int, stop: int) -> Iterator[Frame]:
+def _frames(sequence: MotSequence, start: int, stop: int) -> Iterator[Frame]:
     if not sequence.images:
         raise RequestError(f"{sequence.folder}: expected images in img1/, found none; the appearance needs them")
     for index in range(start, stop):

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.formats.mot_sequence import Sequence as VideoSequence
+from tsuiseki.tracking.formats.mot_sequence import MotSequence
 from tsuiseki.tracking.onnx import ModelCard
 
 # Shorter words, such as "MOT" or "all", name no sequence.
@@ -72,7 +72,7 @@ def trained_frames(training_data: str, sequence: str) -> list[tuple[float, float
 
 
 def looks(
-    sequence: VideoSequence,
+    sequence: MotSequence,
     parts: Sequence[tuple[int, int]],
     *networks: Mapping[Path, Appearance | Detector],
 ) -> Iterator[Look]:

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.owners import owners_of
@@ -18,8 +18,7 @@ from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.mot import read_detections
-from tsuiseki.tracking.formats.mot_sequence import Sequence as VideoSequence
-from tsuiseki.tracking.formats.mot_sequence import find_sequences
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
 from tsuiseki.tracking.types import Detections, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo
@@ -146,21 +145,21 @@ def check_video(video: DetectedVideo) -> None:
         )
 
 
-def _sequence(folder: Path, name: str) -> VideoSequence | None:
+def _sequence(folder: Path, name: str) -> MotSequence | None:
     try:
         return next((one for one in find_sequences(folder) if one.name == name), None)
     except RequestError:
         return None
 
 
-def _images(sequence: VideoSequence | None, files: tuple[Path, ...]) -> tuple[Path, ...]:
+def _images(sequence: MotSequence | None, files: tuple[Path, ...]) -> tuple[Path, ...]:
     """One file a frame; none where there are labels alone, or one video file."""
     if sequence is not None:
         return sequence.images
     return files if len(files) > 1 else ()
 
 
-def _size(sequence: VideoSequence | None, images: tuple[Path, ...]) -> tuple[int, int] | None:
+def _size(sequence: MotSequence | None, images: tuple[Path, ...]) -> tuple[int, int] | None:
     if sequence is not None and min(sequence.width, sequence.height) > 0:
         return sequence.width, sequence.height
     if sequence is None and images:
@@ -169,7 +168,7 @@ def _size(sequence: VideoSequence | None, images: tuple[Path, ...]) -> tuple[int
     return None
 
 
-def _given(folder: Path, name: str, sequence: VideoSequence | None, length: int) -> list[Detections]:
+def _given(folder: Path, name: str, sequence: MotSequence | None, length: int) -> list[Detections]:
     if sequence is None or not sequence.detections_path.is_file():
         raise RequestError(
             f"{folder}: expected det/det.txt beside the labels of {name}, found none; give a detector, or detections "

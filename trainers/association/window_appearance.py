@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
 from tsuiseki.tracking.association.flow.flow_rounds import RoundSettings
 from tsuiseki.tracking.association.flow.link_cost import LinkCost

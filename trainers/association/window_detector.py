@@ -22,8 +22,8 @@ import torch
 from torch import Tensor
 
 from tsuiseki.datamodules.augmentation import Example
-from tsuiseki.datamodules.detection import DetectionBatch, collate
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.detection_data import DetectionBatch, collate
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.states import read_states
+from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.output import RUN_FILE
 from tsuiseki.tracking.types import FloatArray

@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.bodies.contour import Extraction
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.silhouettes import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of
+from tsuiseki.tracking.formats.silhouettes import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.source import open_source
 

@@ -14,8 +14,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
 from tsuiseki.tracking.association.action_cost import ActionFeatures
 from tsuiseki.tracking.association.rows import rows_of
 from tsuiseki.tracking.drone.acting import acting_track
@@ -26,16 +25,16 @@ from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker
 from tsuiseki.tracking.drone.tracking import suited
 from tsuiseki.tracking.drone.video_observations import video_observations
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.action.action import ActionScores, evaluate_actions
-from tsuiseki.tracking.evaluation.action.action_pairs import (
+from tsuiseki.tracking.evaluation.action_files import (
     LabelledActions,
     action_rows,
     join_action_rows,
     read_labelled_actions,
 )
-from tsuiseki.tracking.evaluation.action.action_table import action_values
+from tsuiseki.tracking.evaluation.action_scores import ActionScores, evaluate_actions
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums
+from tsuiseki.tracking.evaluation.tables import action_values
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
 from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.drone.page import captions_of
 from tsuiseki.tracking.evaluation.coverage import Coverage, coverage
 from tsuiseki.tracking.features.action_inputs import crop_squares

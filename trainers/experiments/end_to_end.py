@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip_files import write_info
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, as_ground_truth, street_frames
+from tsuiseki.datamodules.scenes.clip import write_info
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, as_ground_truth, street_frames
 from tsuiseki.datamodules.simulated_detections import DetectorFaults
 from tsuiseki.tracking.association.affinity import Affinity
 from tsuiseki.tracking.errors import RequestError

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from tsuiseki.datamodules.identity_crops import read_image
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+from tsuiseki.datamodules.labelled_images import read_image
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.evaluation.detection import evaluate_detections, labelled_boxes
 from tsuiseki.tracking.evaluation.multi import SequencePair

@@ -180,7 +180,7 @@ class Column:
     paper: Mapping[Name, float] = field(default_factory=dict)
     gain: Show | None = None
 
-    def values(self, found: Sequence[Any]) -> FloatArray:
+    def values(self, found: Iterable[Any]) -> FloatArray:
         """``(S,)`` values of S units."""
         return self.factor * np.concatenate([np.atleast_1d(self._value(one)) for one in found]).astype(np.float64)
 
@@ -229,7 +229,7 @@ class Table:
 
 
 def tabulated(
-    found: Mapping[Name, Sequence[Any]],
+    found: Mapping[Name, Iterable[Any]],
     columns: Sequence[Column],
     heads: Sequence[str] = ("",),
     title: str = "",
@@ -266,7 +266,7 @@ def tabulated(
     return Table(title, headings, lines)
 
 
-def values_of(found: Mapping[Name, Sequence[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
+def values_of(found: Mapping[Name, Iterable[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
     """All measurements for results.json: of each row its name, a key a head, and ``runs``, one a unit."""
     names = {name: (name,) if isinstance(name, str) else name for name in found}
     return [{**dict(zip(heads, names[name], strict=True)), "runs": plain(runs)} for name, runs in found.items()]

@@ -11,9 +11,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from tsuiseki.datamodules.action_batches import centre_crops
-from tsuiseki.datamodules.action_crops import ActionCrops, CropSettings, clips_to_cut, cut_clip, load_crops
-from tsuiseki.datamodules.readers.acting import action_sequences
+from tsuiseki.datamodules.action_crops import (
+    ActionCrops,
+    CropSettings,
+    action_sequences,
+    clips_to_cut,
+    cut_clip,
+    load_crops,
+)
+from tsuiseki.datamodules.action_data import centre_crops
 from tsuiseki.models.action import StreamProbability
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action_inputs import ActionInput, StreamName

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.readers.images import labelled_images
+from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.output import output_file

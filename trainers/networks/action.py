@@ -11,12 +11,11 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 from torch.optim import AdamW
 
-from tsuiseki.datamodules.action import ActionData
-from tsuiseki.datamodules.action_batches import ActionBatch
+from tsuiseki.datamodules.action_data import ActionBatch, ActionData
 from tsuiseki.models.action import ActionNetwork, ActionStream, action_loss, positive_weights
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.action.action import average_precisions
+from tsuiseki.tracking.evaluation.action_scores import average_precisions
 from tsuiseki.tracking.features.action_inputs import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.features.motion.optical_flow import FlowName
 from tsuiseki.tracking.onnx import ModelCard

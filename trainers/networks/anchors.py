@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.footage import read_image
-from tsuiseki.datamodules.readers.images import labelled_images
+from tsuiseki.datamodules.labelled_images import labelled_images, read_image
 from tsuiseki.models.anchors import propose_anchors
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import find_sequences

@@ -11,7 +11,7 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 from torch.optim import AdamW
 
-from tsuiseki.datamodules.appearance import AppearanceBatch
+from tsuiseki.datamodules.appearance_data import AppearanceBatch
 from tsuiseki.models.appearance import AppearanceNetwork
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.models.metric_losses import contrastive_loss, softmax_contrastive_loss, triplet_loss

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
-from tsuiseki.datamodules.readers.images import labelled_images
+from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detect, Detector

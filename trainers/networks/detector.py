@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.optim import SGD, AdamW, Optimizer
 from torchvision.ops import batched_nms
 
-from tsuiseki.datamodules.detection import DetectionBatch
+from tsuiseki.datamodules.detection_data import DetectionBatch
 from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.models.distillation import distillation_loss

@@ -44,7 +44,7 @@ class Task:
 
 def fit_detector(arguments: Sequence[str]) -> Path:
     """Train a detector as the command line ``arguments`` say; see `fit`."""
-    from tsuiseki.datamodules.detection import DetectionData
+    from tsuiseki.datamodules.detection_data import DetectionData
     from tsuiseki.trainers.networks.detector import DetectorTraining
 
     links = ("height", "width", "resize")
@@ -53,7 +53,7 @@ def fit_detector(arguments: Sequence[str]) -> Path:
 
 def fit_appearance(arguments: Sequence[str]) -> Path:
     """Train an appearance network as the command line ``arguments`` say; see `fit`."""
-    from tsuiseki.datamodules.appearance import AppearanceData
+    from tsuiseki.datamodules.appearance_data import AppearanceData
     from tsuiseki.trainers.networks.appearance import AppearanceTraining
 
     links = ("height", "width")
@@ -62,7 +62,7 @@ def fit_appearance(arguments: Sequence[str]) -> Path:
 
 def fit_action(arguments: Sequence[str]) -> Path:
     """Train an action network as the command line ``arguments`` say; see `fit`."""
-    from tsuiseki.datamodules.action import ActionData
+    from tsuiseki.datamodules.action_data import ActionData
     from tsuiseki.trainers.networks.action import ActionTraining
 
     links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow", "compensate")

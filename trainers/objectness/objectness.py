@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.objectness import (
     SIDE,

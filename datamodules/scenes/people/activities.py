@@ -1,4 +1,8 @@
-"""What somebody under a drone can be doing: a posture, perhaps an action with it, and the pose that goes with both."""
+"""Poses of the actions that drones film: the twelve of Okutama-Action, each with what it does to arms, legs and trunk.
+
+Hands are led to where the action wants them by two-link inverse kinematics; the rest of the pose comes from the gait or
+from a fixed posture.
+"""
 
 from __future__ import annotations
 
@@ -7,24 +11,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.acting import (
-    calling,
-    drinking,
-    holding_before,
-    hugging,
-    lying,
-    pulling,
-    reading,
-    running,
-    shaking_hands,
-    sitting,
-    strolling,
+from tsuiseki.datamodules.scenes.people.body import (
+    FOREARM,
+    HAND,
+    SIDES,
+    UPPER_ARM,
+    Build,
+    Manner,
+    Pose,
+    standing,
+    stride_length,
+    walking,
 )
-from tsuiseki.datamodules.scenes.people.body import Pose
-from tsuiseki.datamodules.scenes.people.gait import standing, stride_length
 from tsuiseki.datamodules.scenes.people.person import Person
 from tsuiseki.datamodules.scenes.people.props import CART_AHEAD, CRATE_AHEAD, HANDLE_HEIGHT, SUITCASE_BEHIND, Kind, Prop
-from tsuiseki.tracking.formats.drone.actions import (
+from tsuiseki.tracking.formats.acting_tracks import (
     CALLING,
     CARRYING,
     DRINKING,
@@ -38,6 +39,210 @@ from tsuiseki.tracking.formats.drone.actions import (
     STANDING,
     WALKING,
 )
+from tsuiseki.tracking.types import FloatArray
+
+LEFT, RIGHT = 0, 1
+# Seconds of one sip: the bottle goes up, stays at the mouth, goes down and stays there.
+SIP = (0.6, 1.6, 0.6, 1.4)
+# Of a handshake: beats a second and metres of its rise and fall.
+SHAKE_RATE, SHAKE_RISE = 2.2, 0.09
+
+
+def reach(build: Build, pose: Pose, hand: int, target: tuple[float, float, float], swivel: float = 0.4) -> Pose:
+    """``pose`` with the palm of ``hand`` at ``target``, or as near to it as the arm is long.
+
+    Args:
+        build: proportions.
+        pose: whose arm is replaced.
+        hand: `LEFT` or `RIGHT`.
+        target: metres forward, outward (to the hand's own side) and up from its shoulder, in the trunk's axes.
+        swivel: how far the elbow stands out sideways, radians from straight down.
+    """
+    upper, lower = UPPER_ARM * build.height, (FOREARM + 0.5 * HAND) * build.height
+    aim = np.array(target, dtype=np.float64)
+    distance = float(np.clip(np.linalg.norm(aim), abs(upper - lower) + 0.01, 0.999 * (upper + lower)))
+    forward = aim / max(float(np.linalg.norm(aim)), 1e-9)
+    # The elbow lies on a circle about the line to the target; it hangs down and out.
+    down = np.array([-0.15, math.sin(swivel), -math.cos(swivel)])
+    side = down - (down @ forward) * forward
+    side = side / max(float(np.linalg.norm(side)), 1e-9)
+    along = (upper**2 + distance**2 - lower**2) / (2 * distance)
+    elbow = along * forward + math.sqrt(max(upper**2 - along**2, 0.0)) * side
+    raised, spread = _angles(elbow)
+    bent, turned = _angles(distance * forward - elbow)
+    # Forward of straight up and back of straight down are half a turn apart: keep the elbow bending forward.
+    bend = (bent - raised + math.pi) % (2 * math.pi) - math.pi
+    return replace(
+        pose,
+        shoulder=_put(pose.shoulder, hand, raised),
+        spread=_put(pose.spread, hand, spread),
+        elbow=_put(pose.elbow, hand, bend),
+        inward=_put(pose.inward, hand, spread - turned),
+    )
+
+
+def _angles(direction: FloatArray) -> tuple[float, float]:
+    """The angles forward and sideways of a limb that hangs along ``direction``; see `body.hanging`."""
+    x, y, z = direction / max(float(np.linalg.norm(direction)), 1e-9)
+    return math.atan2(x, -z), math.asin(float(np.clip(y, -1, 1)))
+
+
+def _put(pair: tuple[float, float], hand: int, value: float) -> tuple[float, float]:
+    return (value, pair[1]) if hand == LEFT else (pair[0], value)
+
+
+def running(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
+    """Running at ``phase`` strides: knees high, heels up behind, bent arms that swing, and a flight between steps."""
+    effort = min(speed / 3.5, 1.3)
+    legs = [_running_leg(phase + 0.5 * k, effort) for k in (0, 1)]
+    beat = math.cos(2 * math.pi * phase)
+    swing = 0.75 * effort
+    return Pose(
+        lean=manner.lean + 0.16 * effort,
+        twist=-0.2 * beat,
+        look=0.17 * beat,
+        shoulder=(-swing * beat - 0.1, swing * beat - 0.1),
+        spread=(0.15, 0.15),
+        elbow=(1.5, 1.5),
+        inward=(0.35, 0.35),
+        hip=(legs[0][0], legs[1][0]),
+        knee=(legs[0][1], legs[1][1]),
+        ankle=(legs[0][2], legs[1][2]),
+        lift=0.05 * build.height * effort * abs(math.sin(2 * math.pi * phase)),
+    )
+
+
+def _running_leg(phase: float, effort: float) -> tuple[float, float, float]:
+    """Hip, knee and ankle of the leg whose foot strikes at ``phase`` zero."""
+    angle = 2 * math.pi * phase
+    hip = 0.25 + 0.7 * effort * math.cos(angle)
+    knee = 0.35 + 1.35 * effort * max(math.sin(angle + math.pi + 0.4), 0.0) ** 1.5
+    return hip, knee, 0.2 * math.cos(angle) - 0.25
+
+
+def sitting(rng: np.random.Generator, on_ground: bool) -> Pose:
+    """Somebody who sits on a bench of 0.45 m, or on the ground with the legs out."""
+    knees = rng.normal(0, 0.12, 2)
+    if on_ground:
+        bent = rng.uniform(0.15, 1.5, 2)
+        # A bent knee stands up: thigh and shank make a triangle over the ground.
+        hip = 1.5 + 0.5 * bent
+        return Pose(
+            lean=float(rng.uniform(-0.25, 0.25)),
+            nod=float(rng.uniform(0.0, 0.3)),
+            shoulder=(float(rng.uniform(0.1, 0.7)), float(rng.uniform(0.1, 0.7))),
+            spread=(0.2, 0.2),
+            elbow=(0.5, 0.5),
+            hip=(float(hip[0]), float(hip[1])),
+            knee=(float(bent[0]), float(bent[1])),
+            straddle=(0.15, 0.15),
+        )
+    return Pose(
+        lean=float(rng.uniform(-0.15, 0.2)),
+        nod=float(rng.uniform(0.0, 0.3)),
+        shoulder=(0.45, 0.45),
+        spread=(0.08, 0.08),
+        elbow=(0.8, 0.8),
+        inward=(0.3, 0.3),
+        hip=(1.5 + float(knees[0]), 1.5 + float(knees[1])),
+        knee=(1.45, 1.45),
+        straddle=(0.12, 0.12),
+    )
+
+
+def lying(rng: np.random.Generator, build: Build) -> Pose:
+    """Somebody who lies on the back or on the belly, one leg perhaps drawn up."""
+    arms = rng.uniform(0.1, 1.2, 2)
+    spread = (float(arms[0]), float(arms[1]))
+    apart = (float(rng.uniform(0.03, 0.25)), float(rng.uniform(0.03, 0.25)))
+    quarter = math.pi / 2
+    if rng.random() < 0.65:
+        drawn = float(rng.uniform(0, 1.6)) if rng.random() < 0.4 else 0.0
+        # The leg that stays stretched is the lower one, so the body rests on it.
+        return Pose(
+            lean=-quarter, nod=-0.6 * quarter, spread=spread, elbow=(0.2, 0.3), hip=(quarter, quarter + 0.5 * drawn),
+            knee=(0.0, drawn), straddle=apart, lift=0.035 * build.height,
+        )  # fmt: skip
+    return Pose(
+        lean=quarter, nod=0.6 * quarter, look=float(rng.choice([-0.9, 0.9])), spread=spread, elbow=(0.4, 0.4),
+        hip=(-quarter, -quarter), straddle=apart, ankle=(-0.9, -0.9), lift=0.01 * build.height,
+    )  # fmt: skip
+
+
+def reading(build: Build, pose: Pose) -> Pose:
+    """A book before the chest, held by both hands, and eyes on it."""
+    for hand in (LEFT, RIGHT):
+        pose = reach(build, pose, hand, (0.17 * build.height, -0.045 * build.height, -0.11 * build.height))
+    return replace(pose, nod=0.6, look=0.0, twist=0.0)
+
+
+def calling(build: Build, pose: Pose, hand: int) -> Pose:
+    """A hand at the ear; the head leans towards it."""
+    h = build.height
+    at_ear = (0.035 * h, -0.055 * h, 0.11 * h)
+    side = SIDES[hand]
+    return replace(reach(build, pose, hand, at_ear, swivel=0.7), look=0.15 * side, sway=pose.sway + 0.03 * side)
+
+
+def drinking(build: Build, pose: Pose, hand: int, seconds: float) -> Pose:
+    """A bottle that goes up to the mouth and down again, once every few seconds."""
+    raised = sip(seconds)
+    h = build.height
+    low, high = np.array([0.12, -0.02, -0.2]) * h, np.array([0.085, -0.09, 0.1]) * h
+    x, y, z = low + raised * (high - low)
+    return replace(
+        reach(build, pose, hand, (float(x), float(y), float(z)), swivel=0.4 + 0.5 * raised),
+        nod=pose.nod * (1 - raised) - 0.35 * raised,
+    )
+
+
+def sip(seconds: float) -> float:
+    """How far the bottle is raised, from 0 to 1."""
+    up, held, down, rest = SIP
+    t = seconds % (up + held + down + rest)
+    rising = np.interp(t, [0, up, up + held, up + held + down], [0.0, 1.0, 1.0, 0.0])
+    return float(0.5 - 0.5 * math.cos(math.pi * float(rising)))
+
+
+def holding_before(build: Build, pose: Pose, forward: float, apart: float, height: float) -> Pose:
+    """Both hands ``forward`` metres before the shoulders, ``apart`` from each other, at ``height`` over the ground.
+
+    For what is pushed or carried before the body.
+    """
+    # The shoulders stand at about 0.82 of the height; walking lowers them a little.
+    up = height - 0.8 * build.height
+    aside = 0.5 * apart - 0.105 * build.height * build.shoulders
+    for hand in (LEFT, RIGHT):
+        pose = reach(build, pose, hand, (forward, aside, up))
+    return replace(pose, twist=0.0)
+
+
+def shaking_hands(build: Build, pose: Pose, seconds: float, distance: float) -> Pose:
+    """The right hand held out to somebody ``distance`` metres away, going up and down."""
+    rise = SHAKE_RISE * math.sin(2 * math.pi * SHAKE_RATE * seconds)
+    shoulder = 0.105 * build.height * build.shoulders
+    target = (0.5 * distance, -shoulder, 1.05 - 0.81 * build.height + rise)
+    return replace(reach(build, pose, RIGHT, target), twist=0.1, look=0.0, nod=0.05)
+
+
+def hugging(build: Build, pose: Pose, seconds: float) -> Pose:
+    """Both arms about somebody who stands close before."""
+    h = build.height
+    rock = 0.05 * math.sin(2 * math.pi * 0.4 * seconds)
+    pose = replace(pose, lean=0.12, sway=rock, nod=0.15, look=0.35, twist=0.0)
+    pose = reach(build, pose, LEFT, (0.25 * h, -0.09 * h, -0.06 * h), swivel=1.2)
+    return reach(build, pose, RIGHT, (0.25 * h, -0.08 * h, 0.0), swivel=1.3)
+
+
+def pulling(build: Build, pose: Pose, hand: int) -> Pose:
+    """An arm stretched back and down to what is pulled behind; the trunk leans into it."""
+    h = build.height
+    return replace(reach(build, pose, hand, (-0.2 * h, 0.03 * h, -0.3 * h), swivel=0.2), lean=pose.lean + 0.12)
+
+
+def strolling(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
+    """`gait.walking` with both arms free."""
+    return walking(build, replace(manner, carry=(0.0, 0.0)), phase, speed)
 
 
 @dataclass(frozen=True)

@@ -194,3 +194,15 @@ def look_alike(rng: np.random.Generator, look: Look) -> Look:
     for index in chosen:
         result = replace(result, **changes[index])
     return result
+
+
+def colour_of(rng: np.random.Generator, palette: tuple[Colour, ...]) -> Colour:
+    """A colour near one of ``palette``."""
+    base = np.array(palette[int(rng.integers(len(palette)))]) * rng.uniform(0.8, 1.2)
+    r, g, b = np.clip(base + rng.normal(0, 0.03, 3), 0.02, 0.98)
+    return float(r), float(g), float(b)
+
+
+def any_colour(rng: np.random.Generator) -> Colour:
+    """Dark, middling, light or bright."""
+    return colour_of(rng, (DARK, MIDDLE, LIGHT, BRIGHT)[int(rng.choice(4, p=(0.3, 0.3, 0.2, 0.2)))])

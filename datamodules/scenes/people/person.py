@@ -2,24 +2,39 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.body import Build, Pose, Skeleton, place
-from tsuiseki.datamodules.scenes.people.gait import Manner, random_manner
-from tsuiseki.datamodules.scenes.people.look import Colour, Look, random_build, random_look
+from tsuiseki.datamodules.scenes.people.body import (
+    Build,
+    Manner,
+    Pose,
+    Skeleton,
+    place,
+    random_manner,
+    standing,
+    walking,
+)
+from tsuiseki.datamodules.scenes.people.look import Colour, Look, look_alike, random_build, random_look
+from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light, shade
 from tsuiseki.datamodules.scenes.render.solids import (
     HEAD,
     NO_DETAIL,
     PELVIS,
     PLAIN,
     TRUNK,
+    Float32,
+    Layer,
     Solids,
     Surfaces,
     cone_spheres,
+    trace,
 )
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 
 @dataclass(frozen=True)
@@ -212,3 +227,122 @@ def _bag(flesh: _Flesh, person: Person, s: Skeleton) -> None:
         hand = s.fingers[0 if look.side > 0 else 1]
         low = hand - np.array([0, 0, (0.06 + 0.08 * big) * h])
         flesh.add(low, low + np.array([0, 0, 0.05 * h]), (0.06 * big, 0.045 * big), left, 0.45, colour)
+
+
+def random_pose(rng: np.random.Generator, person: Person) -> Pose:
+    """Mostly somewhere in a walk, now and then standing."""
+    if rng.random() < 0.2:
+        return standing(rng, person.manner)
+    return walking(person.build, person.manner, float(rng.random()), float(rng.uniform(0.5, 1.8)))
+
+
+def view_from(tilt: float, height_px: float, person_height: float, distance: float) -> PinholeCamera:
+    """A camera that looks ``tilt`` radians down on a person at the origin, about ``height_px`` tall in its image."""
+    size = math.ceil(2.2 * height_px)
+    apparent = person_height * math.cos(tilt) + 0.45 * math.sin(tilt)
+    middle = np.array([0.0, 0.0, 0.5 * person_height])
+    position = middle + distance * np.array([-math.cos(tilt), 0.0, math.sin(tilt)])
+    return PinholeCamera.look_at(position, middle, height_px * distance / apparent, size, size)
+
+
+def draw_alone(
+    layer: Layer, solids: Solids, camera: PinholeCamera, samples: int, light: Light, person: Person
+) -> Float32:
+    """``(h, w, 4)`` linear colour times coverage and coverage of a layer, by pixels, tight about it."""
+    mask = layer.mask
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    x1, y1 = (columns[0] + layer.left) // samples, (rows[0] + layer.top) // samples
+    x2, y2 = (columns[-1] + layer.left) // samples + 1, (rows[-1] + layer.top) // samples + 1
+    fine = np.zeros(((y2 - y1) * samples, (x2 - x1) * samples, 4), dtype=np.float32)
+    at = np.nonzero(mask)
+    colours = shade(layer, mask, solids, camera, samples, light, person.look)
+    y, x = at[0] + layer.top - y1 * samples, at[1] + layer.left - x1 * samples
+    fine[y, x, :3] = colours
+    fine[y, x, 3] = 1
+    return np.asarray(fine.reshape(y2 - y1, samples, x2 - x1, samples, 4).mean(axis=(1, 3)))
+
+
+def render_person_sprite(
+    rng: np.random.Generator,
+    height_px: float,
+    tilt: float | None = None,
+    person: Person | None = None,
+    pose: Pose | None = None,
+    heading: float | None = None,
+    light: Light | None = None,
+) -> ImageArray:
+    """One person cut out: ``(h, w, 4)`` uint8 RGBA, h about ``height_px``, straight alpha with soft edges.
+
+    Args:
+        rng: draws all that is not given.
+        height_px: of the person in the sprite, roughly (a stride and the view change it).
+        tilt: how far the camera looks down, radians in [0, 1.4]; by default drawn from [0, 1.05].
+        person: who.
+        pose: how.
+        heading: which way, radians; 0 is away from the camera.
+        light: under which light.
+
+    Raises:
+        ValueError: the height or the tilt is out of range.
+    """
+    if not 4 <= height_px <= 2000:
+        raise ValueError(f"expected a height of 4 to 2000 pixels, got {height_px}")
+    tilt = float(rng.uniform(0.0, 1.05)) if tilt is None else tilt
+    if not 0 <= tilt <= 1.4:
+        raise ValueError(f"expected a tilt of 0 to 1.4 radians, got {tilt}")
+    person = random_person(rng) if person is None else person
+    pose = random_pose(rng, person) if pose is None else pose
+    heading = float(rng.uniform(0, 2 * math.pi)) if heading is None else heading
+    light = random_light(rng) if light is None else light
+    camera = view_from(tilt, height_px, person.build.height, float(rng.uniform(5, 30)))
+    samples = int(np.clip(round(170 / height_px), 2, 5))
+    solids = person_solids(person, pose, np.zeros(2), heading)
+    layer = trace(solids, camera, samples)
+    assert layer is not None  # the camera looks at the person
+    drawn = draw_alone(layer, solids, camera, samples, light, person)
+    alpha = drawn[..., 3:]
+    colour = np.sqrt(np.clip(drawn[..., :3] / np.maximum(alpha, 1e-6), 0, 1))
+    return np.asarray(np.concatenate([colour, alpha], axis=-1) * 255 + 0.5).astype(np.uint8)
+
+
+def random_identities(rng: np.random.Generator, count: int, look_alikes: float) -> list[Person]:
+    """People of whom a share is dressed much like the one before."""
+    people: list[Person] = []
+    for _ in range(count):
+        if people and rng.random() < look_alikes:
+            look = look_alike(rng, people[-1].look)
+            people.append(Person(random_build(rng), look, random_manner(rng)))
+        else:
+            people.append(random_person(rng))
+    return people
+
+
+def paste(canvas: Float32, sprite: ImageArray, left: int, top: int) -> None:
+    """Lays a sprite ``(h, w, 4)`` over ``canvas`` ``(H, W, 3)``, in place; what leaves the canvas is cut off."""
+    height, width = canvas.shape[:2]
+    x1, y1 = max(left, 0), max(top, 0)
+    x2, y2 = min(left + sprite.shape[1], width), min(top + sprite.shape[0], height)
+    if x1 >= x2 or y1 >= y2:
+        return
+    part = sprite[y1 - top : y2 - top, x1 - left : x2 - left].astype(np.float32)
+    alpha = part[:, :, 3:] / np.float32(255)
+    canvas[y1:y2, x1:x2] += alpha * (part[:, :, :3] - canvas[y1:y2, x1:x2])
+
+
+def random_backdrop(rng: np.random.Generator, height: int, width: int) -> Float32:
+    """``(height, width, 3)`` in [0, 255]: pieces of ground, walls and things out of focus, as behind people."""
+    base = rng.uniform(40, 215) + rng.normal(0, 14, 3)
+    slope = rng.normal(0, 25)
+    canvas = (base + slope * np.linspace(-1, 1, height)[:, None, None] * np.ones((1, width, 1))).astype(np.float32)
+    for _ in range(int(rng.integers(0, 4))):
+        colour = rng.uniform(20, 230) + rng.normal(0, 22, 3)
+        corner = rng.uniform(-0.5, 1.2, 2) * [width, height]
+        reach = rng.uniform(0.1, 1.5, 2) * [width, height]
+        box = cv2.boxPoints((corner.tolist(), reach.tolist(), float(rng.choice([0, 0, rng.uniform(-45, 45)]))))
+        cv2.fillConvexPoly(canvas, np.round(box * 16).astype(np.int32), colour.tolist(), cv2.LINE_AA, 4)
+    for _ in range(2):
+        zoom, strength = rng.uniform(0.3, 6), rng.uniform(0, 0.18)
+        rows = (np.arange(height) * zoom + rng.uniform(0, NOISE_SIZE)).astype(np.int64) % NOISE_SIZE
+        columns = (np.arange(width) * zoom + rng.uniform(0, NOISE_SIZE)).astype(np.int64) % NOISE_SIZE
+        canvas *= (1 + np.float32(strength) * (NOISE[rows[:, None], columns[None]] * 2 - 1))[:, :, None]
+    return np.clip(canvas, 0, 255)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone.ground_map import dark_ground
-from tsuiseki.datamodules.scenes.render.raster import extents
+from tsuiseki.datamodules.scenes.render.ground import dark_ground
 from tsuiseki.datamodules.scenes.render.scene import Picture, Sighting, Thing, compose, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import Light
+from tsuiseki.datamodules.scenes.render.solids import extents
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 

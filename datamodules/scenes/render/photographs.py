@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.render.raster import RayCamera, ray_grid
-from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.render.scene import Thing
+from tsuiseki.datamodules.scenes.render.shading import Light
+from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Surfaces, boxes, ray_grid
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Opacity from which a pixel of a cut-out belongs to the thing.
 OPAQUE = 128
@@ -122,3 +124,122 @@ def _pyramid(path: Path) -> list[Float32]:
         half = len(levels[-1]) // 2
         levels.append(cv2.resize(levels[-1], (half, half), interpolation=cv2.INTER_AREA).reshape(half, half, 3))
     return levels
+
+
+# Texels that a wall's picture has for each metre.
+_FINE = 48
+_LARGEST = 1024
+
+
+@dataclass(frozen=True)
+class Facade:
+    """A flat picture that stands upright on the ground.
+
+    Attributes:
+        place: ``(2,)`` metres, the middle of its lower edge.
+        angle: of its lower edge against the x axis, radians.
+        size: width and height, metres.
+        picture: ``(h, w, 3)`` uint8 RGB.
+    """
+
+    place: FloatArray
+    angle: float
+    size: tuple[float, float]
+    picture: ImageArray
+
+    def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, ImageArray] | None:
+        """See `scene.Cutout.trace`."""
+        along = np.array([np.cos(self.angle), np.sin(self.angle), 0.0])
+        foot = np.array([*self.place, 0.0])
+        left, right = (foot + side * self.size[0] / 2 * along for side in (-1, 1))
+        up = np.array([0.0, 0.0, self.size[1]])
+        corners, depth = camera.project(np.stack([left + up, right + up, right, left]))
+        if (depth < 0.5).any() or np.abs(corners).max() > 40 * camera.width:
+            return None
+        corners = corners * samples
+        width, height = camera.width * samples, camera.height * samples
+        x1, y1 = np.clip(np.floor(corners.min(axis=0)), 0, [width, height]).astype(int)
+        x2, y2 = np.clip(np.ceil(corners.max(axis=0)), 0, [width, height]).astype(int)
+        if x1 >= x2 or y1 >= y2:
+            return None
+        picture = self.picture
+        shrink = min(1.0, 1.2 * float(np.ptp(corners, axis=0).max()) / max(picture.shape[:2]))
+        if shrink < 1:
+            picture = np.asarray(
+                cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8
+            )
+        h, w = picture.shape[:2]
+        source = np.array([[0, 0], [w, 0], [w, h], [0, h]], dtype=np.float32)
+        turn = cv2.getPerspectiveTransform(source, (corners - [x1, y1]).astype(np.float32))
+        shown = cv2.warpPerspective(picture, turn, (x2 - x1, y2 - y1), borderMode=cv2.BORDER_REPLICATE)
+        there = cv2.warpPerspective(np.ones((h, w), np.uint8), turn, (x2 - x1, y2 - y1), flags=cv2.INTER_NEAREST)
+        normal = np.array([-np.sin(self.angle), np.cos(self.angle), 0.0])
+        rays = ray_grid(camera, samples, x1, y1, x2, y2)
+        towards = np.tensordot(normal.astype(np.float32), rays, axes=1)
+        away = np.float32(normal @ (foot - camera.position)) / np.where(np.abs(towards) < 1e-6, np.inf, towards)
+        distance = np.where((there > 0) & (away > 0), away, np.float32(np.inf)).astype(np.float32)
+        if not np.isfinite(distance).any():
+            return None
+        return Layer(x1, y1, distance, np.zeros(distance.shape, np.int16)), np.asarray(shown, np.uint8)
+
+    def shade(self, shown: ImageArray, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
+        """See `scene.Cutout.shade`."""
+        normal = np.array([-np.sin(self.angle), np.cos(self.angle)])
+        if normal @ (camera.position[:2] - self.place) < 0:
+            normal = -normal
+        facing = max(float(normal @ light.direction[:2]), 0.0)
+        albedo = np.square(shown[seen].astype(np.float32) / np.float32(255))
+        return np.asarray(albedo * (facing * light.sun + (light.sky + light.ground) / 2), dtype=np.float32)
+
+
+def random_facades(
+    rng: np.random.Generator, photographs: Photographs, count: int, spots: FloatArray, reach: float
+) -> list[Thing]:
+    """Up to ``count`` walls and stalls along +y, walls behind most of the ``spots`` ``(N, 2)`` where people stand.
+
+    Args:
+        rng: draws everything.
+        photographs: whose surfaces cover them.
+        count: at most.
+        spots: kept clear.
+        reach: metres to the farthest spot.
+    """
+    things = []
+    for _ in range(count if photographs.paths["surfaces"] else 0):
+        wall = rng.random() < 0.65
+        distance = reach * float(rng.uniform(0.75, 1.7) if wall else rng.uniform(0.3, 1.1))
+        place = np.array([rng.uniform(-0.7, 0.7) * distance, distance])
+        wide, high = rng.uniform([4.0, 2.5], [24.0, 11.0]) if wall else rng.uniform([0.7, 1.2], [3.0, 2.8])
+        angle = float(rng.normal(0, 0.35)) if rng.random() < 0.75 else float(rng.uniform(0, np.pi))
+        if len(spots) and np.linalg.norm(spots - place, axis=1).min() < 0.5 + 0.5 * min(wide, 4.0):
+            continue
+        surfaces = Surfaces()
+        surfaces.add((0.5, 0.5, 0.5))
+        block = boxes(
+            np.array([[*place, high / 2]]), np.array([[wide / 2, 0.05, high / 2]]), np.array([angle]), surfaces
+        )
+        facade = Facade(place, angle, (wide, high), _picture(rng, photographs, wide, high))
+        things.append(Thing(block, None, facade))
+    return things
+
+
+def _picture(rng: np.random.Generator, photographs: Photographs, wide: float, high: float) -> ImageArray:
+    """A wall of one surface, with parts of others on it."""
+    fine = min(_FINE, _LARGEST / max(wide, high))
+    w, h = max(int(wide * fine), 8), max(int(high * fine), 8)
+    side = max(int(float(rng.uniform(1.0, 5.0)) * fine), 4)
+    tile = cv2.resize(photographs.surface(rng), (side, side), interpolation=cv2.INTER_AREA)
+    wall = np.tile(tile, (h // side + 1, w // side + 1, 1))[:h, :w].copy()
+    step = max(int(float(rng.uniform(1.2, 4.0)) * fine), 6)
+    for kind in range(int(rng.integers(0, 3))):
+        # Windows in rows, or single doors and posters.
+        part = photographs.surface(rng)
+        pw, ph = max(int(step * rng.uniform(0.25, 0.7)), 3), max(int(step * rng.uniform(0.3, 0.9)), 3)
+        small = cv2.resize(part, (pw, ph), interpolation=cv2.INTER_AREA)
+        part = np.clip(small * rng.uniform(0.3, 1.4), 0, 255).astype(np.uint8)
+        lefts = range(int(rng.integers(step)), w - pw, step) if kind == 0 else [int(rng.integers(max(w - pw, 1)))]
+        tops = range(int(rng.integers(step)), h - ph, step) if kind == 0 else [max(h - ph - int(rng.integers(step)), 0)]
+        for top in tops:
+            for left in lefts:
+                wall[top : top + ph, left : left + pw] = part[: h - top, : w - left]
+    return np.asarray(wall, np.uint8)

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import Look
-from tsuiseki.datamodules.scenes.render.raster import Layer, RayCamera, silhouette_box, trace
 from tsuiseki.datamodules.scenes.render.shading import Light, shade
-from tsuiseki.datamodules.scenes.render.solids import Float32, Solids
+from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Solids, silhouette_box, trace
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 Owner: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int16]]

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import Colour, Look
-from tsuiseki.datamodules.scenes.render.raster import Layer, RayCamera
 from tsuiseki.datamodules.scenes.render.solids import (
     BRICKS,
     CHECKS,
@@ -24,6 +23,8 @@ from tsuiseki.datamodules.scenes.render.solids import (
     WINDOWS,
     Float32,
     Int32,
+    Layer,
+    RayCamera,
     Solids,
     inner_normals,
 )

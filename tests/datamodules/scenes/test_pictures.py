@@ -6,14 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.people.identities import paste
 from tsuiseki.datamodules.scenes.people.look import look_alike, random_look
-from tsuiseki.datamodules.scenes.people.sprites import render_person_sprite
-from tsuiseki.datamodules.scenes.render.degrade import Degradation, degrade
-from tsuiseki.datamodules.scenes.render.night import by_night
+from tsuiseki.datamodules.scenes.people.person import paste, render_person_sprite
+from tsuiseki.datamodules.scenes.render.degrade import Degradation, by_night, degrade
 from tsuiseki.datamodules.scenes.render.scene import Sighting
 from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
-from tsuiseki.datamodules.scenes.street.training import (
+from tsuiseki.datamodules.scenes.training_pictures import (
     TrainingSettings,
     random_training_scene,
     seen_boxes,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.formats.bodies.points import read_poses_file
+from tsuiseki.tracking.formats.body_points import read_poses_file
 
 FRAMES = 30
 

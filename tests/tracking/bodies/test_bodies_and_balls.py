@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.tracking.bodies.tracker import DeformableSettings
 from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformable
-from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bodies.states import read_states
-from tsuiseki.tracking.formats.space.track3d import read_path3d
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.track3d import read_path3d
 from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.sphere.tracking import track_sphere
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.formats.bodies.states import read_states, write_states
+from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.types.tracks import exact_track
 
 FIELDS = ("a", "b", "theta", "phi")

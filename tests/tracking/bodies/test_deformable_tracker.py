@@ -14,7 +14,6 @@ from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTrack
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS
 from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity, Noise, RandomWalk
-from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber
 from tsuiseki.tracking.types import Frame
 
 ORANGE = Extraction(NAMED_COLOURS["orange"])
@@ -135,15 +134,6 @@ def test_the_ball_is_followed_by_the_same_tracker():
     assert wide_noise(body).deviation[3] == pytest.approx(0.15)
 
 
-def test_the_number_of_particles_may_adapt():
-    way = swimming(15, 0.4, seed=1)
-    adaptive = AdaptiveNumber(np.array([12.0, 12.0, 0.8, 1.0] + [np.inf] * 4), minimum=60, maximum=800)
-    tracker = DeformableTracker(FISH, MOTION, ORANGE, starts=way[:1], adaptive=adaptive)
-    (track,) = follow(tracker, way[:, None])
-    assert worst(track, way) < 8.0
-    assert 60 <= len(tracker.targets[0].particles) < 800
-
-
 def test_same_seed_same_states():
     way = swimming(6, 0.4, seed=1)
     first, second, other = (
@@ -164,7 +154,7 @@ def test_the_mask_of_contours_covers_them_and_their_margin():
 
 @pytest.mark.parametrize(
     "bad",
-    [{"particles": 0}, {"searching_beyond": 0.0}, {"patience": -1}, {"smooth": 4}, {"spread": 0.0}, {"layers": 3}],
+    [{"particles": 0}, {"searching_beyond": 0.0}, {"patience": -1}, {"smooth": 4}, {"spread": 0.0}],
 )
 def test_impossible_settings_are_refused_by_name(bad):
     with pytest.raises(RequestError, match=f"`{next(iter(bad))}`: expected"):

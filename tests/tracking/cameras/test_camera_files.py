@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras, read_intrinsics, write_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras, write_cameras
+from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 
@@ -18,7 +19,7 @@ MATRIX = np.array([[700.0, 0.0, 399.5], [0.0, 690.0, 299.5], [0.0, 0.0, 1.0]])
 def test_cameras_survive_a_round_trip(tmp_path):
     placed = [PlacedCamera("left", CAMERA, 15.0, 0.25), PlacedCamera("right", CAMERA)]
     write_cameras(tmp_path / "cameras.yaml", placed)
-    left, right = read_cameras(tmp_path / "cameras.yaml")
+    left, right = read_projective_cameras(tmp_path / "cameras.yaml")
     assert (left.name, left.frame_rate, left.offset) == ("left", 15.0, 0.25)
     assert (right.name, right.frame_rate, right.offset) == ("right", None, 0.0)
     np.testing.assert_allclose(left.camera.matrix, CAMERA.matrix, rtol=1e-9)
@@ -43,14 +44,14 @@ def test_a_wrong_field_is_named(tmp_path, change, reason):
     change(content["cameras"][0])
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(RequestError, match=reason):
-        read_cameras(path)
+        read_projective_cameras(path)
 
 
 @pytest.mark.parametrize("text", ["", "cameras: []", "[1, 2]", "a: [", "cameras: [3]"])
 def test_a_file_that_is_no_camera_file_is_refused(tmp_path, text):
     (tmp_path / "cameras.yaml").write_text(text)
     with pytest.raises(RequestError, match="expected"):
-        read_cameras(tmp_path / "cameras.yaml")
+        read_projective_cameras(tmp_path / "cameras.yaml")
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])

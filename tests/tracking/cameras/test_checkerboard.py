@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras, write_cameras
 from tsuiseki.tracking.cameras.checkerboard import fit_checkerboards
 from tsuiseki.tracking.cameras.distortion import distort, largest_radius, undistort
-from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras, read_intrinsics, write_cameras
+from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
@@ -101,5 +102,5 @@ def test_wide_lenses_go_through_files(coefficients: int, pictures: Path, tmp_pat
         640, 480, intrinsics.focal, intrinsics.principal_point, np.eye(3), np.zeros(3), LENSES[coefficients]
     )
     write_cameras(tmp_path / "cameras.yaml", [PlacedCamera("wide", camera)])
-    (read,) = read_cameras(tmp_path / "cameras.yaml")
+    (read,) = read_projective_cameras(tmp_path / "cameras.yaml")
     np.testing.assert_array_equal(read.camera.distortion, LENSES[coefficients])

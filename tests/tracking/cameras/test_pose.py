@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cameras.floor_files import CameraOverFloor, read_floor_cameras, write_floor_cameras
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras, write_cameras
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.cameras.pose import locate_over_floor, pose_at
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -64,22 +64,23 @@ def test_a_camera_hangs_above_the_floor(height):
 def test_cameras_over_a_floor_come_back_from_disk(tmp_path):
     floor = np.array([0.0, 0, 8, 16])
     written = [
-        CameraOverFloor("a", replace(pose_at(FISHEYE, 3.0), lens=replace(LENS, field=1.5)), floor, 15.0),
-        CameraOverFloor("b", pose_at(PINHOLE, 3.0), floor),
+        CameraOverFloor("a", replace(pose_at(FISHEYE, 3.0), lens=replace(LENS, field=1.5)), 15.0, floor=floor),
+        CameraOverFloor("b", pose_at(PINHOLE, 3.0), floor=floor),
     ]
-    write_floor_cameras(tmp_path / "cameras.yaml", written)
+    write_cameras(tmp_path / "cameras.yaml", written)
     points = np.array([[0.3, 0.2, 0.0], [-0.5, 0.1, 1.7]])
-    for before, after in zip(written, read_floor_cameras(tmp_path / "cameras.yaml"), strict=True):
+    for before, after in zip(written, read_cameras(tmp_path / "cameras.yaml"), strict=True):
         assert np.allclose(before.camera.project(points)[0], after.camera.project(points)[0], atol=1e-6)
         assert (before.name, before.frame_rate) == (after.name, after.frame_rate)
         assert np.allclose(after.floor, floor)
 
 
 def test_two_floors_are_refused(tmp_path):
-    cameras = [CameraOverFloor(n, pose_at(FISHEYE, 3.0), np.array([0.0, 0, 8, y])) for n, y in (("a", 16), ("b", 9))]
-    write_floor_cameras(tmp_path / "cameras.yaml", cameras)
+    floors = {name: np.array([0.0, 0, 8, y]) for name, y in (("a", 16), ("b", 9))}
+    cameras = [CameraOverFloor(name, pose_at(FISHEYE, 3.0), floor=floor) for name, floor in floors.items()]
+    write_cameras(tmp_path / "cameras.yaml", cameras)
     with pytest.raises(RequestError, match="one floor for all cameras"):
-        read_floor_cameras(tmp_path / "cameras.yaml")
+        read_cameras(tmp_path / "cameras.yaml")
 
 
 def test_a_field_that_is_missing_is_named(tmp_path):
@@ -88,4 +89,4 @@ def test_a_field_that_is_missing_is_named(tmp_path):
         "rotation: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], position: [0, 0, 3]}\n"
     )
     with pytest.raises(RequestError, match="the field direct"):
-        read_floor_cameras(tmp_path / "cameras.yaml")
+        read_cameras(tmp_path / "cameras.yaml")

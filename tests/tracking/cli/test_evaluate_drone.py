@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.evaluation.action.action_pairs import read_labelled_actions
-from tsuiseki.tracking.formats.drone.acting_tracks import write_acting_tracks
-from tsuiseki.tracking.formats.drone.drone_action import DRONE_ACTION_CLASSES
-from tsuiseki.tracking.formats.drone.okutama import OKUTAMA_ACTIONS
+from tsuiseki.tracking.evaluation.action_files import read_labelled_actions
+from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
+from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 

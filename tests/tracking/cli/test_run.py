@@ -17,7 +17,8 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.output import output_file
-from tsuiseki.tracking.video.source import image_folder, open_source
+from tsuiseki.tracking.video import image_folder
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.video.webm import VideoWriter
 
 FRAMES = 10
@@ -241,14 +242,14 @@ def bomb(folder: Path) -> Path:
     return folder / "c.yaml"
 
 
-@pytest.mark.parametrize(("make", "line"), [(picture, "something binary"), (bomb, "too many values")])
+@pytest.mark.parametrize(("make", "line"), [(picture, "something binary"), (bomb, "got aliases")])
 def test_files_that_are_no_options(
     make: Callable[[Path], Path], line: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["track", "people", str(clip), "--out", "o", "--config", str(make(tmp_path))]) == 2
     (said,) = lines_of(capsys)
     assert said.startswith("tsuiseki: --config: expected YAML of options")
-    assert said.endswith(line)
+    assert line in said
 
 
 @pytest.mark.parametrize(

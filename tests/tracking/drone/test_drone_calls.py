@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
 from tsuiseki.tracking.drone.models import DroneModels, Finding
 from tsuiseki.tracking.drone.tracking import track_drone
 from tsuiseki.tracking.errors import RequestError

@@ -12,7 +12,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.rotated import evaluate_rings, evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
-from tsuiseki.tracking.formats.space.rotated import (
+from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,
     about_bodies,
     half_turned,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.evaluation.target_coverage import TargetCoverage, target_coverage
-from tsuiseki.tracking.formats.boxes import write_boxes
+from tsuiseki.tracking.evaluation.coverage import TargetCoverage, target_coverage
 from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.formats.single import write_boxes
 from tsuiseki.tracking.types import Track
 
 TARGET = np.array([[10.0, 20, 30, 60]]) + np.arange(10)[:, None]

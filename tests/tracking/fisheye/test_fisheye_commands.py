@@ -13,7 +13,7 @@ import yaml
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.fisheye import page as floor
 from tsuiseki.tracking.fisheye.tracking import CeilingSource
-from tsuiseki.tracking.video.source import source as video
+from tsuiseki.tracking.video import source as video
 
 LENS = "2 -100 0\n2 150 60\n120 160\n1 0 0\n240 320\n"
 ROOM = ["--room", "small", "--people", "3", "--frames", "4", "--frame-rate", "2", "--width", "320", "--height", "240"]

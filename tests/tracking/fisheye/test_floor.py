@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsuiseki.tracking.fisheye.page import FloorSection, corners, draw_floor_tracks, dwell_seconds, floor_page
-from tsuiseki.tracking.formats.space.world import HEADER, write_world
+from tsuiseki.tracking.formats.track3d import FLOOR_HEADER, write_world
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -43,7 +43,7 @@ def test_the_overlay_leaves_the_frame_alone_and_draws():
 def test_the_world_file(tmp_path):
     write_world(tmp_path / "world.csv", [somebody(2, 3), somebody(1, 3)], 2.0)
     lines = (tmp_path / "world.csv").read_text().splitlines()
-    assert lines[0] == HEADER
+    assert lines[0] == FLOOR_HEADER
     assert lines[1] == "1,0.0000,1.0500,2.0500,31.00,51.00,40.00,20.00,50.00,60.00,20.00,40.00,90.00"
     assert [line.split(",")[:2] for line in lines[1:5]] == [
         ["1", "0.0000"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.readers.images import labelled_images
+from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot import (
     read_classed_detections,

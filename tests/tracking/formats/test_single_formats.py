@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.boxes import polygon_hulls, read_boxes, read_result, write_boxes
-from tsuiseki.tracking.formats.single import find_single_sequences, read_attributes, same_name
+from tsuiseki.tracking.formats.single import (
+    find_single_sequences,
+    polygon_hulls,
+    read_attributes,
+    read_boxes,
+    read_result,
+    same_name,
+    write_boxes,
+)
 
 
 def write(path, text):

@@ -7,9 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
-from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks, write_detections
 from tsuiseki.tracking.types import Detections

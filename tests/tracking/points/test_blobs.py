@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, write_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, write_blobs
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_tracks

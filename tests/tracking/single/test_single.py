@@ -12,7 +12,7 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.calls import evaluate_target
-from tsuiseki.tracking.formats.boxes import read_boxes
+from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.single.methods import make_tracker
 from tsuiseki.tracking.single.tracking import follow
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.formats.boxes import read_boxes
+from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.geometry import iou_pairs
 
 HIGH, WIDE = 160, 200

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cameras.files import PlacedCamera
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.cameras.volume import common_volume, in_sight

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
-from tsuiseki.tracking.cameras.files import PlacedCamera, read_cameras, write_cameras
+from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.evaluation.space import distance_to_position
-from tsuiseki.tracking.formats.space.track3d import read_path3d
-from tsuiseki.tracking.video.source import source as video
+from tsuiseki.tracking.formats.track3d import read_path3d
+from tsuiseki.tracking.video import source as video
 
 FRAMES = 8
 
@@ -151,7 +151,7 @@ def test_calibrating_from_points_gives_the_cameras_back(tmp_path, capsys):
     assert main([*words, "--image-size", "800,600", "--frame-rate", "15"]) == 0
     shown = capsys.readouterr().out
     assert shown.count("line ") == 16
-    found = read_cameras(out)
+    found = read_projective_cameras(out)
     assert [(p.name, p.frame_rate) for p in found] == [("view0", 15.0), ("view1", 15.0)]
     for placed, camera in zip(found, cameras, strict=True):
         np.testing.assert_allclose(placed.camera.position, camera.position, atol=1e-5)

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
-from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import distance_to_position
-from tsuiseki.tracking.formats.space.ball_points import read_ball_points
-from tsuiseki.tracking.formats.space.track3d import read_path3d, write_path3d
+from tsuiseki.tracking.formats.correspondences import read_ball_points
+from tsuiseki.tracking.formats.track3d import read_path3d, write_path3d
 from tsuiseki.tracking.sphere.points import track_sphere_points
 from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.types.tracks import Path3D

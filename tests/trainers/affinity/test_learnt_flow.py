@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tsuiseki.datamodules.identity_crops import read_image
+from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.association.affinity import Affinity, FeatureSet
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.networks.exported import Appearance

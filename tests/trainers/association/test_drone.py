@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.drone.files import write_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
 from tsuiseki.tracking.association.flow.evidence import JOIN_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.drone.tracker import DRONE_FLOW

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.bouncing import BouncingBallSettings, ball_frames
+from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, ball_frames
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.motion.body_motion import Noise, RandomWalk
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
+from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.bodies.motion import learn_motion
 
 BODY = Ball()

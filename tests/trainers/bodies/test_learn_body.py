@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, goldfish_frames, write_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, write_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, contour_distance
@@ -15,8 +15,8 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
-from tsuiseki.tracking.formats.bodies.silhouettes import centre_inside
-from tsuiseki.tracking.formats.bodies.states import read_states
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.bodies.body import area_centroids, evenly_sampled, learn_body, line_up
 from tsuiseki.trainers.bodies.outlines import Outline, outlines_of
 

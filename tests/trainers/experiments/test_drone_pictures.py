@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.drone.observations import Observation
-from tsuiseki.tracking.evaluation.action.action_pairs import LabelledActions
+from tsuiseki.tracking.evaluation.action_files import LabelledActions
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scene_images import write_scene_images
-from tsuiseki.datamodules.scenes.street.training import TrainingSettings
+from tsuiseki.datamodules.generated_pictures import write_scene_images
+from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.networks.exported import Detector
 from tsuiseki.tracking.video.image_folder import read_image

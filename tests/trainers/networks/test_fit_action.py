@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.action import ActionData
+from tsuiseki.datamodules.action_data import ActionData
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
-from tsuiseki.tracking.formats.drone.okutama import OKUTAMA_ACTIONS
+from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_action import export_action, labelled_crops, quantise

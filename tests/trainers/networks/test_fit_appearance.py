@@ -12,7 +12,7 @@ import pytest
 import torch
 from torch import nn
 
-from tsuiseki.datamodules.appearance import AppearanceData
+from tsuiseki.datamodules.appearance_data import AppearanceData
 from tsuiseki.models import appearance
 from tsuiseki.models.backbones import Trunk
 from tsuiseki.tracking.errors import RequestError

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.detection import DetectionBatch
+from tsuiseki.datamodules.detection_data import DetectionBatch
 from tsuiseki.models.distillation import mirrored
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import OnnxModel

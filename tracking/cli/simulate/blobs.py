@@ -27,7 +27,7 @@ def blobs(
         purity: least and greatest share of an object's pixels that has the colour.
         clutter: patches of the same colour, smaller than objects, in the background.
     """
-    from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, write_blobs
+    from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, write_blobs
 
     settings = BlobSceneSettings(**asdict(clip), objects=objects, colour=colour, purity=purity, clutter=clutter)
     return fill(output, clip.told, lambda folder: write_blobs(folder, settings, output.seed, watch=clip.watch))

@@ -34,8 +34,7 @@ def drone(
         sun: probability of a hard sun, in which one side of everybody is dark; else anything from overcast to mild.
         layout: mot is a MOTChallenge sequence with gt/actions.txt as Okutama-Action's; okutama is that data set's own.
     """
-    from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings
-    from tsuiseki.datamodules.scenes.drone.files import write_drone
+    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
 
     settings = DroneSceneSettings(
         **asdict(clip),

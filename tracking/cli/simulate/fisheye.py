@@ -32,8 +32,7 @@ def fisheye(
         repeated: share of people who wear the clothes of another, or nearly.
         calibration: lens of the cameras, enlarged to fill the images; by default an equidistant one.
     """
-    from tsuiseki.datamodules.scenes.rooms.ceiling import SIZES, RoomSettings
-    from tsuiseki.datamodules.scenes.rooms.files import write_room
+    from tsuiseki.datamodules.scenes.room_clip import SIZES, RoomSettings, write_room
     from tsuiseki.tracking.cameras.lens_files import read_lens
 
     settings = RoomSettings(**asdict(clip), size=SIZES[room], people=people, repeated=repeated)

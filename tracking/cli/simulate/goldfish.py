@@ -30,8 +30,8 @@ def goldfish(
         count: how many, 1 to 5; by default three fish or one ball.
         frame_rate: frames per second; by default 15 for fish and 30 for balls.
     """
-    from tsuiseki.datamodules.scenes.ball.bouncing import BouncingBallSettings, write_balls
-    from tsuiseki.datamodules.scenes.fish.goldfish import GoldfishSettings, write_goldfish
+    from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, write_balls
+    from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
 
     drawn, how = asdict(size), (output.seed, False, size.watch)
     if body == "ball":

@@ -29,8 +29,7 @@ def sphere(
         noise: of the sensor, standard deviation in grey levels of 255.
         cover: CAMERA,FIRST,LAST: a board hides the view of that camera in these frames, counted from 1.
     """
-    from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, Cover
-    from tsuiseki.datamodules.scenes.ball.files import write_ball
+    from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, Cover, write_ball
 
     covers: tuple[Cover, ...] = ()
     if cover is not None:

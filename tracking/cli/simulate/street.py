@@ -18,7 +18,7 @@ def street(output: SeededOutput, clip: Clip = CLIP, people: int = 10, occluders:
         people: about how many are around at a time.
         occluders: poles, bushes, parked cars and the like that may hide them.
     """
-    from tsuiseki.datamodules.scenes.street.street import StreetSettings, write_street
+    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
 
     settings = StreetSettings(**asdict(clip), people=people, occluders=occluders)
     return fill(output, clip.told, lambda folder: write_street(folder, settings, output.seed, watch=clip.watch))

@@ -1,4 +1,4 @@
-"""Particle filters: bootstrap and guided, with a fixed or an adaptive number of particles.
+"""Particle filters: bootstrap and guided.
 
 See `tsuiseki.tracking.filters.base` for the contract. ``ParticleFilter.step`` is (14)-(20) of the finite-sets paper:
 resample when the effective sample size is low, propose, weigh. Resampling stands at the start of the step (it is the
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Generic
 
 import numpy as np
-from scipy.special import ndtri
 
 from tsuiseki.tracking.filters.base import LogLikelihood, Observation, Proposal
 from tsuiseki.tracking.filters.particles.resampling import Resampler, systematic
@@ -54,51 +53,6 @@ class ParticleInfo:
 
 
 @dataclass(frozen=True)
-class AdaptiveNumber:
-    """Number of particles by the Kullback-Leibler bound of Fox, "KLD-sampling", 2003.
-
-    With it the particles are drawn anew at every step, as many as the bound asks for the bins that they occupy.
-
-    Attributes:
-        bin_size: ``(D,)`` width of a bin along each column, > 0; ``inf`` leaves a column out.
-        error: largest Kullback-Leibler divergence to the predicted distribution, > 0.
-        confidence: probability that the bound holds, in (0, 1).
-        minimum: least number of particles.
-        maximum: greatest number of particles.
-    """
-
-    bin_size: FloatArray
-    error: float = 0.05
-    confidence: float = 0.99
-    minimum: int = 50
-    maximum: int = 5000
-
-    def __post_init__(self) -> None:
-        if np.any(~(np.asarray(self.bin_size) > 0)) or not self.error > 0 or not 0 < self.confidence < 1:
-            raise ValueError("expected bin sizes and an error above 0 and a confidence in (0, 1)")
-        if not 1 <= self.minimum <= self.maximum:
-            raise ValueError(f"expected 1 <= minimum <= maximum, got {self.minimum} and {self.maximum}")
-
-    def bound(self, bins: IntArray) -> FloatArray:
-        """Particles needed for each number of occupied bins, by the Wilson-Hilferty approximation."""
-        freedom = np.maximum(np.asarray(bins, dtype=np.float64) - 1.0, 0.0)
-        spread = 2.0 / (9.0 * np.maximum(freedom, 1.0))
-        quantile = float(ndtri(self.confidence))
-        needed: FloatArray = freedom / (2.0 * self.error) * (1.0 - spread + np.sqrt(spread) * quantile) ** 3
-        return needed
-
-    def count(self, particles: FloatArray) -> int:
-        """How many of the particles ``(maximum, D)``, in their random order, are enough."""
-        cells = np.floor(particles / np.asarray(self.bin_size)).astype(np.int64)
-        _, first = np.unique(cells, axis=0, return_index=True)
-        occupied = np.cumsum(np.bincount(first, minlength=len(particles)))
-        numbers = np.arange(1, len(particles) + 1)
-        # One bin alone asks for nothing, so the first particles say nothing: the minimum is drawn before the bound.
-        enough = numbers[(numbers >= self.bound(occupied)) & (numbers >= self.minimum)]
-        return int(enough[0]) if len(enough) else len(particles)
-
-
-@dataclass(frozen=True)
 class ParticleFilter(Generic[Observation]):
     """A particle filter, equations (12)-(22) of the finite-sets paper.
 
@@ -107,14 +61,12 @@ class ParticleFilter(Generic[Observation]):
         log_likelihood: weighs them.
         resample: one of :mod:`tsuiseki.tracking.filters.particles.resampling`.
         threshold: resample when the effective sample size is below this share of the particles, in [0, 1].
-        adaptive: chooses the number of particles at every step; None keeps the number.
     """
 
     proposal: Proposal[Observation]
     log_likelihood: LogLikelihood[Observation]
     resample: Resampler = systematic
     threshold: float = 0.5
-    adaptive: AdaptiveNumber | None = None
 
     def init(self, particles: FloatArray) -> ParticleState:
         """Equally weighted draws ``(N, D)`` of the initial distribution, equation (13).
@@ -133,10 +85,6 @@ class ParticleFilter(Generic[Observation]):
         """One observation further. When no particle explains it, the predicted weights are kept."""
         ancestors, prior, resampled = self._select(state, rng)
         particles, correction = self.proposal(state.particles[ancestors], observation, rng)
-        if self.adaptive is not None:
-            enough = self.adaptive.count(particles)
-            particles, correction, ancestors = particles[:enough], correction[:enough], ancestors[:enough]
-            prior = np.full(enough, -np.log(enough))
         log_weights = prior + correction + self.log_likelihood(particles, observation)
         # The prior weights sum to one, so the evidence is the plain sum; the 1/L of (23) belongs to unit weights.
         log_evidence = log_sum(log_weights)
@@ -146,10 +94,6 @@ class ParticleFilter(Generic[Observation]):
 
     def _select(self, state: ParticleState, rng: np.random.Generator) -> tuple[IntArray, FloatArray, bool]:
         """Ancestors, their normalised log-weights, and whether they were drawn anew, equations (16)-(20)."""
-        if self.adaptive is not None:
-            drawn = self.resample(probabilities(state.log_weights), self.adaptive.maximum, rng)
-            # The bound counts bins in the order of the draws, and resamplers return sorted indices.
-            return rng.permutation(drawn), np.full(len(drawn), -np.log(len(drawn))), True
         count = len(state)
         if effective_sample_size(state.log_weights) >= self.threshold * count:
             return np.arange(count), state.log_weights, False

@@ -11,7 +11,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, as_ground_truth, blob_frames
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, blob_frames
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange
 from tsuiseki.tracking.filters.image_regions.region_births import PatchBirths

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, blob_frames, plan_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, blob_frames, plan_blobs
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
 from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths
 from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, RegionLikelihood, WithoutOthers

@@ -10,7 +10,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
 from tsuiseki.tracking.evaluation.rotated import evaluate_rings
 from tsuiseki.tracking.fisheye.view import as_unturned
-from tsuiseki.tracking.formats.space.rotated import RotatedBoxes
+from tsuiseki.tracking.formats.rotated import RotatedBoxes
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.trainers.experiments.fisheye.observations import Observed
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.rooms.ceiling import Room
+from tsuiseki.datamodules.scenes.room_clip import Room
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.trainers.experiments.fisheye.distances import detections_by_part

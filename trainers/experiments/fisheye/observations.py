@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip_files import ground_truth
-from tsuiseki.datamodules.scenes.rooms.ceiling import RoomTruth
+from tsuiseki.datamodules.scenes.clip import ground_truth
+from tsuiseki.datamodules.scenes.room_clip import RoomTruth
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
 from tsuiseki.tracking.features.networks.exported import Appearance, Detector

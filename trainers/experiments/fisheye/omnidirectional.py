@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import cv2
 
-from tsuiseki.datamodules.scenes.rooms.ceiling import CAMERAS, Room
+from tsuiseki.datamodules.scenes.room_clip import CAMERAS, Room
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fisheye.looking import DETECTORS, CeilingLook
 from tsuiseki.tracking.weights import shipped

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.rooms.ceiling import draw_room_frame, view_room
+from tsuiseki.datamodules.scenes.room_clip import draw_room_frame, view_room
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
 from tsuiseki.tracking.geometry import iou_matrix

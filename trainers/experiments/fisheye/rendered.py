@@ -10,7 +10,7 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.rooms.ceiling import (
+from tsuiseki.datamodules.scenes.room_clip import (
     SIZES,
     Room,
     RoomClip,

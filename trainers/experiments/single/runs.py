@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street.chase import render_chase
+from tsuiseki.datamodules.scenes.single_clip import render_chase
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.features.networks.exported import Appearance
 from tsuiseki.tracking.formats.single import SingleSequence

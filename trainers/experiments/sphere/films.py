@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.ball.carried import (
+from tsuiseki.datamodules.scenes.sphere_clip import (
     BallScene,
     CarriedBallSettings,
     backgrounds,

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.ball.carried import ball_cameras
-from tsuiseki.tracking.cameras.files import PlacedCamera, write_cameras
+from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.sphere.points import track_sphere_points
 from tsuiseki.tracking.sphere.settings import SphereSettings

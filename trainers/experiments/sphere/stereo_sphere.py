@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, backgrounds, film, make_scene
+from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, backgrounds, film, make_scene
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.intervals import interval

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.figures.rasterise import nearest, rasterise
+from tsuiseki.datamodules.scenes.figures.mesh import nearest, rasterise
 
 
 def test_pixels_are_those_whose_centres_lie_in_the_triangle() -> None:

@@ -7,20 +7,19 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules import scene_images
-from tsuiseki.datamodules.scene_images import VariedPictures
+from tsuiseki.datamodules import generated_pictures
+from tsuiseki.datamodules.generated_pictures import VariedPictures
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.figure import random_figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
 from tsuiseki.datamodules.scenes.figures.mesh import SKIN, UPPER
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites, render_figure, smaller, steady_sides
 from tsuiseki.datamodules.scenes.figures.standing import Standing, dressed, tilt_of
-from tsuiseki.datamodules.scenes.people.body import Build, place
-from tsuiseki.datamodules.scenes.people.gait import random_manner, walking
-from tsuiseki.datamodules.scenes.people.sprites import view_from
-from tsuiseki.datamodules.scenes.render.raster import silhouette_box
+from tsuiseki.datamodules.scenes.people.body import Build, place, random_manner, walking
+from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.street.training import Stock, TrainingSettings, random_training_scene
+from tsuiseki.datamodules.scenes.render.solids import silhouette_box
+from tsuiseki.datamodules.scenes.training_pictures import Stock, TrainingSettings, random_training_scene
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
@@ -249,9 +248,9 @@ def test_rendered_people_take_the_places_of_drawn_ones_and_leave_the_rest(librar
 
 
 def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_images, "on_all_cores", lambda work, items, _: map(work, items))
+    monkeypatch.setattr(generated_pictures, "on_all_cores", lambda work, items, _: map(work, items))
     folder = tmp_path / "pictures"
-    scene_images.write_varied_images(folder, 3, VariedPictures(96, 72, sprites=str(library)), 1)
+    generated_pictures.write_varied_images(folder, 3, VariedPictures(96, 72, sprites=str(library)), 1)
     assert len(list((folder / "img1").iterdir())) == 3
     assert len(read_ground_truth(folder / "gt" / "gt.txt").boxes) > 0
 
@@ -261,7 +260,7 @@ def test_things_are_refused_where_there_are_none(library: Path, tmp_path: Path) 
     cv2.imwrite(str(tmp_path / "photographs" / "views" / "grey.png"), np.full((8, 8, 3), 99, np.uint8))
     for photographs in ("", str(tmp_path / "photographs")):
         with pytest.raises(RequestError, match="expected photographs of things"):
-            scene_images.write_varied_images(
+            generated_pictures.write_varied_images(
                 tmp_path / "pictures",
                 1,
                 VariedPictures(96, 72, sprites=str(library), photographs=photographs, things=True),
@@ -271,7 +270,7 @@ def test_things_are_refused_where_there_are_none(library: Path, tmp_path: Path) 
 
 
 def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_images, "on_all_cores", lambda work, items, _: map(work, items))
+    monkeypatch.setattr(generated_pictures, "on_all_cores", lambda work, items, _: map(work, items))
     near, asked = SpriteLibrary.near, []
 
     def noted(self: SpriteLibrary, rng: np.random.Generator, tilt: float) -> Sprite:
@@ -282,7 +281,7 @@ def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monk
     tilts = {}
     for scene in ("varied", "aerial"):
         asked.clear()
-        scene_images.write_varied_images(tmp_path / scene, 12, VariedPictures(96, 72, scene, str(library)), 3)
+        generated_pictures.write_varied_images(tmp_path / scene, 12, VariedPictures(96, 72, scene, str(library)), 3)
         assert len(read_ground_truth(tmp_path / scene / "gt" / "gt.txt").boxes) > 5
         tilts[scene] = np.degrees(asked)
     assert np.median(tilts["aerial"]) > np.median(tilts["varied"]) + 10

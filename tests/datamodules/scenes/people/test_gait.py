@@ -3,8 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.people.body import Build, Pose, blend, place
-from tsuiseki.datamodules.scenes.people.gait import STANCE, Manner, reach_for, standing, stride_length, walking
+from tsuiseki.datamodules.scenes.people.body import (
+    STANCE,
+    Build,
+    Manner,
+    Pose,
+    blend,
+    place,
+    reach_for,
+    standing,
+    stride_length,
+    walking,
+)
 from tsuiseki.datamodules.scenes.people.look import random_build
 
 BUILD, MANNER = Build(height=1.8), Manner()

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.render.facades import Facade, random_facades
-from tsuiseki.datamodules.scenes.render.photographs import Photographs
+from tsuiseki.datamodules.scenes.render.photographs import Facade, Photographs, random_facades
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 

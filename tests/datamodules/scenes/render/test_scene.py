@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.people.look import random_look
-from tsuiseki.datamodules.scenes.render.raster import silhouette_box, trace
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Surfaces, boxes, cone_spheres, join
+from tsuiseki.datamodules.scenes.render.solids import Surfaces, boxes, cone_spheres, join, silhouette_box, trace
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 
 CAMERA = PinholeCamera.look_at(np.array([0, -10, 1.0]), np.array([0, 0, 1.0]), 300, 160, 120)

@@ -3,8 +3,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.render.raster import extents, silhouette_box, trace
-from tsuiseki.datamodules.scenes.render.solids import Solids, Surfaces, boxes, cone_spheres, inner_normals, intersect
+from tsuiseki.datamodules.scenes.render.solids import (
+    Solids,
+    Surfaces,
+    boxes,
+    cone_spheres,
+    extents,
+    inner_normals,
+    intersect,
+    silhouette_box,
+    trace,
+)
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 
 CAMERA = PinholeCamera.look_at(np.array([0, -10, 1.0]), np.array([0, 0, 1.0]), 300, 160, 120)

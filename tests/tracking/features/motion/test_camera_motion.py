@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
-from tsuiseki.datamodules.scenes.drone.flight import ground_homography
-from tsuiseki.datamodules.scenes.drone.flow_pairs import random_flow_pair
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.flow_pairs import random_flow_pair
+from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.motion.camera_motion import camera_flow, camera_motion, undone
 from tsuiseki.tracking.features.motion.camera_path import CameraPath, moved_boxes
 from tsuiseki.tracking.people.compensated import MotionCompensated

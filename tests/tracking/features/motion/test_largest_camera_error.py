@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.clip import DroneSceneSettings, draw_flight, plan_flight
-from tsuiseki.datamodules.scenes.drone.flight import ground_homography
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.motion.camera_path import CameraPath
 from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
 

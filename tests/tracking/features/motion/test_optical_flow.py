@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone.flow_pairs import end_point_error, random_flow_pair
+from tsuiseki.datamodules.scenes.flow_pairs import end_point_error, random_flow_pair
 from tsuiseki.tracking.features.motion.optical_flow import FLOW_METHODS, dis_flow, optical_flow, region_pixels
 from tsuiseki.tracking.features.motion.tv_l1 import TvL1Settings, _gradient, _Level, tv_l1
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings, blob_frames
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, blob_frames
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS
 from tsuiseki.tracking.filters.image_regions.region_confirmation import Confirmation, at_patches

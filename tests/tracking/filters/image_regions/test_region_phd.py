@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.points.blobs import HUES, as_ground_truth, blob_frames, write_blobs
-from tsuiseki.datamodules.scenes.points.blobs import BlobSceneSettings as SceneSettings
+from tsuiseki.datamodules.scenes.blob_clip import HUES, as_ground_truth, blob_frames, write_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings as SceneSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
 from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, PatchBirths

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.particles.particle_filter import AdaptiveNumber, ParticleFilter
+from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
 from tsuiseki.tracking.filters.particles.resampling import multinomial, residual, stratified, systematic
 from tsuiseki.tracking.filters.particles.weights import weighted_covariance, weighted_mean
 
@@ -121,31 +121,6 @@ def test_guided_proposal_wastes_fewer_particles():
     _, blind = run(ParticleFilter(bootstrap(motion), likelihood, threshold=1.0), observations)
     _, guided = run(ParticleFilter(optimal, likelihood, threshold=1.0), observations)
     assert np.mean([i.effective_sample_size for i in guided]) > np.mean([i.effective_sample_size for i in blind])
-
-
-def test_adaptive_number_follows_the_spread_and_agrees_with_kalman():
-    observations = simulate(15, seed=8)
-    adaptive = AdaptiveNumber(bin_size=np.array([0.5, 0.5]), error=0.05, minimum=100, maximum=6000)
-    states, _ = run(ParticleFilter(bootstrap(motion), likelihood, adaptive=adaptive), observations)
-    means, covariances, _ = kalman(observations)
-    assert len(states[0]) > len(states[-1])
-    assert all(100 <= len(s) <= 6000 for s in states)
-    found = weighted_mean(states[-1].particles, states[-1].log_weights)
-    assert np.all(np.abs(found - means[-1]) <= 10 * np.sqrt(np.diag(covariances[-1]) / len(states[-1])))
-
-
-def test_adaptive_bound_is_the_chi_square_quantile():
-    from scipy.stats import chi2
-
-    bins = np.array([2, 10, 100])
-    bound = AdaptiveNumber(bin_size=np.ones(1), error=0.05, confidence=0.99).bound(bins)
-    np.testing.assert_allclose(bound, chi2.ppf(0.99, bins - 1) / (2 * 0.05), rtol=0.02)  # Wilson-Hilferty's own error
-
-
-@pytest.mark.parametrize("bad", [{"bin_size": np.zeros(1)}, {"error": 0.0}, {"confidence": 1.0}, {"minimum": 9999}])
-def test_adaptive_number_refuses_impossible_settings(bad):
-    with pytest.raises(ValueError, match="expected"):
-        AdaptiveNumber(**{"bin_size": np.ones(1), **bad})
 
 
 def impossible_likelihood(particles, _):

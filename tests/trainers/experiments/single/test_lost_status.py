@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
 from tsuiseki.tracking.evaluation.single import evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.single.regularised_settings import RegularisedSettings

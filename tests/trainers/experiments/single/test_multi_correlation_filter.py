@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.single.kcf_particle_settings import THESIS

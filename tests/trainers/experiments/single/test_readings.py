@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.trainers.experiments.single.readings import READINGS, readings
 from tsuiseki.trainers.experiments.single.runs import Clip

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.street.chase import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.single.combined_settings import CombinedSettings
 from tsuiseki.tracking.single.kcf import KcfSettings

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.ball.carried import CarriedBallSettings, ball_cameras, film, make_scene
+from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, ball_cameras, film, make_scene
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments.sphere import stereo_sphere
 from tsuiseki.trainers.experiments.sphere.configurations import configurations

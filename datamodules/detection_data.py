@@ -1,0 +1,339 @@
+"""Training and validation images for detectors, from MOTChallenge folders of real or generated video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import cv2
+import lightning
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset, DistributedSampler
+
+from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
+from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
+from tsuiseki.datamodules.footage import FixedView, Footage, Source
+from tsuiseki.datamodules.generated_pictures import (
+    VariedPictures,
+    write_drone_images,
+    write_panorama_images,
+    write_scene_images,
+    write_varied_images,
+)
+from tsuiseki.datamodules.mining import NO_MINING, Mining, mine
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings
+from tsuiseki.datamodules.scenes.room_pictures import PanoramaPictures
+from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.preprocessing import fit_image
+from tsuiseki.tracking.types import ImageArray
+
+PERSON, IGNORED, PADDING = 1, -1, 0
+_TEXTURES = 48
+# Generated pictures from a drone are as a window of a frame that is half as wide again: people large enough to learn.
+DRONE_PEOPLE, DRONE_FOCAL = 7, (1.5, 3.0)
+
+
+@dataclass(frozen=True)
+class Composition:
+    """How people are composed onto the frames of fixed cameras; chances are in [0, 1].
+
+    Attributes:
+        generated_people: how many are rendered at the start; 0 leaves all frames of fixed cameras as they are.
+        add: chance that people are added to a frame.
+        reclothe: chance that each person of a frame gets other colours.
+        empty: chance that a frame is replaced by its camera's view without people, before people are added.
+        foreign: chance that a frame is replaced by a random texture, before people are added.
+        most_people: added to one image.
+        tilt: how far the cameras of generated people look down, radians.
+    """
+
+    generated_people: int = 0
+    add: float = 0.5
+    reclothe: float = 0.4
+    empty: float = 0.3
+    foreign: float = 0.1
+    most_people: int = 10
+    tilt: tuple[float, float] = (0.05, 0.6)
+
+
+STRONG = Augmentation()
+NO_COMPOSITION = Composition()
+
+
+class DetectionBatch(NamedTuple):
+    """Images and their labels.
+
+    Attributes:
+        images: ``(B, H, W, 3)`` uint8 RGB.
+        boxes: ``(B, M, 4)`` float32 x1, y1, x2, y2 in input pixels, padded.
+        labels: ``(B, M)`` int64 `PERSON`, `IGNORED` or `PADDING`.
+    """
+
+    images: Tensor
+    boxes: Tensor
+    labels: Tensor
+
+
+class TrainingExamples(Dataset[Example]):
+    """Augmented and composed examples; each number stands for one, always the same with one seed."""
+
+    def __init__(
+        self,
+        footage: list[Footage],
+        length: int,
+        size: tuple[int, int],
+        augmentation: Augmentation,
+        composition: Composition,
+        seed: int,
+        mining: Mining = NO_MINING,
+    ) -> None:
+        self.footage = footage
+        self.length = length
+        self.size = size
+        self.augmentation = augmentation
+        self.composition = composition
+        self.seed = seed
+        rng = np.random.default_rng([seed, 0])
+        shares = np.array([f.source.share for f in footage])
+        self.shares = shares / shares.sum()
+        self.textures = [texture(rng, size) for _ in range(_TEXTURES)]
+        generated = generate_people(rng, composition.generated_people, tilt=composition.tilt)
+        self.pools = [[person for f in footage for view in f.views for person in view.people()], generated]
+        self.pools = [pool for pool in self.pools if pool]
+        self.mining = mining
+        self.mined_share = mining.share if mining.detector else 0.0
+        if self.mined_share:
+            shown = [n for n, share in enumerate(self.shares) if share > 0]
+            found = mine([footage[n] for n in shown], mining)
+            self.mined = [(n, boxes) for n, boxes in zip(shown, found, strict=True) if len(boxes)]
+            # Of those where anything was mined, each source comes as often as it does otherwise.
+            weights = self.shares[[n for n, _ in self.mined]]
+            self.mined_weights = weights / weights.sum()
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __getitem__(self, number: int) -> Example:
+        rng = np.random.default_rng([self.seed, 1, number])
+        if self.mined_share and rng.random() < self.mined_share:
+            return self._about_a_false_box(rng)
+        footage = self.footage[rng.choice(len(self.footage), p=self.shares)]
+        index = int(rng.integers(len(footage)))
+        view = footage.view(index)
+        example = footage.example(index)
+        if view is not None and self.composition.generated_people > 0:
+            example = self._compose(rng, example, view, footage.cutouts(index))
+        return augment(rng, example, self.size, self.augmentation, self._fill(rng))
+
+    def _about_a_false_box(self, rng: np.random.Generator) -> Example:
+        which, boxes = self.mined[rng.choice(len(self.mined), p=self.mined_weights)]
+        index, about, as_seen = boxes.draw(rng, self.size, self.augmentation)
+        augmentation = as_seen if self.mining.as_seen else self.augmentation
+        example = self.footage[which].example(index)
+        return augment(rng, example, self.size, augmentation, self._fill(rng), about)
+
+    def _fill(self, rng: np.random.Generator) -> ImageArray:
+        return self.textures[rng.integers(len(self.textures))]
+
+    def _compose(
+        self, rng: np.random.Generator, example: Example, view: FixedView, cutouts: list[Cutout | None]
+    ) -> Example:
+        settings = self.composition
+        kind = rng.random()
+        if kind < settings.empty:
+            canvas = Canvas(view.background)
+        elif kind < settings.empty + settings.foreign:
+            image = self._foreign(rng, view.background.image.shape[:2])
+            canvas = Canvas(Example(image, np.empty((0, 4)), np.empty(0, dtype=np.bool_)))
+        else:
+            canvas = Canvas(example)
+            for box, person in zip(example.boxes, cutouts, strict=True):
+                if person is not None and rng.random() < settings.reclothe:
+                    canvas.repaint(change_clothes(rng, person), box)
+        if kind < settings.empty + settings.foreign or rng.random() < settings.add:
+            count = int(rng.integers(1, settings.most_people + 1))
+            place_people(rng, canvas, self.pools, count, view.sizes)
+        return canvas.finish()
+
+    def _foreign(self, rng: np.random.Generator, size: tuple[int, ...]) -> ImageArray:
+        return np.asarray(cv2.resize(self._fill(rng), size[::-1]), dtype=np.uint8)
+
+
+class ValidationExamples(Dataset[Example]):
+    """Images fitted into the input as the exported model's user will, unchanged otherwise."""
+
+    def __init__(self, footage: list[Footage], card: ModelCard) -> None:
+        self.card = card
+        self.items = [(f, i) for f in footage for i in range(len(f))]
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __getitem__(self, number: int) -> Example:
+        footage, index = self.items[number]
+        example = footage.example(index)
+        image, scale = fit_image(example.image, self.card)
+        return Example(image, example.boxes * np.tile(scale, 2), example.ignored)
+
+
+class EpochSampler(DistributedSampler[int]):
+    """Numbers that go on from epoch to epoch, so that no example comes twice, split over the devices."""
+
+    def __iter__(self) -> Iterator[int]:
+        return (self.epoch * self.total_size + number for number in super().__iter__())
+
+
+class DetectionData(lightning.LightningDataModule):
+    """Labelled people in images of one size.
+
+    Args:
+        train: labelled video to learn from.
+        val: labelled video to validate on.
+        height: of the network's input, pixels.
+        width: likewise.
+        resize: how validation images are fitted into the input; as the exported model will.
+        batch_size: images a step and device.
+        examples_per_epoch: training images of an epoch, over all devices.
+        workers: processes that prepare images.
+        augmentation: how training images are changed.
+        composition: how people are composed onto frames of fixed cameras.
+        mining: false boxes of a detector that are shown more often.
+        seed: of everything random here.
+    """
+
+    def __init__(
+        self,
+        train: list[Source],
+        val: list[Source],
+        height: int = 384,
+        width: int = 512,
+        resize: Literal["letterbox", "stretch"] = "letterbox",
+        batch_size: int = 16,
+        examples_per_epoch: int = 1600,
+        workers: int = 1,
+        augmentation: Augmentation = STRONG,
+        composition: Composition = NO_COMPOSITION,
+        mining: Mining = NO_MINING,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        if not train or not val:
+            raise RequestError("expected at least one labelled folder in data.train and in data.val")
+        for source in [*train, *val]:
+            _refuse_what_the_scene_does_not_show(source)
+        self.sources = {"train": train, "val": val}
+        self.card = ModelCard("detector", "", input_height=height, input_width=width, resize=resize)
+        self.size = (height, width)
+        self.batch_size = batch_size
+        self.examples_per_epoch = examples_per_epoch
+        self.workers = workers
+        self.augmentation = augmentation
+        self.composition = composition
+        self.mining = mining
+        self.seed = seed
+
+    def prepare_data(self) -> None:
+        """Generate the pictures of sources that ask for it, where their folder is missing."""
+        for source in [*self.sources["train"], *self.sources["val"]]:
+            folder = Path(source.folder)
+            if not source.generate or folder.exists():
+                continue
+            width, height = source.size or (self.size[1], self.size[0])
+            print(f"generating {source.generate} pictures into {folder}", flush=True)
+            if source.scene == "street":
+                write_scene_images(folder, source.generate, TrainingSettings(width, height), source.seed)
+            elif source.scene == "ceiling":
+                write_panorama_images(folder, source.generate, PanoramaPictures(width, height), source.seed)
+            elif source.scene == "drone":
+                flight = DroneSceneSettings(
+                    width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL, sun=source.sun
+                )
+                write_drone_images(folder, source.generate, flight, source.seed)
+            else:
+                pictures = VariedPictures(
+                    width,
+                    height,
+                    source.scene,
+                    sprites=source.sprites,
+                    photographs=source.photographs,
+                    town=source.town,
+                    things=source.things,
+                    sun=source.sun,
+                    motion=source.motion,
+                    boxes=source.boxes,
+                )
+                write_varied_images(folder, source.generate, pictures, source.seed)
+
+    def setup(self, stage: str) -> None:
+        """Read the labels, decode what fits into memory, cut people out and render others."""
+        if stage == "fit":
+            self.training = TrainingExamples(
+                [Footage(source) for source in self.sources["train"]],
+                self.examples_per_epoch,
+                self.size,
+                self.augmentation,
+                self.composition,
+                self.seed,
+                self.mining,
+            )
+        if stage in ("fit", "validate"):
+            self.validation = ValidationExamples([Footage(source) for source in self.sources["val"]], self.card)
+
+    def train_dataloader(self) -> DataLoader[Example]:
+        """Batches of an epoch."""
+        world, rank = (self.trainer.world_size, self.trainer.global_rank) if self.trainer else (1, 0)
+        return DataLoader(
+            self.training,
+            batch_size=self.batch_size,
+            sampler=EpochSampler(self.training, world, rank, shuffle=False, drop_last=True),
+            num_workers=self.workers,
+            collate_fn=collate,
+            drop_last=True,
+            persistent_workers=self.workers > 0,
+            worker_init_fn=_one_thread,
+        )
+
+    def val_dataloader(self) -> DataLoader[Example]:
+        """All validation images in order."""
+        return DataLoader(self.validation, batch_size=self.batch_size, collate_fn=collate)
+
+
+def collate(examples: list[Example]) -> DetectionBatch:
+    """Stack images and pad their boxes to one number."""
+    padded = max(len(e.boxes) for e in examples)
+    boxes = np.zeros((len(examples), padded, 4), dtype=np.float32)
+    labels = np.full((len(examples), padded), PADDING, dtype=np.int64)
+    for n, example in enumerate(examples):
+        boxes[n, : len(example.boxes)] = example.boxes
+        labels[n, : len(example.boxes)] = np.where(example.ignored, IGNORED, PERSON)
+    images = torch.from_numpy(np.stack([e.image for e in examples]))
+    return DetectionBatch(images, torch.from_numpy(boxes), torch.from_numpy(labels))
+
+
+def _refuse_what_the_scene_does_not_show(source: Source) -> None:
+    shown = ("sprites", "photographs", "town", "things", "motion", "boxes")
+    given = [name for name in shown if getattr(source, name) != getattr(Source, name)]
+    if given and source.scene in ("street", "drone", "ceiling"):
+        raise RequestError(
+            f"{source.folder}: expected `{given[0]}` with a varied, sparse, aerial or near scene, got {source.scene}"
+        )
+    if source.sun and source.scene in ("street", "ceiling"):
+        raise RequestError(
+            f"{source.folder}: expected `sun` with a varied, sparse, aerial, near or drone scene, got {source.scene}"
+        )
+    if source.boxes == "steady" and not source.sprites:
+        raise RequestError(f"{source.folder}: expected `sprites` with steady `boxes`, which are theirs, got none")
+    for name in ("sun", "motion"):
+        if not 0 <= getattr(source, name) <= 1:
+            raise RequestError(f"{source.folder}: expected `{name}` as a share in [0, 1], got {getattr(source, name)}")
+
+
+def _one_thread(worker: int) -> None:
+    del worker
+    cv2.setNumThreads(0)

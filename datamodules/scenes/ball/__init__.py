@@ -1,1 +1,0 @@
-"""Balls: carried through a room before calibrated cameras, or bouncing and squashed."""

@@ -1,0 +1,282 @@
+"""Coloured objects that move over natural clutter, entering, leaving and crossing, with exact truth.
+
+Objects differ in purity: the share of their pixels that has the colour, so that the likelihood of a region differs
+between targets however well a box fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.clip import write_images, write_info
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import write_ground_truth
+from tsuiseki.tracking.output import output_folder
+from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types.labels import GroundTruth
+
+HUES = {"red": 0.0, "orange": 28.0, "yellow": 55.0, "green": 120.0, "cyan": 182.0, "blue": 230.0, "magenta": 300.0}
+# Browns, greys, dull greens: hue in degrees, saturation, value.
+NATURAL = (
+    (30.0, 0.35, 0.45),
+    (42.0, 0.3, 0.6),
+    (85.0, 0.3, 0.4),
+    (100.0, 0.4, 0.3),
+    (25.0, 0.5, 0.3),
+    (210.0, 0.1, 0.6),
+)
+
+
+@dataclass(frozen=True)
+class BlobSceneSettings:
+    """A clip.
+
+    Attributes:
+        frames: length.
+        width: of the images, pixels.
+        height: of the images, pixels.
+        frame_rate: a second.
+        objects: how many appear in all.
+        colour: theirs, a key of ``HUES``.
+        purity: least and greatest share of an object's pixels that has the colour; spread evenly over the objects.
+        size: least and greatest side, pixels.
+        speed: mean, pixels a frame.
+        clutter: patches of the same colour, smaller than objects, in the background.
+        clutter_reach: their greatest radius, as a share of the least side of an object.
+        flashes: patches of the same colour and sizes that show in one frame only, in each frame.
+        enter: share of the objects that enter after the start.
+        stay: objects turn back at the border instead of leaving.
+    """
+
+    frames: int = 150
+    width: int = 640
+    height: int = 480
+    frame_rate: float = 25.0
+    objects: int = 5
+    colour: str = "red"
+    purity: tuple[float, float] = (0.45, 0.95)
+    size: tuple[float, float] = (26.0, 44.0)
+    speed: float = 3.0
+    clutter: int = 12
+    clutter_reach: float = 1 / 6
+    flashes: int = 0
+    enter: float = 0.4
+    stay: bool = False
+
+    def __post_init__(self) -> None:
+        if self.colour not in HUES:
+            raise RequestError(f"expected a colour of {', '.join(HUES)}, got {self.colour!r}")
+        if not 0 < self.purity[0] <= self.purity[1] <= 1 or not 4 <= self.size[0] <= self.size[1]:
+            raise RequestError(f"expected purities in (0, 1] and sides from 4, got {self.purity} and {self.size}")
+        if not 0 < self.clutter_reach <= 1 or self.flashes < 0:
+            raise RequestError(
+                f"expected clutter_reach in (0, 1] and flashes from 0, got {self.clutter_reach:g} and {self.flashes}"
+            )
+        if self.frames < 1 or self.objects < 1 or self.clutter < 0 or not 0 < self.frame_rate < np.inf:
+            raise RequestError(
+                "expected at least one frame, one object, no negative clutter and a frame rate above 0, got "
+                f"{self.frames}, {self.objects}, {self.clutter} and {self.frame_rate:g}"
+            )
+        if min(self.width, self.height) < 4 * self.size[1]:
+            raise RequestError(
+                f"expected an image of at least {4 * self.size[1]:g} pixels a side, got {self.width}x{self.height}"
+            )
+
+
+@dataclass(frozen=True)
+class BlobPaths:
+    """Where everything is.
+
+    Attributes:
+        boxes: ``(T, K, 4)`` x1, y1, x2, y2 in pixels, NaN while an object is away.
+        purity: ``(K,)``.
+        sprites: a picture ``(h, w, 3)`` of each object.
+        shapes: its ``(h, w)`` mask.
+    """
+
+    boxes: FloatArray
+    purity: FloatArray
+    sprites: tuple[ImageArray, ...]
+    shapes: tuple[ImageArray, ...]
+
+
+def plan_blobs(settings: BlobSceneSettings, rng: np.random.Generator) -> BlobPaths:
+    """Draws the objects and their ways; nearer objects (later ones) cover farther ones."""
+    count = settings.objects
+    purity = rng.permutation(np.linspace(*settings.purity, count)) if count > 1 else np.array([settings.purity[1]])
+    sizes = np.round(rng.uniform(*settings.size, (count, 2)))
+    late = np.arange(count) < round(settings.enter * count)
+    start = np.where(late, rng.integers(1, max(settings.frames // 2, 2), count), 0)
+    boxes = np.full((settings.frames, count, 4), np.nan)
+    for k in range(count):
+        centres = _path(settings, sizes[k], bool(late[k]), settings.frames - int(start[k]), rng)
+        half = sizes[k] / 2
+        boxes[start[k] :, k] = np.concatenate([centres - half, centres + half], axis=1)
+    outside = (np.minimum(boxes[..., 2:], [settings.width, settings.height]) - np.maximum(boxes[..., :2], 0)).min(
+        axis=-1
+    )
+    boxes[outside < 3] = np.nan
+    drawn = [_sprite(size, share, HUES[settings.colour], rng) for size, share in zip(sizes, purity, strict=True)]
+    return BlobPaths(boxes, purity, tuple(d[0] for d in drawn), tuple(d[1] for d in drawn))
+
+
+Drawn: TypeAlias = tuple[ImageArray, FloatArray]
+
+
+def blob_frames(settings: BlobSceneSettings, seed: int) -> Iterator[Drawn]:
+    """Images ``(H, W, 3)`` RGB and the boxes ``(K, 4)`` in each, NaN while an object is away; the same for one seed."""
+    rng = np.random.default_rng(seed)
+    paths = plan_blobs(settings, rng)
+    ground = _ground(settings, rng)
+    for boxes in paths.boxes:
+        image = ground.copy()
+        _stain_colour(image, settings, settings.flashes, rng)
+        for box, sprite, shape in zip(boxes, paths.sprites, paths.shapes, strict=True):
+            if np.isfinite(box[0]):
+                _paste(image, sprite, shape, box)
+        noise = 4.0 * rng.standard_normal(image.shape, dtype=np.float32)
+        yield np.clip(image + noise, 0, 255).astype(np.uint8), boxes
+
+
+def write_blobs(
+    folder: Path,
+    settings: BlobSceneSettings,
+    seed: int,
+    overwrite: bool = False,
+    watch: Callable[[Iterator[Drawn]], Iterator[Drawn]] = iter,
+) -> Path:
+    """Writes a MOTChallenge sequence: ``img1/000001.jpg`` …, ``gt/gt.txt``, ``seqinfo.ini``.
+
+    Args:
+        folder: does not exist yet or is empty, unless ``overwrite``.
+        settings: of the clip.
+        seed: of all random numbers.
+        overwrite: a clip that the folder holds is replaced.
+        watch: passes the frames on as they are drawn, to show how far it is.
+
+    Raises:
+        RequestError: ``folder`` is a file, or holds files while ``overwrite`` is False.
+    """
+    with output_folder(folder, overwrite) as work:
+        truth = write_images(work / "img1", watch(blob_frames(settings, seed)))
+        write_ground_truth(work / "gt" / "gt.txt", as_ground_truth(np.stack(truth)))
+        write_info(work, folder.name, settings)
+    return folder
+
+
+def as_ground_truth(boxes: FloatArray) -> GroundTruth:
+    """Labels of boxes ``(T, K, 4)``; visibility is the share that later objects leave uncovered."""
+    frames, ids = np.nonzero(np.isfinite(boxes[..., 0]))
+    everything = np.ones(len(frames), dtype=np.bool_)
+    return GroundTruth(
+        frames.astype(np.int64),
+        ids.astype(np.int64) + 1,
+        boxes[frames, ids],
+        everything,
+        ~everything,
+        np.array([_visible(boxes[frame], int(k)) for frame, k in zip(frames, ids, strict=True)]),
+    )
+
+
+def _visible(boxes: FloatArray, k: int) -> float:
+    over = boxes[k + 1 :][np.isfinite(boxes[k + 1 :, 0])]
+    side = np.clip(np.minimum(boxes[k, 2:], over[:, 2:]) - np.maximum(boxes[k, :2], over[:, :2]), 0, None)
+    return float(max(1.0 - side.prod(axis=1).sum() / np.prod(boxes[k, 2:] - boxes[k, :2]), 0.0))
+
+
+def _path(
+    settings: BlobSceneSettings, size: FloatArray, late: bool, frames: int, rng: np.random.Generator
+) -> FloatArray:
+    """Centres ``(frames, 2)``: a smooth way across the image, from its border where the object comes late."""
+    extent = np.array([settings.width, settings.height], dtype=np.float64)
+    goal = extent * rng.uniform(0.3, 0.7, 2)
+    if late:
+        place = extent * rng.random(2)
+        side = int(rng.integers(2))
+        place[side] = -size[side] / 2 if rng.random() < 0.5 else extent[side] + size[side] / 2
+    else:
+        place = size + (extent - 2 * size) * rng.random(2)
+    heading = goal - place
+    velocity = settings.speed * rng.uniform(0.7, 1.3) * heading / max(float(np.linalg.norm(heading)), 1.0)
+    way = np.empty((frames, 2))
+    for index in range(frames):
+        way[index] = place
+        velocity = velocity + 0.06 * settings.speed * rng.standard_normal(2)
+        velocity *= min(1.6 * settings.speed / max(float(np.linalg.norm(velocity)), 1e-9), 1.0)
+        place = place + velocity
+        if settings.stay:
+            out = ((place < size) & (velocity < 0)) | ((place > extent - size) & (velocity > 0))
+            velocity = np.where(out, -velocity, velocity)
+    return way
+
+
+def _sprite(size: FloatArray, purity: float, hue: float, rng: np.random.Generator) -> tuple[ImageArray, ImageArray]:
+    """A rounded object: cells of 3 pixels, ``purity`` of them in the colour and the others grey or brown."""
+    width, height = (int(side) for side in size)
+    cells = (-(-height // 3), -(-width // 3))
+    number = cells[0] * cells[1]
+    pure = rng.permutation(number) < round(purity * number)
+    other = np.array(NATURAL)[rng.integers(len(NATURAL), size=number)] * [1, 0.5, 1.0]
+    own = np.stack(
+        [(hue + rng.normal(0, 4, number)) % 360, rng.uniform(0.75, 0.95, number), rng.uniform(0.6, 0.9, number)], axis=1
+    )
+    picture = _rgb(np.where(pure[:, None], own, other).reshape(*cells, 3))
+    picture = np.repeat(np.repeat(picture, 3, axis=0), 3, axis=1)[:height, :width]
+    y, x = np.mgrid[:height, :width]
+    round_off = ((x + 0.5) / width * 2 - 1) ** 6 + ((y + 0.5) / height * 2 - 1) ** 6 <= 1.0
+    return picture, round_off.astype(np.uint8)
+
+
+def _ground(settings: BlobSceneSettings, rng: np.random.Generator) -> ImageArray:
+    """Leaves and stones in natural colours, and small patches of the objects' colour among them."""
+    height, width = settings.height, settings.width
+    base = np.zeros((height, width, 3), np.float32)
+    for octave, strength in ((8, 0.5), (32, 0.3), (128, 0.2)):
+        grid = rng.random((octave * height // width + 2, octave + 2, 3)).astype(np.float32)
+        base += strength * cv2.resize(grid, (width, height), interpolation=cv2.INTER_CUBIC)
+    palette = np.array(NATURAL)
+    hsv = np.stack([60 + 60 * base[..., 0], 0.2 + 0.25 * base[..., 1], 0.25 + 0.35 * base[..., 2]], axis=-1)
+    image = _rgb(hsv)
+    for _ in range(width * height // 900):
+        colour = palette[rng.integers(len(palette))] * [1, 1, rng.uniform(0.6, 1.3)]
+        _stain(image, np.clip(colour, 0, [360, 1, 1]), rng.uniform(3, 14, 2), rng)
+    _stain_colour(image, settings, settings.clutter, rng)
+    return cv2.GaussianBlur(image, (0, 0), 0.7).astype(np.uint8)
+
+
+def _stain_colour(image: ImageArray, settings: BlobSceneSettings, count: int, rng: np.random.Generator) -> None:
+    """So many patches of the objects' colour anywhere."""
+    for _ in range(count):
+        colour = np.array([HUES[settings.colour], rng.uniform(0.5, 0.9), rng.uniform(0.4, 0.8)])
+        _stain(image, colour, rng.uniform(1.5, max(settings.size[0] * settings.clutter_reach, 1.5), 2), rng)
+
+
+def _stain(image: ImageArray, hsv: FloatArray, radii: FloatArray, rng: np.random.Generator) -> None:
+    """An ellipse anywhere, drawn into ``image``."""
+    centre = (int(rng.integers(image.shape[1])), int(rng.integers(image.shape[0])))
+    axes = (max(int(radii[0]), 1), max(int(radii[1]), 1))
+    colour = tuple(int(v) for v in _rgb(hsv[None, None])[0, 0])
+    cv2.ellipse(image, centre, axes, float(rng.uniform(0, 180)), 0, 360, colour, cv2.FILLED, cv2.LINE_AA)
+
+
+def _paste(image: ImageArray, sprite: ImageArray, shape: ImageArray, box: FloatArray) -> None:
+    """Draws an object with its corner at whole pixels, cut off at the border."""
+    x, y = (round(float(v)) for v in box[:2])
+    height, width = shape.shape
+    top, left = max(0, -y), max(0, -x)
+    bottom, right = min(height, image.shape[0] - y), min(width, image.shape[1] - x)
+    if bottom > top and right > left:
+        place = image[y + top : y + bottom, x + left : x + right]
+        inside = shape[top:bottom, left:right].astype(bool)
+        place[inside] = sprite[top:bottom, left:right][inside]
+
+
+def _rgb(hsv: FloatArray) -> ImageArray:
+    """Hue in degrees, saturation and value in [0, 1] ``(H, W, 3)`` to uint8 RGB."""
+    return (255 * cv2.cvtColor(np.ascontiguousarray(hsv, dtype=np.float32), cv2.COLOR_HSV2RGB)).round().astype(np.uint8)

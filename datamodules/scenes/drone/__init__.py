@@ -1,1 +1,0 @@
-"""Gatherings of acting people seen from a drone."""

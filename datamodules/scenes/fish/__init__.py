@@ -1,1 +1,0 @@
-"""Goldfish in a tank, seen from above."""

@@ -1,0 +1,127 @@
+"""Pairs of images with known optical flow: a textured ground and people before it, each layer moved by its own map."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.datamodules.scenes.people.person import render_person_sprite
+from tsuiseki.datamodules.scenes.render.degrade import sensor_noise
+from tsuiseki.datamodules.scenes.render.ground import ground_colour, random_ground
+from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+
+
+@dataclass(frozen=True)
+class FlowPair:
+    """Two images and what moved between them.
+
+    Attributes:
+        first: ``(H, W, 3)`` uint8 RGB.
+        second: likewise.
+        flow: ``(H, W, 2)`` float32, pixels to the right and down, of what shows in ``first``.
+        inside: ``(H, W)`` what is still within the image in ``second``.
+    """
+
+    first: ImageArray
+    second: ImageArray
+    flow: Float32
+    inside: BoolArray
+
+
+def random_flow_pair(
+    rng: np.random.Generator, size: tuple[int, int], motion: float, people: int = 4, noise: float = 2.0
+) -> FlowPair:
+    """A pair as from a drone that moves.
+
+    Args:
+        rng: draws everything.
+        size: width and height, pixels.
+        motion: how far the ground moves at most, about, pixels; people move by up to a third as much besides.
+        people: how many.
+        noise: standard deviation of the sensor's, grey levels.
+    """
+    width, height = size
+    columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    ground = _ground(rng, size, motion)
+    away = _camera_motion(rng, size, motion)
+    moved = np.asarray(cv2.perspectiveTransform(np.stack([columns, rows], -1).reshape(-1, 1, 2), away))
+    flow = np.asarray(moved, dtype=np.float32).reshape(height, width, 2) - np.stack([columns, rows], -1)
+    margin = (ground.shape[1] - width) // 2, (ground.shape[0] - height) // 2
+    first = ground[margin[1] : margin[1] + height, margin[0] : margin[0] + width].copy()
+    shift = np.array([[1, 0, -margin[0]], [0, 1, -margin[1]], [0, 0, 1.0]])
+    second = np.asarray(cv2.warpPerspective(ground, away @ shift, size, flags=cv2.INTER_CUBIC), dtype=np.float32)
+    for _ in range(people):
+        sprite = render_person_sprite(rng, float(rng.uniform(0.12, 0.4) * height), tilt=float(rng.uniform(0.3, 1.3)))
+        place = np.array([[1, 0, rng.uniform(0, width)], [0, 1, rng.uniform(0, height)]]) - [[0, 0, 20], [0, 0, 20]]
+        own = _own_motion(rng, sprite.shape[1::-1], motion / 3)
+        after = (away @ np.vstack([place, [0, 0, 1]]) @ np.vstack([own, [0, 0, 1]])) if motion else None
+        _paste(first, sprite, np.vstack([place, [0, 0, 1]]))
+        if after is not None:
+            _paste(second, sprite, after)
+            _move(flow, sprite, np.vstack([place, [0, 0, 1]]), after)
+    goal = np.stack([columns, rows], -1) + flow
+    inside = (goal >= 0).all(axis=2) & (goal <= np.array([width - 1, height - 1])).all(axis=2)
+    return FlowPair(_seen(rng, first, noise), _seen(rng, second, noise), flow, np.asarray(inside))
+
+
+def _ground(rng: np.random.Generator, size: tuple[int, int], motion: float) -> Float32:
+    margin = int(1.5 * motion) + 8
+    cell = float(rng.uniform(0.008, 0.03))
+    x = (np.arange(size[0] + 2 * margin, dtype=np.float32) - size[0] / 2) * np.float32(cell)
+    y = (np.arange(size[1] + 2 * margin, dtype=np.float32) - size[1] / 2) * np.float32(cell)
+    xs, ys = np.meshgrid(x, y)
+    colour = ground_colour(random_ground(rng), xs, ys, np.full(xs.shape, cell, dtype=np.float32))
+    return np.asarray(255 * np.clip(colour, 0, 1), dtype=np.float32)
+
+
+def _camera_motion(rng: np.random.Generator, size: tuple[int, int], motion: float) -> FloatArray:
+    """``(3, 3)`` homography that moves the corners by up to about ``motion`` pixels: mostly together."""
+    corners = np.array([[0, 0], [size[0], 0], [size[0], size[1]], [0, size[1]]], dtype=np.float32)
+    angle = rng.uniform(0, 2 * math.pi)
+    common = motion * rng.uniform(0.3, 0.8) * np.array([math.cos(angle), math.sin(angle)])
+    moved = corners + common + rng.uniform(-0.2, 0.2, (4, 2)) * motion
+    return np.asarray(cv2.getPerspectiveTransform(corners, moved.astype(np.float32)))
+
+
+def _own_motion(rng: np.random.Generator, size: tuple[int, ...], motion: float) -> FloatArray:
+    """``(2, 3)``: a small turn about the middle, and a step."""
+    middle = (size[0] / 2, size[1] / 2)
+    turn = np.asarray(cv2.getRotationMatrix2D(middle, rng.normal(0, 2), rng.normal(1, 0.01)), dtype=np.float64)
+    turn[:, 2] += rng.uniform(-motion, motion, 2)
+    return turn
+
+
+def _paste(image: Float32, sprite: ImageArray, place: FloatArray) -> None:
+    """Draw ``sprite`` ``(h, w, 4)``, whose pixels the homography ``place`` ``(3, 3)`` takes into ``image``."""
+    values = sprite.astype(np.float32)
+    values[..., :3] *= values[..., 3:] / 255
+    size = image.shape[1], image.shape[0]
+    drawn = cv2.warpPerspective(values, place, size, flags=cv2.INTER_LINEAR)
+    image *= 1 - drawn[..., 3:] / np.float32(255)
+    image += drawn[..., :3]
+
+
+def _move(flow: Float32, sprite: ImageArray, before: FloatArray, after: FloatArray) -> None:
+    """Set the flow where ``sprite`` covers most of a pixel."""
+    alpha: NDArray[np.uint8] = np.ascontiguousarray(sprite[..., 3])
+    covered = cv2.warpPerspective(alpha, before, (flow.shape[1], flow.shape[0]), flags=cv2.INTER_LINEAR) > 127
+    rows, columns = np.nonzero(covered)
+    if len(rows):
+        points = np.stack([columns, rows], axis=1).astype(np.float64)
+        moved = cv2.perspectiveTransform(points.reshape(-1, 1, 2), after @ np.linalg.inv(before)).reshape(-1, 2)
+        flow[rows, columns] = moved - points
+
+
+def _seen(rng: np.random.Generator, image: Float32, noise: float) -> ImageArray:
+    grain = noise * sensor_noise(rng, *image.shape[:2]) if noise else 0
+    return np.clip(image + grain + 0.5, 0, 255).astype(np.uint8)
+
+
+def end_point_error(flow: Float32, pair: FlowPair) -> float:
+    """Mean distance of the ends of ``flow`` and the true one, pixels, over what stays within the image."""
+    return float(np.linalg.norm(flow - pair.flow, axis=2)[pair.inside].mean())

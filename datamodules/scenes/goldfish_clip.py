@@ -1,0 +1,277 @@
+"""Goldfish in a tank from above, with exact states and silhouettes: the scenes of section 5."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.special import ndtri
+
+from tsuiseki.datamodules.scenes.body_clip import (
+    SceneFrame,
+    check_clip,
+    larger_noise,
+    paint,
+    seen_by_camera,
+    write_body_clip,
+)
+from tsuiseki.datamodules.scenes.fish_drawing import Drawn, FishLook, Float32, draw_fish, random_look, within
+from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
+from tsuiseki.tracking.types import FloatArray
+
+MOST_FISH = 5
+FIELDS = ("a", "b", "theta", "phi")
+# Where the glass stands, from the image's border; pixels.
+PANE = 24
+SHADOW = (11, 15)
+SHADOW_BLUR = 4.0
+
+
+@dataclass(frozen=True)
+class GoldfishSettings:
+    """A clip.
+
+    Attributes:
+        frames: length.
+        width: of the images, pixels.
+        height: of the images, pixels.
+        frame_rate: a second.
+        fish: how many, 1 to 5; nearer ones (later ids) cover farther ones.
+        length: of the ellipse of a fish, pixels.
+        body_width: of that ellipse.
+        tail: length of the tail.
+        size_spread: each fish is larger or smaller by up to this share.
+        swimming: how the fish behave.
+        ripples: strength of the moving light, as a share of the brightness.
+        glints: share of the surface that mirrors the lamp.
+        reflections: strength of the fish's mirror images in the glass, in [0, 1].
+        shadows: darkness of the fish's shadows on the floor, in [0, 1].
+        pebbles: stones of the fish's colour on the floor.
+        noise: of the camera, grey levels.
+    """
+
+    frames: int = 150
+    width: int = 640
+    height: int = 480
+    frame_rate: float = 15.0
+    fish: int = 2
+    length: float = 56.0
+    body_width: float = 24.0
+    tail: float = 32.0
+    size_spread: float = 0.06
+    swimming: Swimming = field(default_factory=Swimming)
+    ripples: float = 0.16
+    glints: float = 0.004
+    reflections: float = 0.3
+    shadows: float = 0.35
+    pebbles: int = 6
+    noise: float = 4.0
+
+    def __post_init__(self) -> None:
+        check_clip(("fish", "fish"), self.fish, MOST_FISH, self.length, self)
+
+
+def plan_goldfish(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:
+    """Exact states ``(frames, fish, 4)``: a, b, theta, phi."""
+    extent = (settings.width, settings.height)
+    ways = [swim(settings.frames, settings.frame_rate, extent, settings.swimming, rng) for _ in range(settings.fish)]
+    return np.stack(ways, axis=1)
+
+
+def goldfish_frames(settings: GoldfishSettings, seed: int) -> Iterator[SceneFrame]:
+    """The frames of a clip, the same for one seed."""
+    plan, stage = np.random.default_rng(seed).spawn(2)
+    states = plan_goldfish(settings, plan)
+    looks = _looks(settings, stage)
+    floor = gravel(settings.width, settings.height, settings.pebbles, stage)
+    ripples = make_ripples(settings.width, settings.height, settings.ripples, settings.glints, stage)
+    grain = larger_noise(settings.height, settings.width, settings.noise, stage)
+    for frame in range(settings.frames):
+        drawn = [draw_fish(look, state) for look, state in zip(looks, states[frame], strict=True)]
+        image = _picture(settings, floor, drawn, looks, states[frame], ripples.at(frame / settings.frame_rate))
+        yield seen_by_camera(image, states[frame], drawn, grain, stage)
+
+
+def write_goldfish(
+    folder: Path,
+    settings: GoldfishSettings,
+    seed: int,
+    overwrite: bool = False,
+    watch: Callable[[Iterator[SceneFrame]], Iterable[SceneFrame]] = iter,
+) -> Path:
+    """Writes a clip, as :func:`~tsuiseki.datamodules.scenes.body_clip.write_body_clip` says.
+
+    Raises:
+        RequestError: ``folder`` is a file, or holds files while ``overwrite`` is False.
+    """
+    return write_body_clip(folder, watch(goldfish_frames(settings, seed)), FIELDS, settings.frame_rate, overwrite)
+
+
+def _looks(settings: GoldfishSettings, rng: np.random.Generator) -> list[FishLook]:
+    scales = rng.uniform(1 - settings.size_spread, 1 + settings.size_spread, settings.fish)
+    return [
+        random_look(scale * settings.length, scale * settings.body_width, scale * settings.tail, rng)
+        for scale in scales.tolist()
+    ]
+
+
+def _picture(
+    settings: GoldfishSettings,
+    floor: Float32,
+    drawn: list[Drawn],
+    looks: list[FishLook],
+    states: FloatArray,
+    light: tuple[Float32, Float32],
+) -> Float32:
+    """The image ``(H, W, 3)`` in [0, 255] without the camera's noise."""
+    brightness, glints = light
+    image = floor.copy()
+    for fish in drawn:
+        _shade(image, fish, settings.shadows)
+    for look, state in zip(looks, states, strict=True):
+        _mirror(image, settings, look, state)
+    for fish in drawn:
+        paint(image, fish)
+    image *= cv2.merge([brightness] * 3)
+    glinting = glints > 0
+    image[glinting] += glints[glinting, None] * (250.0 - image[glinting])
+    return image
+
+
+def _shade(image: Float32, fish: Drawn, darkness: float) -> None:
+    """The fish's blurred shadow on the floor, to its lower right."""
+    if not darkness:
+        return
+    soft = cv2.GaussianBlur(fish.opacity, (0, 0), SHADOW_BLUR)
+    shadow = Drawn(fish.left + SHADOW[0], fish.top + SHADOW[1], fish.colour, np.asarray(soft, np.float32))
+    part, own = within(image.shape[:2], shadow)
+    image[part] *= 1 - darkness * soft[own][..., None]
+
+
+def _mirror(image: Float32, settings: GoldfishSettings, look: FishLook, state: FloatArray) -> None:
+    """Mirror images of a fish in the four panes, seen only in the strip beyond each."""
+    if not settings.reflections:
+        return
+    width, height = settings.width, settings.height
+    for axis, place, extent in (
+        (0, PANE, width),
+        (0, width - PANE, width),
+        (1, PANE, height),
+        (1, height - PANE, height),
+    ):
+        if abs(state[axis] - place) > look.length / 2 + look.tail + 2 * PANE:
+            continue
+        turned = state.copy()
+        turned[axis] = 2 * place - state[axis]
+        turned[2] = np.pi * (1 - axis) - state[2]
+        turned[3] = -state[3]
+        image_of = draw_fish(look, turned)
+        part, own = within(image.shape[:2], image_of)
+        strip = np.arange(extent) < place if place == PANE else np.arange(extent) >= place
+        seen = strip[part[1 - axis]]
+        seen = seen[None, :] if axis == 0 else seen[:, None]
+        cover = (settings.reflections * image_of.opacity[own] * seen)[..., None]
+        image[part] = (1 - cover) * image[part] + cover * 0.85 * image_of.colour[own]
+
+
+GRAVEL = np.array([[150, 158, 150], [120, 132, 132], [172, 170, 158], [96, 110, 114], [140, 128, 112]], np.float32)
+WATER = np.array([60, 118, 122], np.float32)
+
+
+@dataclass(frozen=True)
+class Ripples:
+    """Light and glints over a tank: layers of waves that drift against each other.
+
+    Attributes:
+        layers: three ``(H, W)`` float32 layers of unit deviation that repeat at their borders: two of light on the
+            floor, one of facets that may mirror the lamp.
+        drift: ``(3, 2)`` pixels a second of each.
+        strength: of the light, as a share of the brightness.
+        glints: about the share of the surface that mirrors the lamp, in [0, 1).
+    """
+
+    layers: tuple[Float32, Float32, Float32]
+    drift: Float32
+    strength: float
+    glints: float
+
+    def at(self, time: float) -> tuple[Float32, Float32]:
+        """Brightness factor ``(H, W)`` and the glints' opacity ``(H, W)`` in [0, 1] at a time in seconds."""
+        a, b, facets = (
+            np.roll(layer, np.round(time * shift[::-1]).astype(int).tolist(), axis=(0, 1))
+            for layer, shift in zip(self.layers, self.drift, strict=True)
+        )
+        crest = (a + b) * np.float32(np.sqrt(0.5))
+        brightness = 1.0 + self.strength * np.clip(1.2 - 2.4 * np.abs(crest), -0.5, 1.2)
+        if not self.glints:
+            return brightness, np.zeros_like(crest)
+        slope = (facets + crest) * np.float32(np.sqrt(0.5))
+        # The wanted share of a normal distribution of unit deviation lies above this level.
+        return brightness, np.clip((slope - ndtri(1.0 - self.glints)) * 5.0, 0.0, 1.0)
+
+
+def make_ripples(width: int, height: int, strength: float, glints: float, rng: np.random.Generator) -> Ripples:
+    """Ripples over an image; ``glints`` is the share of it that they cover."""
+    layers = (
+        _periodic_noise(width, height, 9, 1.0, rng),
+        _periodic_noise(width, height, 14, 1.0, rng),
+        _periodic_noise(width, height, 60, 3.5, rng),
+    )
+    angle = rng.uniform(0, 2 * np.pi) + np.array([0.0, np.pi / 2, np.pi])
+    drift = 45.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
+    return Ripples(layers, drift, strength, glints)
+
+
+def gravel(width: int, height: int, stones_of_fish_colour: int, rng: np.random.Generator) -> Float32:
+    """The tank's floor ``(H, W, 3)`` in [0, 255], seen through greenish water.
+
+    Args:
+        width: of the image.
+        height: likewise.
+        stones_of_fish_colour: pebbles about as orange as the fish.
+        rng: of the stones.
+    """
+    floor = np.empty((height, width, 3), np.float32)
+    floor[:] = GRAVEL[1]
+    stones = width * height // 90
+    places = rng.uniform(0, 1, (stones, 2)) * [width, height]
+    for place, radius, kind, shade in zip(
+        places, rng.uniform(3, 9, stones), rng.integers(len(GRAVEL), size=stones), rng.uniform(0.75, 1.2, stones),
+        strict=True,
+    ):  # fmt: skip
+        _stone(floor, place, float(radius), GRAVEL[kind] * shade, rng)
+    floor = 0.55 * floor + 0.45 * WATER
+    for place in rng.uniform(0, 1, (stones_of_fish_colour, 2)) * [width, height]:
+        _stone(floor, place, float(rng.uniform(3, 7)), np.array([205, 120, 50], np.float32), rng)
+    soft = cv2.GaussianBlur(floor, (0, 0), 0.9)
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    edge = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
+    return np.asarray(soft * (0.82 + 0.18 * np.clip(edge / 60, 0, 1))[..., None], np.float32)
+
+
+def _stone(
+    floor: Float32, place: np.ndarray[tuple[int], np.dtype[np.float64]], radius: float, colour: Float32,
+    rng: np.random.Generator,
+) -> None:  # fmt: skip
+    centre = (int(place[0]), int(place[1]))
+    axes = (max(1, int(radius)), max(1, int(radius * rng.uniform(0.6, 1.0))))
+    angle = float(rng.uniform(0, 180))
+    dark, light = [tuple((colour * f).tolist()) for f in (0.7, 1.0)]
+    cv2.ellipse(floor, centre, axes, angle, 0, 360, dark, cv2.FILLED)
+    inner = (max(1, axes[0] - 1), max(1, axes[1] - 1))
+    cv2.ellipse(floor, (centre[0] - 1, centre[1] - 1), inner, angle, 0, 360, light, cv2.FILLED)
+
+
+def _periodic_noise(width: int, height: int, waves: int, stretch: float, rng: np.random.Generator) -> Float32:
+    """Smooth noise ``(H, W)`` of unit deviation that fits together at its borders.
+
+    About ``waves`` waves fill the width where ``stretch`` is 1; they are ``stretch`` times as long along x as along y.
+    """
+    fy = np.fft.fftfreq(height)[:, None] * width
+    fx = np.fft.rfftfreq(width)[None, :] * width
+    band = np.exp(-(((np.hypot(stretch * fx, fy) - waves) / (0.35 * waves)) ** 2))
+    noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((height, width))) * band, s=(height, width))
+    return np.asarray(noise / noise.std(), np.float32)

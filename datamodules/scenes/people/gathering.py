@@ -1,0 +1,391 @@
+"""Who acts in a gathering: each person's state, its steps from frame to frame, and what is remembered of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.people.activities import (
+    ACTIVITIES,
+    AHEAD,
+    APART,
+    FETCHED,
+    HELD,
+    STAND,
+    WALK,
+    Activity,
+    pose_of,
+    resting_pose,
+    stride_frequency,
+)
+from tsuiseki.datamodules.scenes.people.body import Pose, blend, random_manner
+from tsuiseki.datamodules.scenes.people.look import look_alike, random_build
+from tsuiseki.datamodules.scenes.people.person import Person, random_person
+from tsuiseki.datamodules.scenes.people.props import Prop, random_prop
+from tsuiseki.tracking.formats.acting_tracks import CARRYING, PUSHING, RUNNING, SITTING
+from tsuiseki.tracking.types import FloatArray
+
+# Seconds from one pose to the next.
+CHANGE = 0.45
+# Metres that people keep between their middles, and radians a second that they turn by.
+SPACE, TURN_RATE = 0.8, 3.5
+
+
+@dataclass(frozen=True)
+class PerformerState:
+    """One person in one frame: where, how, and what it is doing, with what in which hand."""
+
+    position: FloatArray
+    heading: float
+    pose: Pose
+    activity: Activity
+    prop: Prop | None
+    hand: int
+
+
+@dataclass(frozen=True)
+class Performer:
+    """A person with its `PerformerState` in every frame."""
+
+    person: Person
+    states: tuple[PerformerState, ...]
+
+
+@dataclass
+class Standing:
+    """A thing on the ground: a bench, or what can be fetched; ``last`` is the frame it was taken in."""
+
+    prop: Prop
+    position: FloatArray
+    yaw: float
+    first: int = 0
+    last: int = 1 << 30
+
+
+@dataclass
+class Errand:
+    """What somebody is on the way to: an activity at a place, with a partner or a thing there."""
+
+    activity: Activity
+    spot: FloatArray
+    heading: float
+    deadline: int
+    partner: int | None = None
+    thing: Standing | None = None
+
+
+@dataclass
+class Actor:
+    """A person in the simulation: where it is, what it is doing since and until when, and what it is up to."""
+
+    person: Person
+    position: FloatArray
+    heading: float
+    activity: Activity = STAND
+    rest: Pose = field(default_factory=Pose)
+    began: int = 0
+    until: int = 0
+    phase: float = 0.0
+    pace: float = 1.0
+    target: FloatArray = field(default_factory=lambda: np.zeros(2))
+    errand: Errand | None = None
+    prop: Prop | None = None
+    hand: int = 1
+    seat: Standing | None = None
+    before: Pose = field(default_factory=Pose)
+    states: list[PerformerState] = field(default_factory=list)
+
+    def facing(self, angle: float | None = None) -> FloatArray:
+        """Unit vector of the heading, or of another angle."""
+        angle = self.heading if angle is None else angle
+        return np.array([math.cos(angle), math.sin(angle)])
+
+
+def walk_on(actor: Actor, away: FloatArray, others: FloatArray, rate: float) -> None:
+    """One frame of walking or running.
+
+    Args:
+        actor: takes the step.
+        away: ``(2,)`` metres to where it wants to go.
+        others: ``(M, 3)`` x, y and radius of what it goes around.
+        rate: frames per second.
+    """
+    distance = float(np.linalg.norm(away))
+    desired = away / max(distance, 1e-6)
+    if actor.errand is None or distance > 1.5:
+        gap = actor.position - others[:, :2]
+        far = np.maximum(np.linalg.norm(gap, axis=1) - others[:, 2], 1e-3)
+        push = np.clip((SPACE + 0.5 - far) / 0.5, 0, 1)[:, None] * gap / far[:, None]
+        desired = desired + 1.6 * push.sum(axis=0)
+    wanted = math.atan2(desired[1], desired[0])
+    turn = (wanted - actor.heading + math.pi) % (2 * math.pi) - math.pi
+    # Near its aim somebody turns on the spot instead of circling it.
+    nimble = 4.0 if actor.errand is not None and distance < 1.0 else 1.0
+    limit = nimble * TURN_RATE / rate
+    actor.heading += float(np.clip(turn, -limit, limit))
+    speed = actor.pace * (0.35 + 0.65 * max(math.cos(turn), 0.0))
+    if actor.errand is not None:
+        speed = min(speed, 0.25 + 1.5 * distance)
+    actor.position = actor.position + actor.facing() * min(speed / rate, distance if actor.errand else 1e6)
+    actor.phase += stride_frequency(actor.activity, actor.person, speed) / rate
+
+
+def remember(actor: Actor, frame: int, rate: float) -> None:
+    """Add what ``actor`` is like in ``frame`` to its states."""
+    seconds = (frame - actor.began) / rate
+    pose = pose_of(actor.activity, actor.person, actor.rest, seconds, actor.phase, actor.pace, actor.hand, actor.prop)
+    if actor.states and seconds < CHANGE:
+        pose = blend(actor.before, pose, 0.5 - 0.5 * math.cos(math.pi * seconds / CHANGE))
+    actor.states.append(
+        PerformerState(actor.position.copy(), actor.heading, pose, actor.activity, actor.prop, actor.hand)
+    )
+
+
+# Most seconds on the way to somewhere, and metres within which a place is reached.
+PATIENCE, ARRIVED = 9.0, 0.12
+
+
+@dataclass(frozen=True)
+class Gathering:
+    """Everybody and everything of a clip."""
+
+    performers: list[Performer]
+    things: list[Standing]
+
+
+class _Stage:
+    """The simulation: steps everybody from frame to frame."""
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        people: int,
+        frame_rate: float,
+        arena: FloatArray,
+        obstacles: FloatArray,
+        look_alikes: float,
+    ) -> None:
+        self.rng, self.rate, self.arena, self.obstacles = rng, frame_rate, arena, obstacles
+        self.things = [
+            Standing(random_prop(rng, "bench"), self.somewhere(0.9), float(rng.uniform(0, 2 * np.pi)))
+            for _ in range(int(rng.integers(1, 3)))
+        ]
+        self.spent = dict.fromkeys(ACTIVITIES, 0.0)
+        self.actors: list[Actor] = []
+        for _ in range(people):
+            person = self._somebody(look_alikes)
+            self.actors.append(Actor(person, self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
+        for kind in ("cart", "crate", "suitcase"):
+            if rng.random() < 0.5:
+                self.things.append(Standing(random_prop(rng, kind), self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
+        for index in range(people):
+            if self.actors[index].until == 0:
+                self.choose(index, 0, at_once=True)
+
+    def _somebody(self, look_alikes: float) -> Person:
+        rng = self.rng
+        if self.actors and rng.random() < look_alikes:
+            other = self.actors[int(rng.integers(len(self.actors)))].person
+            return Person(random_build(rng), look_alike(rng, other.look), random_manner(rng))
+        return random_person(rng)
+
+    def somewhere(self, reach: float = 1.0) -> FloatArray:
+        """A place in the arena, an ellipse: ``(2, 2)`` centre and half axes."""
+        angle, radius = self.rng.uniform(0, 2 * np.pi), reach * math.sqrt(self.rng.random())
+        spot: FloatArray = self.arena[0] + radius * self.arena[1] * np.array([np.cos(angle), np.sin(angle)])
+        return spot
+
+    def step(self, frame: int) -> None:
+        """Let everybody live through one frame and remember it."""
+        for index, actor in enumerate(self.actors):
+            self.spent[actor.activity] += 1 / self.rate
+            if actor.errand is not None:
+                self._pursue(index, frame)
+            elif frame >= actor.until:
+                self.choose(index, frame)
+        for index, actor in enumerate(self.actors):
+            if actor.activity.moving:
+                self._move(index)
+            remember(actor, frame, self.rate)
+
+    def choose(self, index: int, frame: int, at_once: bool = False) -> None:
+        """The next activity of somebody: what has been rare so far is likelier."""
+        rng, actor = self.rng, self.actors[index]
+        weights = np.array([a.weight / (0.5 + self.spent[a]) for a in ACTIVITIES])
+        for activity in rng.choice(np.array(ACTIVITIES, dtype=object), 6, p=weights / weights.sum()):
+            if activity.act in APART:
+                if self._meet(index, activity, frame, at_once):
+                    return
+            elif activity.act in FETCHED and not (at_once or (actor.prop and actor.prop.kind in FETCHED[activity.act])):
+                if self._fetch(index, activity, frame):
+                    return
+            elif activity.posture == SITTING and rng.random() < 0.6:
+                if self._take_seat(index, activity, frame, at_once):
+                    return
+            else:
+                self.begin(index, activity, frame)
+                return
+        self.begin(index, WALK, frame)
+
+    def begin(self, index: int, activity: Activity, frame: int, errand: Errand | None = None) -> None:
+        """Somebody starts an activity; what it does not need is put down."""
+        rng, actor = self.rng, self.actors[index]
+        actor.before = actor.states[-1].pose if actor.states else Pose()
+        same = actor.activity.act in FETCHED and actor.activity.act == activity.act
+        if actor.prop and actor.activity.act in FETCHED and not same:
+            place = actor.position + AHEAD[actor.prop.kind] * actor.facing()
+            self.things.append(Standing(actor.prop, place, actor.heading, frame))
+        if not same:
+            actor.prop = None
+            kinds = {**HELD, **FETCHED}.get(activity.act or "")
+            if errand is not None and errand.thing is not None and errand.thing.prop.kind in AHEAD:
+                actor.prop, errand.thing.last = errand.thing.prop, frame
+            elif kinds:
+                actor.prop = random_prop(rng, kinds[int(rng.integers(len(kinds)))])
+        if actor.seat is not None and activity.posture != SITTING:
+            actor.seat = None
+        actor.activity, actor.errand, actor.began = activity, None, frame
+        actor.hand = int(rng.integers(2))
+        actor.rest = resting_pose(rng, activity, actor.person, actor.seat is not None)
+        actor.until = frame + int(rng.uniform(*activity.seconds) * self.rate)
+        actor.pace = float(rng.uniform(2.8, 4.0) if activity.posture == RUNNING else rng.normal(1.25, 0.15))
+        if activity.act in (PUSHING, CARRYING):
+            actor.pace *= 0.85
+        actor.target = self.somewhere()
+
+    def _free(self, index: int) -> bool:
+        actor = self.actors[index]
+        fetched = actor.prop is not None and actor.prop.kind in AHEAD
+        return actor.errand is None and actor.activity.act is None and actor.seat is None and not fetched
+
+    def _meet(self, index: int, activity: Activity, frame: int, at_once: bool) -> bool:
+        """Arrange a meeting with the nearest free person; at once it begins there and then."""
+        assert activity.act is not None
+        actor = self.actors[index]
+        others = [i for i in range(len(self.actors)) if i != index and self._free(i)]
+        if at_once:
+            others = [i for i in others if self.actors[i].until == 0]
+        others = [i for i in others if activity != self.actors[i].activity]
+        if not others:
+            return False
+        other = min(others, key=lambda i: float(np.linalg.norm(self.actors[i].position - actor.position)))
+        partner = self.actors[other]
+        middle = 0.5 * (actor.position + partner.position) if not at_once else actor.position
+        angle = math.atan2(*(partner.position - actor.position)[::-1])
+        half = 0.5 * APART[activity.act] * np.array([math.cos(angle), math.sin(angle)])
+        deadline = frame + int(PATIENCE * self.rate)
+        for i, spot, heading, with_whom in (
+            (index, middle - half, angle, other),
+            (other, middle + half, angle + math.pi, index),
+        ):
+            if at_once:
+                self.actors[i].position, self.actors[i].heading = spot.copy(), heading
+            else:
+                self.begin(i, WALK, frame)
+            self.actors[i].errand = Errand(activity, spot, heading, deadline, with_whom)
+        if at_once:
+            until = frame + int(self.rng.uniform(*activity.seconds) * self.rate)
+            for i in (index, other):
+                self.begin(i, activity, frame)
+                self.actors[i].until = until
+        return True
+
+    def _fetch(self, index: int, activity: Activity, frame: int) -> bool:
+        """Send somebody to the nearest thing on the ground that the activity needs."""
+        assert activity.act is not None
+        actor = self.actors[index]
+        taken = [a.errand.thing for a in self.actors if a.errand is not None]
+        there = [t for t in self.things if t.prop.kind in FETCHED[activity.act] and t.last > frame and t not in taken]
+        if not there:
+            return False
+        thing = min(there, key=lambda t: float(np.linalg.norm(t.position - actor.position)))
+        spot = thing.position - AHEAD[thing.prop.kind] * actor.facing(thing.yaw)
+        self.begin(index, WALK, frame)
+        actor.errand = Errand(activity, spot, thing.yaw, frame + int(PATIENCE * self.rate), thing=thing)
+        return True
+
+    def _take_seat(self, index: int, activity: Activity, frame: int, at_once: bool) -> bool:
+        """Send somebody to a free place on a bench."""
+        actor = self.actors[index]
+        for bench in (t for t in self.things if t.prop.kind == "bench"):
+            across = np.array([-math.sin(bench.yaw), math.cos(bench.yaw)])
+            for side in (-0.42, 0.42):
+                spot = bench.position + side * across + 0.02 * actor.facing(bench.yaw)
+                claims = [a.errand.spot if a.errand else a.position for a in self.actors if a is not actor]
+                if claims and np.linalg.norm(np.array(claims) - spot, axis=1).min() < 0.5:
+                    continue
+                if at_once:
+                    actor.position, actor.heading, actor.seat = spot, bench.yaw, bench
+                    self.begin(index, activity, frame)
+                    return True
+                self.begin(index, WALK, frame)
+                deadline = frame + int(PATIENCE * self.rate)
+                actor.errand = Errand(activity, spot, bench.yaw, deadline, thing=bench)
+                return True
+        return False
+
+    def _pursue(self, index: int, frame: int) -> None:
+        """Go on with an errand: walk there, wait for the partner, begin."""
+        actor = self.actors[index]
+        errand = actor.errand
+        assert errand is not None
+        partner = None if errand.partner is None else self.actors[errand.partner]
+        if frame > errand.deadline or (partner is not None and partner.errand is None):
+            self.begin(index, STAND, frame)
+            return
+        if np.linalg.norm(actor.position - errand.spot) > ARRIVED:
+            actor.target = errand.spot
+            return
+        actor.position, actor.heading = errand.spot.copy(), errand.heading
+        if partner is None:
+            actor.seat = errand.thing if errand.activity.posture == SITTING else None
+            self.begin(index, errand.activity, frame, errand)
+            return
+        assert partner.errand is not None
+        if np.linalg.norm(partner.position - partner.errand.spot) <= ARRIVED:
+            partner.position, partner.heading = partner.errand.spot.copy(), partner.errand.heading
+            until = frame + int(self.rng.uniform(*errand.activity.seconds) * self.rate)
+            for i in (index, errand.partner):
+                assert i is not None
+                self.begin(i, errand.activity, frame)
+                self.actors[i].until = until
+        elif actor.activity.moving:
+            self.begin(index, STAND, frame)
+            actor.errand = errand
+
+    def _move(self, index: int) -> None:
+        """One frame of walking or running towards the target, around others."""
+        actor = self.actors[index]
+        away = actor.target - actor.position
+        if np.linalg.norm(away) < 0.5 and actor.errand is None:
+            actor.target = self.somewhere(1.15)
+        others = np.array([[*a.position, 0.0] for a in self.actors if a is not actor]).reshape(-1, 3)
+        walk_on(actor, away, np.concatenate([others, self.obstacles]), self.rate)
+
+
+def gather(
+    rng: np.random.Generator,
+    people: int,
+    frames: int,
+    frame_rate: float,
+    arena: FloatArray,
+    obstacles: FloatArray,
+    look_alikes: float = 0.3,
+) -> Gathering:
+    """Let ``people`` act for ``frames`` within an ellipse.
+
+    Args:
+        rng: draws everything.
+        people: how many.
+        frames: how long.
+        frame_rate: frames per second.
+        arena: ``(2, 2)`` centre and half axes of the ellipse, metres.
+        obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
+        look_alikes: probability of being dressed much like somebody else.
+    """
+    stage = _Stage(rng, people, frame_rate, arena, obstacles, look_alikes)
+    for frame in range(frames):
+        stage.step(frame)
+    return Gathering([Performer(a.person, tuple(a.states)) for a in stage.actors], stage.things)

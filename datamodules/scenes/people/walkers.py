@@ -1,0 +1,318 @@
+"""Where people walk: alone and in groups, crossing, turning, standing still, coming in and going out of view."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from tsuiseki.datamodules.scenes.people.body import Pose, blend, random_manner, standing, stride_length, walking
+from tsuiseki.datamodules.scenes.people.look import look_alike, random_build, random_look
+from tsuiseki.datamodules.scenes.people.person import Person, random_person
+from tsuiseki.tracking.types import FloatArray
+
+# Metres people keep between their middles, and how fast they step aside, 1/s.
+PERSONAL_SPACE = 0.6
+EVASION = 2.5
+ABREAST = 0.65
+STANDING_SPEED = 0.25
+
+
+@dataclass(frozen=True)
+class CrowdSettings:
+    """How people move.
+
+    Attributes:
+        people: about how many are around at a time.
+        groups: probability that somebody walks in company.
+        pauses: probability of standing still at a place where the way turns.
+        speed: (mean, standard deviation), m/s.
+        look_alikes: probability of being dressed much like somebody else around.
+    """
+
+    people: int = 10
+    groups: float = 0.35
+    pauses: float = 0.25
+    speed: tuple[float, float] = (1.3, 0.2)
+    look_alikes: float = 0.15
+
+
+@dataclass(frozen=True)
+class Walker:
+    """One person's way through a clip.
+
+    Attributes:
+        person: who.
+        first: 0-based frame of the first position.
+        positions: ``(T, 2)`` metres.
+        headings: ``(T,)`` radians.
+        speeds: ``(T,)`` m/s.
+        phases: ``(T,)`` of the walk, in strides.
+        stillness: ``(T,)`` from 0, walking, to 1, standing.
+        rest: the pose while standing.
+    """
+
+    person: Person
+    first: int
+    positions: FloatArray
+    headings: FloatArray
+    speeds: FloatArray
+    phases: FloatArray
+    stillness: FloatArray
+    rest: Pose
+
+    def is_there(self, frame: int) -> bool:
+        """Whether the person is around in ``frame``."""
+        return self.first <= frame < self.first + len(self.positions)
+
+    def pose(self, frame: int) -> Pose:
+        """How the person holds itself in ``frame``."""
+        t = frame - self.first
+        pose = walking(self.person.build, self.person.manner, float(self.phases[t]), float(self.speeds[t]))
+        return blend(pose, self.rest, float(self.stillness[t]))
+
+
+Places = Callable[[np.random.Generator], FloatArray]
+
+
+def crowd(
+    rng: np.random.Generator,
+    settings: CrowdSettings,
+    frames: int,
+    frame_rate: float,
+    inside: Places,
+    outside: Places,
+    obstacles: FloatArray,
+) -> list[Walker]:
+    """Everybody who comes by within ``frames``.
+
+    Args:
+        rng: draws everything.
+        settings: how people move.
+        frames: of the clip.
+        frame_rate: frames per second.
+        inside: draws a place ``(2,)`` in view.
+        outside: draws a place ``(2,)`` out of view, where people come from and go to.
+        obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
+    """
+    starts: list[int] = []
+    ways: list[FloatArray] = []
+    places = 0
+    while places < settings.people:
+        size = min(_party_size(rng, settings.groups), settings.people - places)
+        places += size
+        start, here = 0, True
+        while start < frames:
+            way = _way(rng, settings, frame_rate, inside, outside, here)
+            starts += [start] * size
+            ways += _abreast(rng, way, size, frame_rate)
+            start, here = start + len(way) + int(rng.uniform(0, 2) * frame_rate), False
+    ways = keep_apart(starts, ways, frames, frame_rate, obstacles)
+    people: list[Person] = []
+    for _ in ways:
+        people.append(_somebody(rng, people, settings.look_alikes))
+    return [walker_along(rng, *row, frame_rate) for row in zip(people, starts, ways, strict=True)]
+
+
+def _somebody(rng: np.random.Generator, people: list[Person], look_alikes: float) -> Person:
+    if not people or rng.random() >= look_alikes:
+        return random_person(rng)
+    model = people[int(rng.integers(len(people)))]
+    return Person(random_build(rng), look_alike(rng, model.look), random_manner(rng))
+
+
+def _party_size(rng: np.random.Generator, groups: float) -> int:
+    return int(rng.choice([2, 2, 2, 3, 4])) if rng.random() < groups else 1
+
+
+def _way(
+    rng: np.random.Generator,
+    settings: CrowdSettings,
+    frame_rate: float,
+    inside: Places,
+    outside: Places,
+    here: bool,
+) -> FloatArray:
+    """``(T, 2)`` positions, frame by frame, of one way through the scene; ``here`` starts it in view."""
+    corners = [inside(rng) if here else outside(rng)]
+    corners += [inside(rng) for _ in range(int(rng.choice([0, 1, 1, 2, 3])))]
+    corners.append(outside(rng))
+    mean, deviation = settings.speed
+    speed = float(np.clip(rng.normal(mean, deviation), 0.5 * mean, 1.7 * mean))
+    pieces = []
+    for a, b in itertools.pairwise(corners):
+        steps = max(round(float(np.linalg.norm(b - a)) / speed * frame_rate), 1)
+        pieces.append(a + np.arange(steps)[:, None] / steps * (b - a))
+        if b is not corners[-1] and rng.random() < settings.pauses:
+            pieces.append(np.repeat(b[None], int(rng.uniform(1, 5) * frame_rate), axis=0))
+    # Nobody turns on the spot: half a second of smoothing rounds the corners and slows down before a halt.
+    way = gaussian_filter1d(np.concatenate(pieces), 0.5 * frame_rate, axis=0, mode="nearest")
+    return np.asarray(way[int(rng.uniform(0, 0.3) * len(way)) :] if here else way)
+
+
+def _abreast(rng: np.random.Generator, way: FloatArray, size: int, frame_rate: float) -> list[FloatArray]:
+    """The ways of ``size`` people who walk side by side along ``way``."""
+    if size == 1:
+        return [way]
+    forward = _directions(np.gradient(way, axis=0) if len(way) > 1 else np.ones((1, 2)), 0.6 * frame_rate)
+    left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
+    ways = []
+    for k in range(size):
+        aside = ABREAST * (k - (size - 1) / 2) + rng.normal(0, 0.08)
+        ways.append(way + aside * left + rng.normal(0, 0.25) * forward)
+    return ways
+
+
+def _directions(velocities: FloatArray, smoothing: float) -> FloatArray:
+    """``(T, 2)`` unit vectors of motion, held while standing and smoothed over ``smoothing`` frames."""
+    speed = np.linalg.norm(velocities, axis=1)
+    moving = speed > 0.1 * max(float(speed.max()), 1e-9)
+    # Each standing frame takes the direction of the last moving one, the first of all the next one's.
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(speed)), -1))
+    last[last < 0] = int(np.argmax(moving))
+    unit = velocities[last] / np.maximum(speed[last], 1e-9)[:, None]
+    unit = gaussian_filter1d(unit, smoothing, axis=0, mode="nearest")
+    return np.asarray(unit / np.maximum(np.linalg.norm(unit, axis=1), 1e-9)[:, None])
+
+
+def keep_apart(
+    starts: list[int], ways: list[FloatArray], frames: int, frame_rate: float, obstacles: FloatArray
+) -> list[FloatArray]:
+    """The ways with evasions: people who come too close step aside, and return to their way afterwards."""
+    offsets = [np.zeros_like(way) for way in ways]
+    shifts = np.zeros((len(ways), 2))
+    for frame in range(frames):
+        there = [i for i, (s, w) in enumerate(zip(starts, ways, strict=True)) if s <= frame < s + len(w)]
+        if not there:
+            continue
+        now = np.array([ways[i][frame - starts[i]] for i in there]) + shifts[there]
+        push = _repulsion(now, now, PERSONAL_SPACE, others=True)
+        if len(obstacles):
+            push += _repulsion(now, obstacles[:, :2], obstacles[:, 2] + 0.35, others=False)
+        shifts[there] += (EVASION * push - 0.6 * shifts[there]) / frame_rate
+        for i in there:
+            offsets[i][frame - starts[i]] = shifts[i]
+    smooth = 0.25 * frame_rate
+    cut = [min(len(w), frames - s) for s, w in zip(starts, ways, strict=True)]
+    return [
+        w[:n] + gaussian_filter1d(o[:n], smooth, axis=0, mode="nearest")
+        for w, o, n in zip(ways, offsets, cut, strict=True)
+    ]
+
+
+def _repulsion(a: FloatArray, b: FloatArray, distance: float | FloatArray, others: bool) -> FloatArray:
+    """``(N, 2)`` metres by which points ``a`` are nearer to points ``b`` than ``distance``, away from them."""
+    away = a[:, None] - b[None]
+    gap = np.linalg.norm(away, axis=2)
+    lack = np.clip(distance - gap, 0, None)
+    if others:
+        np.fill_diagonal(lack, 0)
+    # Aside rather than back: turned by a quarter of a right angle, two who meet pass each other.
+    unit = away / np.maximum(gap, 1e-6)[:, :, None]
+    turned = 0.92 * unit + 0.38 * np.stack([-unit[:, :, 1], unit[:, :, 0]], axis=2)
+    return np.asarray((lack[:, :, None] * turned).sum(axis=1) * 2)
+
+
+def walker_along(rng: np.random.Generator, person: Person, first: int, way: FloatArray, frame_rate: float) -> Walker:
+    velocities = (np.gradient(way, axis=0) if len(way) > 1 else np.ones((1, 2))) * frame_rate
+    speeds = np.linalg.norm(velocities, axis=1)
+    directions = _directions(velocities, 0.2 * frame_rate)
+    strides = [stride_length(person.build, person.manner, float(s)) for s in speeds]
+    steps = np.where(speeds > 0.05, speeds / frame_rate / np.array(strides), 0)
+    still = gaussian_filter1d((speeds < STANDING_SPEED).astype(np.float64), 0.2 * frame_rate, mode="nearest")
+    return Walker(
+        person=person,
+        first=first,
+        positions=way,
+        headings=np.arctan2(directions[:, 1], directions[:, 0]),
+        speeds=speeds,
+        phases=rng.random() + np.cumsum(steps),
+        stillness=still,
+        rest=standing(rng, person.manner),
+    )
+
+
+# Metres from the walls that people keep, and longest stretch to the next place.
+MARGIN, FARTHEST = 0.45, 7.0
+
+
+def dressed(rng: np.random.Generator, people: int, repeated: float) -> list[Person]:
+    """People of whom a share wears the same clothes as another, or nearly."""
+    found: list[Person] = []
+    for _ in range(people):
+        look = random_look(rng)
+        if found and rng.random() < repeated:
+            model = found[int(rng.integers(len(found)))].look
+            # The same clothes on somebody else, or most of them.
+            other = replace(model, skin=look.skin, hair=look.hair, hair_style=look.hair_style, phase=look.phase)
+            look = other if rng.random() < 0.6 else look_alike(rng, model)
+        found.append(Person(random_build(rng), look, random_manner(rng)))
+    return found
+
+
+def wander(
+    rng: np.random.Generator,
+    people: list[Person],
+    frames: int,
+    frame_rate: float,
+    size: FloatArray,
+    obstacles: FloatArray,
+    pauses: float,
+    speed: tuple[float, float],
+) -> list[Walker]:
+    """Everybody's way through a room of ``size`` ``(2,)`` metres from the first frame to the last.
+
+    Args:
+        rng: draws everything.
+        people: who.
+        frames: of the clip.
+        frame_rate: frames per second.
+        size: of the floor, from the origin.
+        obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
+        pauses: probability of a halt at a place where the way turns.
+        speed: (mean, standard deviation), m/s.
+    """
+    ways = [_wandering_way(rng, frames, frame_rate, size, obstacles, pauses, speed) for _ in people]
+    ways = keep_apart([0] * len(ways), ways, frames, frame_rate, obstacles)
+    inside = [np.clip(way, 0.3, size - 0.3) for way in ways]
+    return [walker_along(rng, person, 0, way, frame_rate) for person, way in zip(people, inside, strict=True)]
+
+
+def _place(rng: np.random.Generator, size: FloatArray, obstacles: FloatArray) -> FloatArray:
+    for _ in range(50):
+        spot = rng.uniform(MARGIN, size - MARGIN)
+        if not len(obstacles) or (np.linalg.norm(obstacles[:, :2] - spot, axis=1) > obstacles[:, 2] + 0.3).all():
+            break
+    return np.asarray(spot)
+
+
+def _wandering_way(
+    rng: np.random.Generator,
+    frames: int,
+    rate: float,
+    size: FloatArray,
+    obstacles: FloatArray,
+    pauses: float,
+    speed: tuple[float, float],
+) -> FloatArray:
+    """``(frames, 2)`` positions."""
+    here = _place(rng, size, obstacles)
+    pieces, count = [], 0
+    while count < frames + rate:
+        there = _place(rng, size, obstacles)
+        away = there - here
+        distance = float(np.linalg.norm(away))
+        there = here + away * min(1.0, FARTHEST / max(distance, 1e-6))
+        pace = float(np.clip(rng.normal(*speed), 0.5 * speed[0], 1.6 * speed[0]))
+        steps = max(round(float(np.linalg.norm(there - here)) / pace * rate), 1)
+        pieces.append(here + np.arange(steps)[:, None] / steps * (there - here))
+        if rng.random() < pauses:
+            pieces.append(np.repeat(there[None], int(rng.uniform(0.8, 4) * rate), axis=0))
+        count = sum(map(len, pieces))
+        here = there
+    # Nobody turns on the spot: half a second of smoothing rounds the corners and slows down before a halt.
+    smooth = gaussian_filter1d(np.concatenate(pieces), 0.4 * rate, axis=0, mode="nearest")
+    return np.asarray(smooth[:frames])

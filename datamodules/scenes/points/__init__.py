@@ -1,1 +1,0 @@
-"""Coloured objects over clutter, for trackers of an unknown number of targets."""

@@ -1,0 +1,232 @@
+"""Pictures of people in rooms in the views that a ceiling camera's picture is unrolled into, to train detectors.
+
+People stand, walk and sit, at tables and elsewhere, among furniture that is nobody; the camera hangs anywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.people.activities import calling, drinking, reading, sitting
+from tsuiseki.datamodules.scenes.people.body import Pose, standing, walking
+from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
+from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
+from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Thing, compose, empty_picture, shadows
+from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera
+from tsuiseki.datamodules.scenes.room_clip import lamps
+from tsuiseki.datamodules.scenes.things.interior import cabinet, chair, panels, plant, table
+from tsuiseki.datamodules.scenes.things.room import draw_shell, random_shell
+from tsuiseki.datamodules.scenes.training_pictures import seen_boxes
+from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
+from tsuiseki.tracking.types import FloatArray, ImageArray
+
+# Distances that people keep from each other and from the camera's foot, metres.
+APART, NEAREST = 0.55, 0.3
+TRIES = 40
+
+
+@dataclass(frozen=True)
+class PanoramaPictures:
+    """What random pictures show.
+
+    Attributes:
+        width: pixels.
+        height: pixels.
+        people: (fewest, most).
+        floor: (shortest, longest) side, metres.
+        ceiling: (lowest, highest), metres.
+        scale: (least, greatest) radius of the cylinder, shares of the height.
+        seated: share of the people.
+        downward: share of the pictures that look straight down.
+        samples: rays along each side of a pixel.
+    """
+
+    width: int = 512
+    height: int = 384
+    people: tuple[int, int] = (0, 12)
+    floor: tuple[float, float] = (3.5, 18.0)
+    ceiling: tuple[float, float] = (2.4, 4.5)
+    scale: tuple[float, float] = (0.25, 0.7)
+    seated: float = 0.45
+    downward: float = 0.15
+    samples: int = 2
+
+
+@dataclass
+class _Furnishing:
+    """What has been put into a room so far.
+
+    Attributes:
+        people: dressed solids.
+        things: that are nobody.
+        taken: x, y and radius of what is occupied, metres.
+    """
+
+    people: list[Thing]
+    things: list[Thing]
+    taken: list[tuple[float, float, float]]
+
+    def free(self, spot: FloatArray, radius: float) -> bool:
+        """Whether nothing stands within ``radius`` of a place."""
+        return all(np.hypot(spot[0] - x, spot[1] - y) > radius + r for x, y, r in self.taken)
+
+
+def panorama_picture(rng: np.random.Generator, settings: PanoramaPictures) -> tuple[ImageArray, FloatArray, FloatArray]:
+    """A picture ``(H, W, 3)`` uint8 RGB, boxes ``(N, 4)`` of whole silhouettes cut off at the border, visibilities."""
+    size = np.array([*rng.uniform(*settings.floor, 2), rng.uniform(*settings.ceiling)])
+    camera = _camera(rng, size, settings)
+    furnishing = _furnished(rng, size, camera, settings)
+    light = lamps(rng)
+    # Walls have few edges: one ray a pixel will do.
+    walls, direct = draw_shell(random_shell(rng, size), camera, light, [], 1)
+    everything = furnishing.people + furnishing.things
+    sun = shadows(everything, camera, light.direction, 2.0)
+    under = shadows(everything, camera, np.array([0, 0, 1], dtype=np.float32), 4.0)
+    darker = direct * sun[:, :, None] + walls.colour * (OCCLUSION * under)[:, :, None]
+    empty = empty_picture(walls.colour - darker, settings.samples)
+    picture, sightings = compose(empty, everything, camera, light)
+    sightings = sightings[: len(furnishing.people)]
+    how = random_degradation(rng)
+    exposed = replace(how, exposure=how.exposure * automatic_exposure(picture.colour))
+    image = degrade(_resampled(rng, picture.colour), exposed, rng)
+    if isinstance(camera, CylinderView) and rng.random() < 0.4:
+        # The end of the image circle.
+        image[: max(round(camera.horizon + settings.height * rng.uniform(-0.03, 0.05)), 0)] = rng.integers(0, 25)
+    boxes, visibility = seen_boxes(sightings, settings.width, settings.height)
+    return image, boxes, visibility
+
+
+def _camera(rng: np.random.Generator, size: FloatArray, settings: PanoramaPictures) -> RayCamera:
+    spot = size * [*rng.uniform(0.25, 0.75, 2), 1.0] - [0, 0, rng.uniform(0.03, 0.25)]
+    turn = float(rng.uniform(0, 2 * np.pi))
+    width, height = settings.width, settings.height
+    if rng.random() < settings.downward:
+        return DownwardView(spot, turn, float(rng.uniform(0.6, 1.3)) * height, width, height)
+    scale = float(np.exp(rng.uniform(*np.log(settings.scale)))) * height
+    return CylinderView(spot, turn, scale, float(rng.uniform(-0.1, 0.12)) * height, width, height)
+
+
+def _furnished(
+    rng: np.random.Generator, size: FloatArray, camera: RayCamera, settings: PanoramaPictures
+) -> _Furnishing:
+    made = _Furnishing([], panels(rng, size, int(rng.integers(2, 10))), [])
+    count = int(rng.integers(settings.people[0], settings.people[1] + 1))
+    seated = int(rng.binomial(count, settings.seated))
+    while seated > 0:
+        seated -= _group(rng, made, size, camera, seated)
+    for _ in range(count - len(made.people)):
+        _upright(rng, made, size, camera)
+    for _ in range(int(rng.integers(0, 7))):
+        spot = _spot(rng, made, size, camera, 0.4)
+        if spot is not None:
+            heading = float(rng.uniform(0, 2 * np.pi))
+            made.things.append(chair(rng, spot, heading))
+            if rng.random() < 0.4:
+                made.things.append(table(rng, spot + 0.6 * _towards(heading), heading, (0.4, 0.6)))
+    for _ in range(int(rng.integers(0, 9))):
+        along, side = rng.uniform(0.05, 0.95), int(rng.integers(4))
+        spot = np.array([[0.3, along * size[1]], [size[0] - 0.3, along * size[1]], [along * size[0], 0.3],
+                         [along * size[0], size[1] - 0.3]][side])  # fmt: skip
+        if rng.random() < 0.2:
+            made.things.append(plant(rng, spot))
+        elif made.free(spot, 0.5):
+            made.things.append(cabinet(rng, spot, (-np.pi / 2, np.pi / 2, 0.0, np.pi)[side] + rng.normal(0, 0.05)))
+    return made
+
+
+def _spot(
+    rng: np.random.Generator, made: _Furnishing, size: FloatArray, camera: RayCamera, radius: float
+) -> FloatArray | None:
+    """A free place in view; distances are even on a logarithmic scale, for few would be near otherwise."""
+    reach = float(np.linalg.norm(size[:2]))
+    for _ in range(TRIES):
+        near, middle = 0.05 if isinstance(camera, DownwardView) else NEAREST, rng.uniform(0, 2 * np.pi)
+        far = 1.6 if isinstance(camera, DownwardView) else reach
+        if isinstance(camera, CylinderView):
+            half = min(camera.width / 2 / camera.scale, 2.6)
+            middle = camera.middle + rng.uniform(-half, half)
+        spot = camera.position[:2] + np.exp(rng.uniform(np.log(near), np.log(far))) * _towards(float(middle))
+        if ((spot > 0.35) & (spot < size[:2] - 0.35)).all() and made.free(spot, radius):
+            return np.asarray(spot)
+    return None
+
+
+def _towards(heading: float) -> FloatArray:
+    return np.array([np.cos(heading), np.sin(heading)])
+
+
+def _upright(rng: np.random.Generator, made: _Furnishing, size: FloatArray, camera: RayCamera) -> None:
+    """Somebody who stands or walks."""
+    spot = _spot(rng, made, size, camera, APART / 2)
+    if spot is None:
+        return
+    person = random_person(rng)
+    if rng.random() < 0.5:
+        pose = walking(person.build, person.manner, float(rng.random()), float(rng.uniform(0.5, 1.6)))
+    else:
+        pose = _busy(rng, person, standing(rng, person.manner))
+    _add(made, person, pose, spot, float(rng.uniform(0, 2 * np.pi)))
+
+
+def _busy(rng: np.random.Generator, person: Person, pose: Pose) -> Pose:
+    """Now and then on the phone, with a cup or with something to read."""
+    kind = rng.random()
+    if kind < 0.12:
+        return calling(person.build, pose, int(rng.integers(2)))
+    if kind < 0.2:
+        return drinking(person.build, pose, int(rng.integers(2)), float(rng.uniform(0, 3)))
+    return reading(person.build, pose) if kind < 0.4 else pose
+
+
+def _add(made: _Furnishing, person: Person, pose: Pose, spot: FloatArray, heading: float) -> None:
+    made.people.append(Thing(person_solids(person, pose, spot, heading), person.look))
+    made.taken.append((float(spot[0]), float(spot[1]), APART / 2))
+
+
+def _group(rng: np.random.Generator, made: _Furnishing, size: FloatArray, camera: RayCamera, wanted: int) -> int:
+    """Up to ``wanted`` people on chairs, side by side at a table or without one; at least 1 is said to be done."""
+    spot = _spot(rng, made, size, camera, 0.5)
+    if spot is None:
+        return wanted
+    heading, members = float(rng.uniform(0, 2 * np.pi)), int(rng.integers(1, min(wanted, 4) + 1))
+    ahead, aside = _towards(heading), _towards(heading + np.pi / 2)
+    with_table, spacing = rng.random() < 0.7, rng.uniform(0.65, 0.95)
+    for k in range(members):
+        seat = spot + (k - (members - 1) / 2) * spacing * aside + rng.normal(0, 0.04, 2)
+        if not ((seat > 0.3) & (seat < size[:2] - 0.3)).all() or not made.free(seat, 0.2):
+            continue
+        person, facing = random_person(rng), heading + float(rng.normal(0, 0.25))
+        pose = _seated(rng, person, with_table)
+        made.things.append(chair(rng, seat, facing))
+        _add(made, person, pose, seat - 0.05 * _towards(facing), facing)
+    if with_table:
+        middle = spot + rng.uniform(0.6, 0.75) * ahead
+        made.things.append(table(rng, middle, heading, (0.38, 0.5 * members * spacing + 0.2)))
+        made.taken.append((float(middle[0]), float(middle[1]), 0.5))
+    return members
+
+
+def _seated(rng: np.random.Generator, person: Person, at_table: bool) -> Pose:
+    """Sitting upright, leaning forward or back, hands in the lap, on the table or busy."""
+    pose = sitting(rng, on_ground=False)
+    lean = rng.uniform(-0.1, 0.5) if at_table else rng.uniform(-0.35, 0.35)
+    knee = float(rng.uniform(0.7, 1.6))
+    pose = replace(pose, lean=float(lean), nod=float(rng.uniform(-0.1, 0.6)), look=float(rng.normal(0, 0.5)),
+                   knee=(knee, float(np.clip(knee + rng.normal(0, 0.25), 0.4, 1.7))))  # fmt: skip
+    if at_table and rng.random() < 0.6:
+        raised = rng.uniform(0.5, 1.1, 2)
+        bent = rng.uniform(0.5, 1.6, 2)
+        pose = replace(pose, shoulder=(float(raised[0]), float(raised[1])), elbow=(float(bent[0]), float(bent[1])))
+    return _busy(rng, person, pose)
+
+
+def _resampled(rng: np.random.Generator, colour: Float32) -> Float32:
+    """Softer towards the horizon or all over, as where a fisheye picture has few pixels to unroll."""
+    if rng.random() < 0.45:
+        return colour
+    soft = cv2.GaussianBlur(colour, (0, 0), float(rng.uniform(0.6, 2.2)))
+    share = np.linspace(1, 0, len(colour), dtype=np.float32)[:, None, None] ** float(rng.uniform(0, 2))
+    return np.asarray(colour + share * (soft - colour), dtype=np.float32)

@@ -1,1 +1,0 @@
-"""Rooms seen by fixed cameras."""

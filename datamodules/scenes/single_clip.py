@@ -1,0 +1,207 @@
+"""Clips of one walking person whom a moving camera follows past other people and behind obstacles, with exact boxes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.people.body import walking
+from tsuiseki.datamodules.scenes.people.person import (
+    Person,
+    paste,
+    random_backdrop,
+    random_identities,
+    render_person_sprite,
+)
+from tsuiseki.datamodules.scenes.render.shading import Light, random_light
+from tsuiseki.tracking.types import FloatArray, ImageArray
+
+PHASES = 12
+
+
+@dataclass(frozen=True)
+class ChaseSettings:
+    """What a clip shows.
+
+    Attributes:
+        frames: its length.
+        width: of the images, pixels.
+        height: likewise.
+        person_height: range of the followed person's height, pixels.
+        passers: how many other people walk about.
+        look_alikes: share of people who are dressed like the one before.
+        obstacles: how many upright things stand in front of the people.
+        shake: standard deviation of the camera's jump between frames, pixels.
+        jerk: probability that a frame brings a jump ten times as large.
+        growth: factor on the size from the first frame to the last, drawn between 1/growth and growth.
+        turning: standard deviation of the change of heading between the poses of a walk, radians.
+    """
+
+    frames: int = 100
+    width: int = 320
+    height: int = 240
+    person_height: tuple[float, float] = (40.0, 90.0)
+    passers: int = 4
+    look_alikes: float = 0.4
+    obstacles: int = 3
+    shake: float = 1.0
+    jerk: float = 0.03
+    growth: float = 1.5
+    turning: float = 0.15
+
+
+@dataclass(frozen=True)
+class Chase:
+    """A clip.
+
+    Attributes:
+        images: ``(T, H, W, 3)`` uint8 RGB.
+        boxes: ``(T, 4)`` pixels, of the whole person, hidden or not.
+        visibility: ``(T,)`` share of the person that nothing hides and that is in the image.
+    """
+
+    images: ImageArray
+    boxes: FloatArray
+    visibility: FloatArray
+
+
+@dataclass(frozen=True)
+class _Walker:
+    sprites: list[ImageArray]
+    path: FloatArray
+    sizes: FloatArray
+
+
+def _walk_cycle(
+    rng: np.random.Generator, person: Person, height: float, light: Light, turning: float, frames: int
+) -> list[ImageArray]:
+    heading, tilt = float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(0, 0.3))
+    cycle = []
+    for phase in range(min(2 * PHASES, frames)):
+        heading += float(rng.normal(0, turning))
+        pose = walking(person.build, person.manner, phase / PHASES, 1.3)
+        cycle.append(render_person_sprite(rng, height, tilt, person, pose, heading, light))
+    return cycle
+
+
+def _path(rng: np.random.Generator, frames: int, start: FloatArray, speed: float) -> FloatArray:
+    """Positions ``(T, 2)`` of a walk whose direction wanders."""
+    directions = rng.uniform(0, 2 * math.pi) + np.cumsum(rng.normal(0, 0.12, frames))
+    steps = speed * np.stack([np.cos(directions), 0.4 * np.sin(directions)], axis=1)
+    steps[0] = 0
+    return np.asarray(start + np.cumsum(steps, axis=0))
+
+
+def _walkers(rng: np.random.Generator, settings: ChaseSettings) -> list[_Walker]:
+    """The followed person first; the others cross that path at some time."""
+    people = random_identities(rng, 1 + settings.passers, settings.look_alikes)
+    height, light = float(rng.uniform(*settings.person_height)), random_light(rng)
+    growth = np.exp(rng.uniform(-1, 1) * np.log(settings.growth))
+    sizes = growth ** np.linspace(0, 1, settings.frames)
+    speed = 0.035 * height
+    own = _path(rng, settings.frames, np.zeros(2), speed)
+    walkers = []
+    for k, person in enumerate(people):
+        path = own
+        if k:
+            path = _path(rng, settings.frames, np.zeros(2), speed * float(rng.uniform(0.3, 1.5)))
+            meeting = int(rng.integers(settings.frames))
+            path = path - path[meeting] + own[meeting] + rng.normal(0, 0.15 * height, 2)
+        own_height = height * (1.0 if k == 0 else float(rng.uniform(0.85, 1.15)))
+        walkers.append(
+            _Walker(_walk_cycle(rng, person, own_height, light, settings.turning, settings.frames), path, sizes)
+        )
+    return walkers
+
+
+def _camera(rng: np.random.Generator, path: FloatArray, settings: ChaseSettings) -> FloatArray:
+    """Top left corners ``(T, 2)`` of the view: behind the person, with shakes and jerks."""
+    follow = np.zeros_like(path)
+    position = path[0]
+    for t, place in enumerate(path):
+        position = position + 0.08 * (place - position)
+        follow[t] = position
+    jump = np.where(rng.random(len(path)) < settings.jerk, 10.0, 1.0)[:, None]
+    shakes = np.cumsum(jump * rng.normal(0, settings.shake, path.shape), axis=0)
+    low = 0.25 * np.array([settings.width, settings.height])
+    return np.asarray(follow + np.clip(shakes, -low, low) - np.array([settings.width, settings.height]) / 2)
+
+
+def _obstacles(
+    rng: np.random.Generator, path: FloatArray, height: float, count: int
+) -> list[tuple[int, int, ImageArray]]:
+    """Left, top and ``(h, w, 4)`` picture of things that stand on the path."""
+    things = []
+    for _ in range(count):
+        where = path[int(rng.integers(len(path) // 5, len(path)))]
+        width, tall = round(height * float(rng.uniform(0.15, 0.7))), round(height * float(rng.uniform(0.8, 2.2)))
+        picture = np.full((tall, max(width, 2), 4), 255, dtype=np.uint8)
+        picture[..., :3] = np.clip(random_backdrop(rng, tall, max(width, 2)), 0, 255)
+        left = where[0] - width / 2 + float(rng.normal(0, 0.3 * height))
+        things.append((round(left), round(where[1] + 0.55 * height - tall), picture))
+    return things
+
+
+def render_chase(rng: np.random.Generator, settings: ChaseSettings | None = None) -> Chase:
+    """A random clip; the same generator state gives the same clip."""
+    settings = ChaseSettings() if settings is None else settings
+    walkers = _walkers(rng, settings)
+    corners = np.round(_camera(rng, walkers[0].path, settings)).astype(int)
+    height = walkers[0].sprites[0].shape[0]
+    obstacles = _obstacles(rng, walkers[0].path, height, settings.obstacles)
+    reach = np.array([settings.width, settings.height])
+    low, high = corners.min(axis=0), corners.max(axis=0) + reach
+    world = np.clip(random_backdrop(rng, int(high[1] - low[1]), int(high[0] - low[0])), 0, 255)
+    images, boxes, visibility = [], [], []
+    for t, corner in enumerate(corners):
+        left, top = corner - low
+        view = world[top : top + settings.height, left : left + settings.width].copy()
+        box, seen = _draw(view, walkers, obstacles, corner, t)
+        images.append(np.clip(view + rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8))
+        boxes.append(box)
+        visibility.append(seen)
+    return Chase(np.stack(images), np.array(boxes), np.array(visibility))
+
+
+def _draw(
+    view: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
+    walkers: list[_Walker],
+    obstacles: list[tuple[int, int, ImageArray]],
+    corner: np.ndarray[tuple[int, ...], np.dtype[np.int64]],
+    t: int,
+) -> tuple[FloatArray, float]:
+    """Draws frame ``t``, the lower in front, and returns the followed person's box and visible share."""
+    order = sorted(range(len(walkers)), key=lambda k: float(walkers[k].path[t, 1]))
+    box, free, full = np.zeros(4), np.zeros(view.shape[:2], dtype=np.float32), 1.0
+    for k in order:
+        walker = walkers[k]
+        sprite = walker.sprites[t % len(walker.sprites)]
+        size = float(walker.sizes[t])
+        filtering = cv2.INTER_AREA if size < 1 else cv2.INTER_LINEAR
+        sprite = np.asarray(cv2.resize(sprite, None, fx=size, fy=size, interpolation=filtering), dtype=np.uint8)
+        place = walker.path[t] - corner
+        left, top = round(place[0] - sprite.shape[1] / 2), round(place[1] - sprite.shape[0] / 2)
+        paste(view, sprite, left, top)
+        if k == 0:
+            box = np.array([left, top, left + sprite.shape[1], top + sprite.shape[0]], dtype=np.float64)
+            full = float((sprite[..., 3] > 127).sum())
+        _cover(free, sprite, left, top, owner=k == 0)
+    for x, y, picture in obstacles:
+        paste(view, picture, x - int(corner[0]), y - int(corner[1]))
+        _cover(free, picture, x - int(corner[0]), y - int(corner[1]), owner=False)
+    return box, float(free.sum()) / max(full, 1.0)
+
+
+def _cover(
+    free: np.ndarray[tuple[int, ...], np.dtype[np.float32]], sprite: ImageArray, left: int, top: int, owner: bool
+) -> None:
+    """Marks the owner's pixels, and clears those that something else hides, in place."""
+    height, width = free.shape
+    x1, y1 = max(left, 0), max(top, 0)
+    x2, y2 = min(left + sprite.shape[1], width), min(top + sprite.shape[0], height)
+    if x1 < x2 and y1 < y2:
+        solid = sprite[y1 - top : y2 - top, x1 - left : x2 - left, 3] > 127
+        free[y1:y2, x1:x2][solid] = 1.0 if owner else 0.0

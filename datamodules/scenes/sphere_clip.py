@@ -1,0 +1,289 @@
+"""The sphere paper's experiment as a scene: a person carries a ball through a room before calibrated cameras.
+
+The ball's centre is the exact truth. The person's whole body is in view, hands and feet too, so that not only the ball
+differs from the empty room (figure 5 of the paper).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.clip import numbered, write_image
+from tsuiseki.datamodules.scenes.people.body import Pose, place, stride_length, walking
+from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
+from tsuiseki.datamodules.scenes.render.scene import Thing, compose, shadows
+from tsuiseki.datamodules.scenes.render.shading import Light
+from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Surfaces, boxes, cone_spheres
+from tsuiseki.datamodules.scenes.things.room import Room, draw_room, furniture_around
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.track3d import write_path3d
+from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types.tracks import Path3D
+
+WIDTH, HEIGHT = 800, 600
+FIELD = np.deg2rad(60.0)
+# Directions in which the cameras stand, seen from the room's middle, in the order in which they are used.
+AZIMUTHS = np.deg2rad([-38.0, 38.0, 100.0, -100.0, 0.0, 180.0])
+DISTANCES = (4.0, 4.0, 3.9, 3.85, 3.9, 4.1)
+HEIGHTS = (1.5, 1.7, 2.0, 2.0, 2.3, 2.2)
+AIM = (0.0, 0.0, 0.95)
+# Instants whose mean stands for a smeared picture, and bands of rows for a rolling shutter.
+EXPOSURE_BLINKS, READOUT_BANDS = 4, 4
+
+LIGHT = Light(
+    np.array([0.24, -0.31, 0.92], dtype=np.float32) / np.float32(1.0001),
+    np.array([0.62, 0.60, 0.56], dtype=np.float32),
+    np.array([0.55, 0.57, 0.60], dtype=np.float32),
+    np.array([0.30, 0.29, 0.27], dtype=np.float32),
+)
+
+
+@dataclass(frozen=True)
+class Cover:
+    """A board held before one camera.
+
+    Attributes:
+        camera: 0-based.
+        first: first covered frame, 0-based.
+        last: last covered frame.
+    """
+
+    camera: int
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class CarriedBallSettings:
+    """What is shot.
+
+    Attributes:
+        cameras: 2 to 6.
+        frames: of each camera.
+        frame_rate: frames/s.
+        radius: of the ball, m.
+        speed: of the person, m/s.
+        noise: standard deviation, grey levels of 255.
+        samples: rays along each side of a pixel.
+        covers: boards before cameras.
+        exposure: time for which light falls on a pixel, s: what moves is smeared.
+        defocus: standard deviation of the lens's blur, pixels.
+        readout: time from the first row's exposure to the last one's, s: a rolling shutter.
+        lateness: time by which each camera takes its frames later than it says, s; none for all by default.
+        clear: of the ball from the hand, m: as if on a thread, which is not drawn.
+    """
+
+    cameras: int = 2
+    frames: int = 100
+    frame_rate: float = 15.0
+    radius: float = 0.10
+    speed: float = 0.30
+    noise: float = 3.0
+    samples: int = 3
+    covers: tuple[Cover, ...] = field(default_factory=tuple)
+    exposure: float = 0.0
+    defocus: float = 0.0
+    readout: float = 0.0
+    lateness: tuple[float, ...] = ()
+    clear: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.cameras <= len(AZIMUTHS):
+            raise RequestError(f"expected 2 to {len(AZIMUTHS)} cameras, got {self.cameras}")
+        if self.frames < 1 or self.frame_rate <= 0 or self.radius <= 0 or self.noise < 0 or self.samples < 1:
+            raise RequestError("expected positive frames, frame rate, radius and samples, and noise of at least 0")
+        if min(self.exposure, self.defocus, self.readout) < 0 or len(self.lateness) not in (0, self.cameras):
+            raise RequestError("expected exposure, defocus and readout of at least 0, and a lateness for each camera")
+
+
+@dataclass(frozen=True)
+class BallScene:
+    """Everything that a seed fixes before a picture is drawn.
+
+    Attributes:
+        settings: as asked.
+        cameras: C cameras.
+        rooms: what each sees of the empty room.
+        person: who carries the ball.
+        colours: sRGB of the ball and of its band.
+        times: ``(T,)`` seconds.
+        truth: ``(T, 3)`` centre of the ball, m.
+    """
+
+    settings: CarriedBallSettings
+    cameras: tuple[PinholeCamera, ...]
+    rooms: tuple[Room, ...]
+    person: Person
+    colours: tuple[tuple[float, float, float], tuple[float, float, float]]
+    times: FloatArray
+    truth: FloatArray
+
+
+def ball_cameras(count: int) -> tuple[PinholeCamera, ...]:
+    """``count`` cameras, 3 to 5 m from the ball, 800x600, horizontal field 60 degrees."""
+    focal = 0.5 * WIDTH / np.tan(0.5 * FIELD)
+    stands = [np.array([d * np.cos(a), d * np.sin(a), h]) for a, d, h in zip(AZIMUTHS, DISTANCES, HEIGHTS, strict=True)]
+    return tuple(PinholeCamera.look_at(s, np.array(AIM), float(focal), WIDTH, HEIGHT) for s in stands[:count])
+
+
+def make_scene(settings: CarriedBallSettings, seed: int) -> BallScene:
+    """Room, person and path of ``seed``."""
+    rng = np.random.default_rng(seed)
+    furniture = furniture_around(rng)
+    person = random_person(rng)
+    # Bags and coats would hide the ball; the paper's scene has a person in plain clothes.
+    look = replace(person.look, bag="none", lower_style="trousers")
+    person = Person(person.build, look, replace(person.manner, stride=1.0))
+    hue = rng.uniform(0, 2 * np.pi) + np.array([0, 2.1, 4.2])
+    ball = 0.5 + 0.38 * np.cos(hue)
+    colours = (_colour(ball), _colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95)))
+    cameras = ball_cameras(settings.cameras)
+    rooms = tuple(draw_room(camera, LIGHT, furniture, settings.samples) for camera in cameras)
+    times = np.arange(settings.frames) / settings.frame_rate
+    truth = np.stack([_bodies(person, settings, float(t))[2] for t in times])
+    return BallScene(settings, cameras, rooms, person, colours, times, truth)
+
+
+def film(scene: BallScene, seed: int) -> Iterator[list[ImageArray]]:
+    """The images of all cameras, moment by moment: ``(600, 800, 3)`` uint8 RGB."""
+    rng = np.random.default_rng((seed, 1))
+    late = scene.settings.lateness or (0.0,) * len(scene.cameras)
+    for index, time in enumerate(scene.times):
+        images = []
+        for k in range(len(scene.cameras)):
+            if any(c.camera == k and c.first <= index <= c.last for c in scene.settings.covers):
+                images.append(covered_image(scene, k, rng))
+            else:
+                images.append(expose(_shot(scene, k, float(time) + late[k]), scene.settings.noise, rng))
+        yield images
+
+
+def _shot(scene: BallScene, camera: int, time: float) -> Float32:
+    """Linear light ``(H, W, 3)`` that a camera gathers about ``time``: smeared, row after row, out of focus."""
+    settings = scene.settings
+    bands = READOUT_BANDS if settings.readout else 1
+    blinks = EXPOSURE_BLINKS if settings.exposure else 1
+    edges = np.linspace(0, HEIGHT, bands + 1).astype(int)
+    colour = np.zeros((HEIGHT, WIDTH, 3), dtype=np.float32)
+    for band, (top, bottom) in enumerate(pairwise(edges)):
+        begins = time + settings.readout * ((band + 0.5) / bands - 0.5)
+        for blink in range(blinks):
+            drawn = _light(scene, camera, begins + settings.exposure * ((blink + 0.5) / blinks - 0.5))
+            colour[top:bottom] += drawn[top:bottom] / np.float32(blinks)
+    return np.asarray(cv2.GaussianBlur(colour, (0, 0), settings.defocus), np.float32) if settings.defocus else colour
+
+
+def _light(scene: BallScene, camera: int, time: float) -> Float32:
+    """Linear light ``(H, W, 3)`` in a camera at one instant."""
+    things, room, pinhole = _things(scene, time), scene.rooms[camera], scene.cameras[camera]
+    dark = shadows(things, pinhole, LIGHT.direction, softness=2.5)
+    lit = replace(room.picture, colour=room.picture.colour - room.direct * dark[:, :, None])
+    picture, _ = compose(lit, things, pinhole, LIGHT)
+    return picture.colour
+
+
+def covered_image(scene: BallScene, camera: int, rng: np.random.Generator) -> ImageArray:
+    """What a camera shows while a board covers its view: nothing of the scene."""
+    picture, _ = compose(scene.rooms[camera].picture, [_board(scene.cameras[camera])], scene.cameras[camera], LIGHT)
+    return expose(picture.colour, scene.settings.noise, rng)
+
+
+def backgrounds(scene: BallScene, seed: int) -> list[ImageArray]:
+    """One image a camera of the empty room, with noise of its own."""
+    rng = np.random.default_rng((seed, 2))
+    return [expose(room.picture.colour, scene.settings.noise, rng) for room in scene.rooms]
+
+
+def expose(colour: Float32, noise: float, rng: np.random.Generator) -> ImageArray:
+    """Linear light as an image: gamma 2, sensor noise, 256 levels."""
+    grey = 255 * np.sqrt(np.clip(colour, 0, 1))
+    grey += noise * rng.standard_normal(grey.shape, dtype=np.float32)
+    return np.asarray(np.clip(grey + 0.5, 0, 255), dtype=np.uint8)
+
+
+def _bodies(
+    person: Person, settings: CarriedBallSettings, time: float
+) -> tuple[Pose, tuple[FloatArray, float], FloatArray]:
+    """Pose, place and heading of the person, and the ball's centre."""
+    length = settings.speed * settings.frames / settings.frame_rate
+    along = settings.speed * time - 0.5 * length
+    # An S through the middle of the room, walked sideways before the first two cameras.
+    bend = 0.30 * np.sin(2.2 * along)
+    heading = np.pi / 2 - np.arctan(0.30 * 2.2 * np.cos(2.2 * along)) * 0.8
+    position = np.array([bend - 0.25, along - 0.72])
+    phase = settings.speed * time / stride_length(person.build, person.manner, settings.speed)
+    pose = walking(person.build, person.manner, phase, settings.speed)
+    raised = 0.75 + 0.28 * np.sin(2 * np.pi * time / 4.6)
+    pose = replace(
+        pose,
+        shoulder=(pose.shoulder[0], raised),
+        spread=(pose.spread[0], 0.30),
+        elbow=(pose.elbow[0], 0.55),
+        inward=(0.0, 0.0),
+    )
+    skeleton = place(person.build, pose, position, heading)
+    forearm = skeleton.fingers[1] - skeleton.wrist[1]
+    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * settings.radius + settings.clear)
+    return pose, (position, heading), grip
+
+
+def _things(scene: BallScene, time: float) -> list[Thing]:
+    pose, (position, heading), grip = _bodies(scene.person, scene.settings, time)
+    body = Thing(person_solids(scene.person, pose, position, heading), scene.person.look)
+    surfaces = Surfaces()
+    surfaces.add(*scene.colours, STRIPES_ACROSS, 0.8 * scene.settings.radius, 0.03)
+    radius = np.full((1, 2), scene.settings.radius)
+    sphere = cone_spheres(grip[None], grip[None], radius, np.array([[0.0, 1.0, 0.0]]), np.ones(1), surfaces)
+    return [body, Thing(sphere)]
+
+
+def _board(camera: PinholeCamera) -> Thing:
+    """A board that fills the view, half a metre before the camera."""
+    forward = camera.rotation[2]
+    yaw = float(np.arctan2(forward[1], forward[0]))
+    surfaces = Surfaces()
+    surfaces.add((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), STRIPES_ACROSS, 0.09, 0.1)
+    centre = camera.position + 0.55 * forward
+    return Thing(boxes(centre[None], np.array([[0.02, 1.0, 1.0]]), np.array([yaw]), surfaces))
+
+
+def _colour(values: FloatArray) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+QUALITY = 95
+
+
+def write_ball(
+    folder: Path,
+    settings: CarriedBallSettings,
+    seed: int,
+    watch: Callable[[Iterable[list[ImageArray]]], Iterable[list[ImageArray]]] = iter,
+) -> None:
+    """Write ``camera1/000001.jpg`` ..., ``background1.png`` ..., ``cameras.yaml`` and ``truth.csv``.
+
+    Args:
+        folder: made where it is missing; files in it are overwritten.
+        settings: of the film.
+        seed: of all random numbers.
+        watch: passes the moments through, for progress.
+    """
+    scene = make_scene(settings, seed)
+    names = [f"camera{k + 1}" for k in range(settings.cameras)]
+    for name, image in zip(names, backgrounds(scene, seed), strict=True):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(folder / f"{name.replace('camera', 'background')}.png"), image[:, :, ::-1])
+    for index, images in enumerate(watch(film(scene, seed))):
+        for name, image in zip(names, images, strict=True):
+            write_image(folder / name / numbered(index), image, QUALITY)
+    placed = [PlacedCamera(n, c, settings.frame_rate) for n, c in zip(names, scene.cameras, strict=True)]
+    write_cameras(folder / "cameras.yaml", placed)
+    write_path3d(folder / "truth.csv", Path3D(scene.times, scene.truth))

@@ -1,1 +1,0 @@
-"""Streets with walking people: single pictures to train on, clips with exact truth."""

@@ -1,0 +1,1 @@
+"""What stands about in generated pictures: things of streets and towns, rooms and their furniture."""

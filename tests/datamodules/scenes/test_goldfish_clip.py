@@ -1,0 +1,129 @@
+"""Goldfish clips: exact states, silhouettes, water."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, write_goldfish
+from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.body_states import read_states
+from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes, silhouette_of
+from tsuiseki.tracking.video.source import open_source
+
+SHORT = GoldfishSettings(frames=12, fish=3)
+
+
+@pytest.fixture(scope="module")
+def clip():
+    return list(goldfish_frames(replace(SHORT, size_spread=0.0), seed=5))
+
+
+def test_contours_of_exact_states_lie_on_the_drawn_outlines(clip):
+    """Drawing and body share no code. A fin is 10 pixels wide, so that its middle is 5 from an edge."""
+    body = Goldfish()
+    for frame in clip[::3]:
+        contours = body.contour(frame.states)
+        assert len(contours) == 3
+        for k, contour in enumerate(contours):
+            own = silhouette_of(frame.silhouettes, k + 1).astype(np.uint8) * 255
+            distance = cv2.distanceTransform(255 - cv2.Canny(own, 100, 200), cv2.DIST_L2, 5)
+            at = np.floor(contour).astype(int)
+            assert distance[at[:, 1], at[:, 0]].max() < 6.5
+            tail_end = contour[-2]
+            assert own[int(tail_end[1]), int(tail_end[0])], "the fin lies where the bend says"
+
+
+def test_silhouettes_hold_the_centres_and_keep_what_others_cover(clip):
+    states = np.stack([frame.states for frame in clip])
+    silhouettes = np.stack([frame.silhouettes for frame in clip])
+    for k in range(3):
+        assert centre_inside(silhouettes, k + 1, states[:, k, :2]).all()
+    areas = [silhouette_of(silhouettes, k + 1).sum(axis=(1, 2)) for k in range(3)]
+    assert all(area.min() > 0.9 * area.max() for area in areas)
+
+
+def test_fish_are_orange_on_green_and_the_water_moves(clip):
+    body = silhouette_of(clip[0].silhouettes, 1)
+    red, green, blue = clip[0].image[body].mean(axis=0)
+    assert red > green + 50 > blue
+    still = ~silhouette_of(clip[0].silhouettes | clip[-1].silhouettes, 1)
+    assert np.abs(clip[0].image[still].astype(int) - clip[-1].image[still]).mean() > 4
+
+
+def test_same_seed_same_clip_and_another_seed_another():
+    settings = replace(SHORT, frames=2)
+    one, same, other = (list(goldfish_frames(settings, seed)) for seed in (1, 1, 2))
+    for a, b in zip(one, same, strict=True):
+        assert np.array_equal(a.image, b.image)
+        assert np.array_equal(a.states, b.states)
+        assert np.array_equal(a.silhouettes, b.silhouettes)
+    assert not np.array_equal(one[0].states, other[0].states)
+
+
+def body_fixed(states):
+    """Forward and sideways steps ``(T - 1, 2)``."""
+    steps, heading = np.diff(states[:, :2], axis=0), states[1:, 2]
+    return np.stack(
+        [np.cos(heading) * steps[:, 0] + np.sin(heading) * steps[:, 1],
+         -np.sin(heading) * steps[:, 0] + np.cos(heading) * steps[:, 1]], axis=1,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def ways():
+    return [swim(150, 15.0, (640, 480), Swimming(), np.random.default_rng(seed)) for seed in range(8)]
+
+
+def test_fish_swim_forwards_and_stay_in_the_tank(ways):
+    for way in ways:
+        assert way[:, :2].min() > 40
+        assert np.all(way[:, :2].max(axis=0) < [600, 440])
+        forward, aside = body_fixed(way).T
+        assert np.mean(forward) > 2
+        assert np.abs(aside).mean() < forward.mean()
+
+
+def test_bend_drives_motion(ways):
+    """Shape and motion are correlated frame by frame, and not when the bends are those of another fish."""
+    bending = np.concatenate([np.diff(way[:, 3])[1:] for way in ways])
+    aside = np.concatenate([np.diff(body_fixed(way)[:, 1]) for way in ways])
+    turning = np.concatenate([np.diff(way[:, 2])[1:] for way in ways])
+    assert np.corrcoef(bending, aside)[0, 1] < -0.5
+    assert np.corrcoef(bending, turning)[0, 1] > 0.2
+    assert abs(np.corrcoef(np.roll(bending, 149), aside)[0, 1]) < 0.2
+
+
+def test_a_fish_without_a_beat_only_glides():
+    calm = Swimming(bursts=0.0, glides=1.0, lively=0.0)
+    driven = swim(150, 15.0, (640, 480), Swimming(lively=0.0), np.random.default_rng(3))
+    gliding = swim(150, 15.0, (640, 480), calm, np.random.default_rng(3))
+    assert body_fixed(gliding)[60:, 0].mean() < 0.5 * body_fixed(driven)[60:, 0].mean()
+
+
+def test_clips_on_disk(tmp_path):
+    settings = replace(SHORT, frames=3)
+    folder = write_goldfish(tmp_path / "clip", settings, seed=5)
+    frames = list(goldfish_frames(settings, seed=5))
+    source = open_source(folder)
+    assert (source.frame_rate, source.length) == (15.0, 3)
+    image = next(iter(source.frames())).image
+    assert np.abs(image.astype(int) - frames[0].image).mean() < 4
+    tracks = read_states(folder / "states.csv", ("a", "b", "theta", "phi"))
+    assert np.stack([t.states for t in tracks], axis=1) == pytest.approx(np.stack([f.states for f in frames]), abs=1e-4)
+    assert np.array_equal(read_silhouettes(folder), np.stack([f.silhouettes for f in frames]))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [({"fish": 0}, "1 to 5 fish"), ({"fish": 6}, "1 to 5 fish"), ({"frames": 0}, "at least one frame"),
+     ({"frame_rate": 0.0}, "frame rate above 0"), ({"width": 100}, "four times as large")],
+)  # fmt: skip
+def test_wrong_settings_are_refused(wrong, message):
+    with pytest.raises(RequestError, match=message):
+        GoldfishSettings(**wrong)

@@ -1,0 +1,185 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tsuiseki.datamodules.scenes import street_clip as street
+from tsuiseki.datamodules.scenes.people.walkers import CrowdSettings, crowd
+from tsuiseki.datamodules.scenes.street_clip import (
+    StreetSettings,
+    as_ground_truth,
+    draw_street,
+    plan_street,
+    write_street,
+)
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import find_sequences, read_sequence
+
+SETTINGS = StreetSettings(width=160, height=120, frames=6, frame_rate=10, people=4, occluders=3, person_height=(15, 60))
+
+
+def test_clip_is_read_back_as_written(tmp_path: Path) -> None:
+    folder = write_street(tmp_path / "clip", SETTINGS, 3)
+    sequence = read_sequence(folder)
+    assert (sequence.length, sequence.width, sequence.height, sequence.frame_rate) == (6, 160, 120, 10)
+    assert [s.name for s in find_sequences(tmp_path)] == ["clip"]
+    frames = list(street.street_frames(SETTINGS, 3))
+    expected = as_ground_truth([truth for _, truth in frames])
+    truth = read_ground_truth(folder / "gt" / "gt.txt")
+    np.testing.assert_array_equal(truth.frames, expected.frames)
+    np.testing.assert_array_equal(truth.ids, expected.ids)
+    # The file's own precision.
+    np.testing.assert_allclose(truth.boxes, expected.boxes, atol=0.011)
+    np.testing.assert_allclose(truth.visibility, expected.visibility, atol=1e-4)
+    assert truth.evaluated.all()
+    assert set(truth.ids) == set(range(1, truth.ids.max() + 1))
+    image = cv2.imread(str(sequence.images[2]))
+    assert image is not None
+    # JPEG of quality 90 on a noisy picture.
+    assert np.abs(image[:, :, ::-1].astype(int) - frames[2][0]).mean() < 6
+
+
+def test_same_seed_same_clip() -> None:
+    first, again, other = (draw_street(plan_street(SETTINGS, seed), 4) for seed in (7, 7, 8))
+    np.testing.assert_array_equal(first[0], again[0])
+    np.testing.assert_array_equal(first[1].boxes, again[1].boxes)
+    assert (first[0] != other[0]).any()
+
+
+def test_boxes_are_where_the_people_are() -> None:
+    plan = plan_street(StreetSettings(width=160, height=120, frames=3, people=5, noise=0, person_height=(15, 60)), 1)
+    _, truth = draw_street(plan, 1)
+    assert len(truth.ids) >= 3
+    for identity, box, visible in zip(truth.ids, truth.boxes, truth.visibility, strict=True):
+        walker = plan.walkers[identity - 1]
+        at = np.append(walker.positions[1 - walker.first], 0.5 * walker.person.build.height)
+        x, y = plan.camera.project(at[None])[0][0]
+        if visible > 0.99:
+            assert box[0] - 2 < x < box[2] + 2
+            assert box[1] < y < box[3]
+
+
+def test_the_background_stands_still() -> None:
+    plan = plan_street(
+        StreetSettings(width=160, height=120, frames=20, people=2, noise=0, exposure_drift=0, person_height=(15, 60)), 2
+    )
+    images = [draw_street(plan, frame)[0].astype(int) for frame in (0, 10)]
+    changed = np.abs(images[0] - images[1]).max(axis=2) > 2
+    assert 0 < changed.mean() < 0.5
+
+
+def test_an_interrupted_run_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(street, "write_ground_truth", broken)
+    with pytest.raises(KeyboardInterrupt):
+        write_street(tmp_path / "clip", SETTINGS, 0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_overwriting_replaces_the_clip_and_nothing_else(tmp_path: Path) -> None:
+    folder = write_street(tmp_path / "clip", SETTINGS, 0)
+    (folder / "mine.txt").write_text("precious")
+    write_street(folder, replace(SETTINGS, frames=2), 1, overwrite=True)
+    assert read_sequence(folder).length == 2
+    assert len(list((folder / "img1").iterdir())) == 2
+    assert (folder / "mine.txt").read_text() == "precious"
+    assert [p.name for p in tmp_path.iterdir()] == ["clip"]
+
+
+def test_an_existing_clip_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "clip").mkdir()
+    (tmp_path / "clip" / "mine.txt").write_text("precious")
+    with pytest.raises(RequestError, match=r"already holds mine\.txt"):
+        write_street(tmp_path / "clip", SETTINGS, 0)
+    assert (tmp_path / "clip" / "mine.txt").read_text() == "precious"
+    with pytest.raises(RequestError, match="is a file"):
+        write_street(tmp_path / "clip" / "mine.txt", SETTINGS, 0)
+    with pytest.raises(RequestError, match="cannot write"):
+        write_street(tmp_path / "clip" / "mine.txt" / "below", SETTINGS, 0)
+
+
+def test_an_empty_folder_is_filled_and_the_name_can_be_given(tmp_path: Path) -> None:
+    (tmp_path / "work").mkdir()
+    folder = write_street(tmp_path / "work", SETTINGS, 0, name="Corner")
+    assert read_sequence(folder).name == "Corner"
+    assert [p.name for p in tmp_path.iterdir()] == ["work"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"frames": 0},
+        {"frame_rate": 0.0},
+        {"frame_rate": float("nan")},
+        {"people": 0},
+        {"width": 3},
+        {"camera_height": (3.0, 2.0)},
+        {"person_height": (60.0, 20.0)},
+        {"jpeg": 0},
+        {"noise": -1.0},
+        {"groups": 1.5},
+    ],
+    ids=str,
+)
+def test_impossible_settings_are_refused(change: dict[str, object]) -> None:
+    with pytest.raises(RequestError, match="street clip: expected"):
+        StreetSettings(**change)  # type: ignore[arg-type]
+
+
+def test_a_size_no_camera_shows_is_refused() -> None:
+    with pytest.raises(RequestError, match="person_height"):
+        plan_street(StreetSettings(width=64, height=64, person_height=(5000, 6000)), 0)
+
+
+def test_walkers_walk() -> None:
+    rng = np.random.default_rng(0)
+    settings = CrowdSettings(people=6, pauses=0.5)
+    walkers = crowd(
+        rng,
+        settings,
+        300,
+        25.0,
+        lambda r: r.uniform(-5, 5, 2),
+        lambda r: np.array([12.0 * r.choice([-1, 1]), r.uniform(-5, 5)]),
+        np.array([[0.0, 0.0, 0.5]]),
+    )
+    there = np.array([sum(w.is_there(f) for w in walkers) for f in range(300)])
+    assert there[0] == 6
+    assert there.mean() > 4
+    for walker in walkers:
+        moved = np.linalg.norm(np.diff(walker.positions, axis=0), axis=1) * 25
+        # 1.7 times the mean speed, and what stepping aside adds.
+        assert moved.max(initial=0) < 4.5
+        assert (np.diff(walker.phases) >= 0).all()
+        walking = walker.speeds > 0.8
+        forward = np.stack([np.cos(walker.headings), np.sin(walker.headings)], axis=1)
+        velocity = np.gradient(walker.positions, axis=0) * 25 if len(walker.positions) > 1 else forward
+        along = np.einsum("ij,ij->i", forward, velocity)[walking] / walker.speeds[walking]
+        assert np.mean(along) > 0.9 or not walking.any()
+
+
+def test_people_keep_apart() -> None:
+    rng = np.random.default_rng(1)
+    # Everybody crosses one spot; undisturbed ways would pass through each other.
+    walkers = crowd(
+        rng,
+        CrowdSettings(people=4, groups=0.0, pauses=0.0),
+        150,
+        10.0,
+        lambda r: r.normal(0, 0.3, 2),
+        lambda r: 8 * np.array([np.cos(a := r.uniform(0, 7)), np.sin(a)]),
+        np.empty((0, 3)),
+    )
+    gaps = []
+    for frame in range(30, 150):
+        now = np.array([w.positions[frame - w.first] for w in walkers if w.is_there(frame)])
+        apart = np.linalg.norm(now[:, None] - now[None], axis=2)[np.triu_indices(len(now), 1)]
+        gaps += apart.tolist()
+    assert np.mean(np.array(gaps) < 0.25) < 0.02

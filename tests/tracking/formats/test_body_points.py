@@ -1,0 +1,73 @@
+"""Points of animals in the files of SLEAP, DeepLabCut and ours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.body_points import read_poses_file, write_deeplabcut, write_sleap
+from tsuiseki.tracking.types.tracks import PointTable
+
+
+@pytest.fixture
+def table():
+    points = np.arange(12, dtype=float).reshape(3, 2, 2) + 0.25
+    points[1, 1] = np.nan
+    scores = np.array([[0.9, 0.8], [0.7, np.nan], [1.0, 0.5]])
+    return PointTable(("head", "tail"), np.array([0, 0, 2]), ("a", "b", "a"), points, scores)
+
+
+@pytest.mark.parametrize("write", [write_sleap, lambda path, table: write_deeplabcut(path, table, 4)])
+def test_what_is_written_is_read(table, tmp_path, write):
+    write(tmp_path / "points.csv", table)
+    read = read_poses_file(tmp_path / "points.csv")
+    assert (read.nodes, read.tracks, read.frames.tolist()) == (table.nodes, table.tracks, [0, 0, 2])
+    np.testing.assert_allclose(read.points, table.points)
+    np.testing.assert_allclose(read.scores, table.scores)
+
+
+def test_deeplabcut_predictions_of_one_animal_and_labels(tmp_path):
+    head = "scorer,net,net,net,net,net,net\nbodyparts,nose,nose,nose,tail,tail,tail\n"
+    head += "coords,x,y,likelihood,x,y,likelihood\n"
+    (tmp_path / "one.csv").write_text(head + "0,1,2,.9,3,4,.8\n1,,,,5,6,.7\n")
+    one = read_poses_file(tmp_path / "one.csv")
+    assert (one.nodes, one.frames.tolist(), one.tracks) == (("nose", "tail"), [0, 1], ("", ""))
+    assert np.isnan(one.points[1, 0]).all()
+    labels = "scorer,,,me,me\nindividuals,,,m1,m1\nbodyparts,,,nose,nose\ncoords,,,x,y\n"
+    (tmp_path / "labels.csv").write_text(labels + "labeled-data,film2,img0017.png,3.5,4.5\n")
+    own = read_poses_file(tmp_path / "labels.csv")
+    assert (own.frames.tolist(), own.tracks, own.points.tolist()) == ([17], ("m1",), [[[3.5, 4.5]]])
+    assert np.isnan(own.scores).all()
+
+
+def test_ours_counts_frames_from_one(tmp_path):
+    (tmp_path / "states.csv").write_text("frame,id,x,y,head_x,head_y,tail_x,tail_y\n1,4,0,0,1,2,,\n")
+    read = read_poses_file(tmp_path / "states.csv")
+    assert (read.nodes, read.frames.tolist(), read.tracks) == (("head", "tail"), [0], ("4",))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a,b\n", "SLEAP's analysis CSV"),
+        ("", "SLEAP's analysis CSV"),
+        ("track,frame_idx,head.x,head.y\na,0,one,2\n", ":2: expected a number or nothing, got 'one'"),
+        ("track,frame_idx,head.x,head.y\na,zero,1,2\n", ":2: expected the number of a frame, got 'zero'"),
+        ("track,frame_idx,head.x,head.y\na,0,,\n", "at least one point"),
+        ("track,frame_idx\na,0\n", "expected columns such as head.x and head.y"),
+        ("scorer,me\n0,1\n", "lines scorer, bodyparts and coords"),
+    ],
+)
+def test_broken_files_are_refused(tmp_path, text, expected):
+    (tmp_path / "points.csv").write_text(text)
+    with pytest.raises(RequestError, match=expected):
+        read_poses_file(tmp_path / "points.csv")
+
+
+def test_a_broken_hdf5_file_is_refused(tmp_path):
+    (tmp_path / "labels.slp").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(8))
+    with pytest.raises(RequestError, match="one that is broken"):
+        read_poses_file(tmp_path / "labels.slp")
+    with pytest.raises(RequestError, match="found no file"):
+        read_poses_file(tmp_path / "none.csv")

@@ -1,0 +1,308 @@
+"""`tsuiseki evaluate`: results against labels; a function for each kind."""
+
+from __future__ import annotations
+
+import json as text
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.result_files import result_names
+from tsuiseki.tracking.formats.okutama import Protocol
+from tsuiseki.tracking.options import BY_PLACE, Files, Shared
+from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison(Files):
+    """What is scored against what, and where the scores go.
+
+    Attributes:
+        truth: the labels.
+        results: what is scored; several are compared.
+        names: of the results in the table, separated by commas; by default their files' or folders'.
+        json: write all scores to this file.
+    """
+
+    file_options: ClassVar[Sequence[str]] = ("json",)
+    truth: Path = field(metadata=BY_PLACE)
+    results: list[Path] = field(metadata=BY_PLACE)
+    names: list[str] | None = None
+    json: Path | None = None
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        self.named()
+
+    def named(self) -> dict[str, Path]:
+        """The results, each by a name as short as tells them apart."""
+        return dict(zip(result_names(self.results, self.names), self.results, strict=True))
+
+    def report(self, table: Table, values: Mapping[str, Any]) -> None:
+        """Print the scores, and write them where that is wanted."""
+        from tsuiseki.tracking.evaluation.tables import show
+
+        show(table)
+        if self.json is not None:
+            self.write(self.json, lambda path: path.write_text(text.dumps(values, indent=1) + "\n", encoding="utf-8"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlottedComparison(Comparison):
+    """Likewise, with a plot.
+
+    Attributes:
+        plot: write a comparison plot to this file (PNG, SVG or PDF).
+    """
+
+    file_options: ClassVar[Sequence[str]] = ("json", "plot")
+    plot: Path | None = None
+
+    def draw(self, save: Callable[[Path], object]) -> None:
+        """Write the plot, where that is wanted."""
+        if self.plot is not None:
+            self.write(self.plot, save)
+
+
+@dataclass(frozen=True)
+class Stretch(Shared):
+    """Which frames count.
+
+    Attributes:
+        frames: score this stretch only, counted from 1 with both ends, such as 301-400.
+    """
+
+    frames: str | None = None
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        parse_frames(self.frames)
+
+    @property
+    def range(self) -> FrameRange:
+        """The frames, 0-based."""
+        return parse_frames(self.frames)
+
+
+@dataclass(frozen=True)
+class Labels(Stretch):
+    """How labels are read.
+
+    Attributes:
+        protocol: for labels like Okutama-Action's. lenient scores all frames, and results on hidden people are neither
+            right nor wrong; published, as in the numbers published with the data, leaves out the first frame and all
+            labels of hidden people, so that results on them are wrong.
+        size: width and height of the frames that were tracked, to which labels of Okutama-Action are scaled, given in
+            pixels of 3840x2160; by default those of the frames that lie with the labels, or else 1280,720.
+    """
+
+    protocol: Protocol = "lenient"
+    size: tuple[int, int] | None = None
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        if self.size is not None and min(self.size) < 1:
+            width, height = self.size
+            raise RequestError(f"`size`: expected a width and height from 1 pixel on, got {width},{height}")
+
+
+def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_actions: bool = False) -> None:
+    """Score what people were said to do: F1 at a threshold, and average precision, for every action.
+
+    A row is a labelled person in a frame, or a tracked box on nobody. An action is called where its probability is
+    above the threshold; F1 = 2 TP / (2 TP + FP + FN) over all rows. "single" are the probabilities of single frames,
+    "multi" those averaged over the window along the track. With tracks given to `track drone --tracks`, only
+    recognition is scored; with tracks of its own, misses and false tracks count, too.
+
+    Args:
+        truth: a MOTChallenge sequence folder with gt/actions.txt (Okutama-Action's rows), or a folder of such; a label
+            file or the folder of Okutama-Action; the folder of Drone-Action.
+        results: tracks.json of tsuiseki track drone, or folders that hold NAME/tracks.json for each clip NAME (for a
+            single clip also tracks.json); several are compared.
+        threshold: an action is called where its probability is above, from 0 to 1.
+        multiple_actions: in the folder of Okutama-Action, score against MultiActionLabels, which have all actions of
+            a person, instead of SingleActionTrackingLabels, which have one.
+    """
+    from tsuiseki.tracking.errors import RequestError
+    from tsuiseki.tracking.evaluation.action_files import match_actions, read_labelled_actions
+    from tsuiseki.tracking.evaluation.action_scores import evaluate_actions
+    from tsuiseki.tracking.evaluation.tables import action_table, action_values
+
+    if not 0 <= threshold <= 1:
+        raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
+    truths = read_labelled_actions(given.truth, labels.protocol, labels.size, multiple_actions, labels.range)
+    scores = {}
+    for name, result in given.named().items():
+        rows = match_actions(truths, result)
+        for kind in ("single", "multi"):
+            values = getattr(rows, kind)
+            scores[f"{name} {kind}"] = evaluate_actions(truths[0].names, values, rows.truth, threshold)
+    given.report(action_table(scores), action_values(scores))
+
+
+def coverage(given: Comparison, stretch: Stretch, overlap: float = 0.5) -> None:
+    """Say how well tracks of many follow the one person who is labelled: share of frames, switches of identity.
+
+    Args:
+        truth: a sequence folder with one labelled target (OTB, VOT, UAV123), a folder of them, or a folder of label
+            files NAME.txt.
+        results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
+            (for a single sequence also tracks.txt), as `track people` and `track drone` write them; several are
+            compared.
+        overlap: of boxes from which a track is on the target.
+    """
+    from tsuiseki.tracking.evaluation.coverage import cover_targets, coverage_table, coverage_values
+    from tsuiseki.tracking.formats.single import find_single_sequences
+
+    if not 0 < overlap <= 1:
+        raise RequestError(f"`overlap`: expected a share above 0 and at most 1, got {overlap:g}")
+    sequences = find_single_sequences(given.truth)
+    found = {name: cover_targets(sequences, path, overlap, stretch.range) for name, path in given.named().items()}
+    given.report(coverage_table(found), coverage_values(found))
+
+
+def detection(
+    given: Comparison, labels: Labels, iou: float = 0.5, score_range: tuple[float, float] = (0.0, 1.0)
+) -> None:
+    """Score detections against ground truth: average precision, and the threshold of the best F1.
+
+    Args:
+        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
+            folder of Okutama-Action, VisDrone-MOT or KITTI tracking; the folder of Drone-Action; or rotated boxes: the
+            JSON of CEPDOF or MW-R, or a folder of HABBOF's text files.
+        results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
+            NAME/detections.txt for each sequence NAME; for rotated boxes a JSON list of image_id, bbox (cx, cy, w, h,
+            degrees clockwise) and score, which is scored by the overlap of the turned boxes.
+        iou: overlap from which a detection is right.
+        score_range: smallest and largest score that the detections may have.
+        json: write the scores to this file, with recall and precision at every detection.
+    """
+    from tsuiseki.tracking.errors import RequestError
+    from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files
+    from tsuiseki.tracking.evaluation.rotated import evaluate_rotated_file
+    from tsuiseki.tracking.evaluation.tables import detection_table, evaluation_values
+    from tsuiseki.tracking.evaluation.truths import read_truths
+    from tsuiseki.tracking.formats.rotated import is_rotated
+
+    if not 0 < iou <= 1:
+        raise RequestError(f"`iou`: expected an overlap above 0 and up to 1, got {iou:g}")
+    shown = given.named().items()
+    if is_rotated(given.truth):
+        if labels.frames is not None:
+            raise RequestError("`frames`: rotated boxes are scored by image, all of them; leave it out")
+        scores = {name: evaluate_rotated_file(given.truth, result, iou) for name, result in shown}
+    else:
+        truths = read_truths(given.truth, labels.range, labels.protocol, labels.size)
+        scores = {name: evaluate_detection_files(truths, result, iou, score_range) for name, result in shown}
+    given.report(detection_table(scores, iou), evaluation_values(scores))
+
+
+def people(given: PlottedComparison, labels: Labels) -> None:
+    """Score tracked people against ground truth: HOTA, DetA, AssA, MOTA, MOTP, IDF1, switches, errors.
+
+    Args:
+        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
+            folder of Okutama-Action, VisDrone-MOT or KITTI tracking; the folder of Drone-Action; the JSON of CEPDOF, of
+            whose rotated boxes the upright ones about them are taken, images in the order of their names.
+        results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
+            (for a single sequence also tracks.txt); several are compared.
+    """
+    from tsuiseki.tracking.evaluation.multi import evaluate_sequences
+    from tsuiseki.tracking.evaluation.result_files import match_results
+    from tsuiseki.tracking.evaluation.tables import evaluation_values, people_table
+    from tsuiseki.tracking.evaluation.truths import read_truths
+    from tsuiseki.tracking.report.plots import save_comparison
+
+    truths = read_truths(given.truth, labels.range, labels.protocol, labels.size)
+    scores = {name: evaluate_sequences(match_results(truths, result)) for name, result in given.named().items()}
+    given.report(people_table(scores), evaluation_values(scores))
+    given.draw(lambda path: save_comparison(scores, path))
+
+
+def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: int = 10) -> None:
+    """Score tracked points: OSPA, OSPA(2), GOSPA and its parts, number of targets, changed identities.
+
+    Means are over all frames from the first on; where labels or results begin later, give --frames.
+
+    Args:
+        truth: points as CSV with the columns frame,id,x,y, or MOTChallenge text, whose boxes count by their centres.
+        results: of the same kinds; several are compared.
+        cutoff: distance from which a point counts as missed, in the unit of the files.
+        window: frames of OSPA(2).
+    """
+    from dataclasses import asdict
+
+    from tsuiseki.tracking.errors import RequestError
+    from tsuiseki.tracking.evaluation.points import evaluate_point_files
+    from tsuiseki.tracking.evaluation.tables import point_table
+
+    if not cutoff > 0:
+        raise RequestError(f"`cutoff`: expected a distance above 0, got {cutoff:g}")
+    if window < 1:
+        raise RequestError(f"`window`: expected 1 frame or more, got {window}")
+    scores = evaluate_point_files(given.truth, given.named(), cutoff, window, stretch.range)
+    given.report(point_table(scores), {name: asdict(one) for name, one in scores.items()})
+
+
+def single(
+    given: PlottedComparison,
+    attributes: Path | None = None,
+    by: Literal["sequence", "attribute"] = "sequence",
+    published_precision: bool = False,
+) -> None:
+    """Score a tracker of one target: area under the success curve, precision, curves, by sequence and attribute.
+
+    Args:
+        truth: a sequence folder (OTB, VOT, UAV123), a folder of them, or a folder of label files NAME.txt.
+        results: a folder with NAME.txt, NAME.json or NAME/boxes.txt for each sequence NAME, one file for a single
+            sequence, or a folder of tracker_benchmark's score files (ALL.json and others); several are compared.
+        attributes: a list like OTB's tb_50.txt, or a folder of tracker_benchmark's score files; only the sequences in
+            it are scored.
+        by: what the rows of the table are.
+        published_precision: count boxes that start outside the image as tracker_benchmark's published curves do.
+        json: write all scores and curves to this file.
+        plot: write the curves to this file (PNG, SVG or PDF).
+    """
+    from tsuiseki.tracking.evaluation.single_table import compare, single_table, single_values
+    from tsuiseki.tracking.formats.single import find_single_sequences
+    from tsuiseki.tracking.report.single_plots import save_curves
+
+    sequences = find_single_sequences(given.truth, attributes)
+    compared = {name: compare(sequences, path, published_precision) for name, path in given.named().items()}
+    given.report(single_table(compared, by), single_values(compared))
+    for name, result in compared.items():
+        for sequence, scores in result.sequences.items():
+            if scores.note:
+                print(f"{name}, {sequence}: {scores.note}", file=sys.stderr)
+        if result.missing:
+            print(f"{name}: no result for {', '.join(result.missing)}; left out of its means", file=sys.stderr)
+    given.draw(lambda path: save_curves({name: r.groups for name, r in compared.items()}, path))
+
+
+def states(given: Comparison, stretch: Stretch, distance: float = 20.0) -> None:
+    """Score bodies that were followed against their exact states: errors of position and heading, success, identity.
+
+    A body is found in a frame where an estimate that its tracker believes lies within --distance of it.
+
+    Args:
+        truth: states.csv with the columns frame,id, a position a,b or x,y, and for the heading theta or points at both
+            ends of the body (head_x,head_y and abdomen_x,abdomen_y); or the folder that holds it.
+        results: of the same kind, such as folders of tsuiseki track deformable; several are compared.
+        distance: pixels within which a body is found.
+    """
+    from tsuiseki.tracking.errors import RequestError
+    from tsuiseki.tracking.evaluation.states import evaluate_state_files
+    from tsuiseki.tracking.evaluation.tables import state_table
+
+    if not distance > 0:
+        raise RequestError(f"`distance`: expected pixels above 0, got {distance:g}")
+    scores = evaluate_state_files(given.truth, given.named(), distance, stretch.range)
+    given.report(state_table(scores), {name: one.values() for name, one in scores.items()})

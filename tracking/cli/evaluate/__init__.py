@@ -1,1 +1,0 @@
-"""`tsuiseki evaluate`: a file for each of its commands."""

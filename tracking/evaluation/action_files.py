@@ -1,0 +1,159 @@
+"""Labelled actions and what a tracker says of them, person by person and frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
+from tsuiseki.tracking.evaluation.result_files import result_file, warn_of_other_frames
+from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
+from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
+from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.formats.okutama import Protocol, counted_from, okutama_truth
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.types.tracks import ActingTrack
+
+PLACES, SINGLE_PLACES = ("{name}/tracks.json", "{name}.json"), ("tracks.json",)
+
+
+@dataclass(frozen=True)
+class LabelledActions:
+    """A clip's people and their actions.
+
+    Attributes:
+        name: of the clip.
+        truth: who is where.
+        actions: ``(N, A)`` of its rows.
+        names: of the actions.
+        frames: that count; what is said of others is passed over.
+    """
+
+    name: str
+    truth: GroundTruth
+    actions: BoolArray
+    names: tuple[str, ...]
+    frames: FrameRange = EVERY_FRAME
+
+
+@dataclass(frozen=True)
+class ActionRows:
+    """M rows to score: every labelled person in every frame, and every tracked box on nobody.
+
+    Attributes:
+        truth: ``(M, A)`` what is so; nothing on a box on nobody.
+        single: ``(M, A)`` what single frames say; NaN of a person whom no track has.
+        multi: ``(M, A)`` what the window says.
+    """
+
+    truth: BoolArray
+    single: FloatArray
+    multi: FloatArray
+
+
+def read_labelled_actions(
+    path: Path,
+    protocol: Protocol = "lenient",
+    size: tuple[int, int] | None = None,
+    multiple_actions: bool = False,
+    frames: FrameRange = EVERY_FRAME,
+) -> list[LabelledActions]:
+    """The labels at ``path``.
+
+    Args:
+        path: see `open_labelled`.
+        protocol: by which labels count, see `okutama_truth`; all of Drone-Action's do.
+        size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
+            frames that lie with them, or else of those that come with the data.
+        multiple_actions: of Okutama-Action's folder, take ``MultiActionLabels``.
+        frames: the stretch to keep.
+
+    Raises:
+        RequestError: there are none, they are broken, or nobody who counts is labelled in the stretch.
+    """
+    found = []
+    for video in open_labelled(path, multiple_actions):
+        labels = video.actions(size)
+        # Every frame of Drone-Action counts, whatever the protocol.
+        used: Protocol = "lenient" if labels.class_names == DRONE_ACTION_CLASSES else protocol
+        truth, actions = okutama_truth(labels, used)
+        found.append(LabelledActions(video.name, truth, actions, labels.class_names, counted_from(used)))
+    return [_within(labels, frames) for labels in found] if frames != EVERY_FRAME else found
+
+
+def _within(labels: LabelledActions, frames: FrameRange) -> LabelledActions:
+    wanted = FrameRange(max(frames.first, labels.frames.first), frames.last)
+    inside = wanted.mask(labels.truth.frames)
+    truth = labels.truth.select(inside)
+    if not truth.evaluated.any():
+        raise RequestError(f"{labels.name}: expected a labelled person who counts in frames {frames}, got none")
+    return replace(labels, truth=truth, actions=labels.actions[inside], frames=wanted)
+
+
+def match_actions(truths: Sequence[LabelledActions], result: Path) -> ActionRows:
+    """The rows of all clips with what the tracks in ``result`` say of them.
+
+    Args:
+        truths: the labels.
+        result: a ``tracks.json``, or a folder with NAME/tracks.json for each clip NAME (of one clip also tracks.json).
+
+    Raises:
+        RequestError: a result is missing or broken, or has other actions than the labels.
+    """
+    parts = []
+    for labels in truths:
+        path = result_file(labels.name, result, len(truths) == 1, PLACES, SINGLE_PLACES)
+        people, names = read_acting_tracks(path)
+        warn_of_other_frames(path, int(labels.truth.frames.min()), int(labels.truth.frames.max()))
+        if names != labels.names:
+            raise RequestError(
+                f"{path}: expected the actions of the labels, {', '.join(labels.names)}; got {', '.join(names)}"
+            )
+        parts.append(action_rows(labels, people))
+    return join_action_rows(parts)
+
+
+def join_action_rows(parts: Sequence[ActionRows]) -> ActionRows:
+    """The rows of several clips."""
+    return ActionRows(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("truth", "single", "multi")))
+
+
+def action_rows(labels: LabelledActions, people: Sequence[ActingTrack]) -> ActionRows:
+    """The rows of one clip; people and labels are matched frame by frame from an overlap of 0.5 on.
+
+    A track on a label that is to be ignored gives no row, and neither does that label.
+    """
+    acting = [person for person in people if person.single is not None and person.multi is not None]
+    width = len(labels.names)
+    frames = np.concatenate([np.empty(0, np.int64), *(person.track.frames for person in acting)])
+    order = np.argsort(frames, kind="stable")
+    order = order[labels.frames.mask(frames[order])]
+    frames = frames[order]
+    boxes = np.concatenate([np.empty((0, 4)), *(person.track.boxes for person in acting)])[order]
+    single = np.concatenate([np.empty((0, width)), *(p.single for p in acting if p.single is not None)])[order]
+    multi = np.concatenate([np.empty((0, width)), *(p.multi for p in acting if p.multi is not None)])[order]
+    match = _matched(labels.truth, frames, boxes)
+    nothing = np.full((1, width), np.nan)
+    counted = labels.truth.evaluated
+    # Index -1, no match, picks the appended row.
+    of_labels = [np.concatenate([said, nothing])[match[counted]] for said in (single, multi)]
+    on_nobody = np.ones(len(frames), dtype=np.bool_)
+    on_nobody[match[match >= 0]] = False
+    truth = np.concatenate([labels.actions[counted], np.zeros((int(on_nobody.sum()), width), dtype=np.bool_)])
+    rows = [np.concatenate([said, rest[on_nobody]]) for said, rest in zip(of_labels, (single, multi), strict=True)]
+    return ActionRows(truth, *rows)
+
+
+def _matched(truth: GroundTruth, frames: IntArray, boxes: FloatArray) -> IntArray:
+    """``(N,)`` row of the box that each label is matched to, -1 for none."""
+    match = np.full(len(truth), -1, dtype=np.int64)
+    label = matched_labels(frames, boxes, truth)
+    matched = np.flatnonzero(label != NOBODY)
+    match[label[matched]] = matched
+    return match

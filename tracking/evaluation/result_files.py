@@ -1,0 +1,177 @@
+"""What compared results are called in a table."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.evaluation.detection import (
+    DetectionScores,
+    LabelledBoxes,
+    evaluate_detections,
+    labelled_boxes,
+)
+from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
+from tsuiseki.tracking.evaluation.truths import Truth
+from tsuiseki.tracking.formats.mot import read_detections, read_tracks
+from tsuiseki.tracking.output import RUN_FILE, is_partial
+from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.frame_range import FrameRange
+
+# What results of different runs are called alike tells nothing apart.
+USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt", "states.csv")
+
+
+def result_names(results: Sequence[Path], names: Sequence[str] | None = None) -> list[str]:
+    """One name a result: the given ones, or the ends of their paths, as short as tells them apart.
+
+    Raises:
+        RequestError: as many names as results are wanted, all different; or a result stands twice.
+    """
+    if names is not None:
+        if len(names) != len(results) or len(set(names)) != len(names):
+            raise RequestError(f"`names`: expected {len(results)} different names, one a result, got {','.join(names)}")
+        return list(names)
+    parts = [_telling_parts(path.resolve()) for path in results]
+    if len(set(parts)) != len(parts):
+        raise RequestError("expected different results to compare, got one twice")
+    depths = range(1, max(map(len, parts)) + 1)
+    candidates = (["/".join(path[-depth:]) for path in parts] for depth in depths)
+    return next(shown for shown in candidates if len(set(shown)) == len(shown))
+
+
+def _telling_parts(path: Path) -> tuple[str, ...]:
+    """The parts of ``path`` without what all results are called."""
+    if path.is_file():
+        path = path.parent if path.name in USUAL_NAMES else path.with_suffix("")
+    return path.parts
+
+
+def tracked_frames(result: Path) -> FrameRange | None:
+    """The frames that were tracked for the file ``result``; None where nothing says so."""
+    try:
+        values = json.loads((result.parent / RUN_FILE).read_text(encoding="utf-8"))
+        if result.name not in values["files"]:
+            return None
+        numbers = values["frames"]["frame"]
+        return FrameRange(int(numbers[0]) - 1, int(numbers[-1]) - 1)
+    except (OSError, ValueError, KeyError, IndexError, TypeError):
+        return None
+
+
+def warn_of_other_frames(result: Path, first: int, last: int) -> None:
+    """Say that frames are scored that were not tracked.
+
+    Args:
+        result: a file.
+        first: 0-based, of the labels that are scored.
+        last: 0-based.
+    """
+    tracked = tracked_frames(result)
+    if tracked is not None and (tracked.first > first or tracked.last is None or tracked.last < last):
+        kind = "a partial result, of" if is_partial(result.parent) else "of"
+        warnings.warn(
+            f"{result} is {kind} frames {tracked} alone, but {first + 1}-{last + 1} are scored; for its own use "
+            f"`frames` {tracked}",
+            InputWarning,
+            stacklevel=3,
+        )
+    elif tracked is None and is_partial(result.parent):
+        warnings.warn(f"{result} is a partial result; score those it has with `frames`", InputWarning, stacklevel=3)
+
+
+# Where the result of the sequence NAME may lie in a folder of results, the most specific place first.
+RESULT_PLACES = ("{name}/tracks.txt", "{name}.txt", "{name}/{name}.txt", "{name}/gt/gt.txt")
+# Where it may lie when the truth is a single sequence.
+SINGLE_RESULT_PLACES = ("tracks.txt", "gt/gt.txt")
+DETECTION_PLACES = ("{name}/detections.txt", "{name}.txt", "{name}/det/det.txt")
+SINGLE_DETECTION_PLACES = ("detections.txt", "det/det.txt")
+
+
+@dataclass(frozen=True)
+class DetectionEvaluation:
+    """Scores of detections on every sequence, and on the images of all of them."""
+
+    sequences: Mapping[str, DetectionScores]
+    combined: DetectionScores
+
+
+def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
+    """Every truth with its result in the frames that count.
+
+    Args:
+        truths: the labels.
+        result: a text file where there is one truth, or a folder.
+
+    Raises:
+        RequestError: a sequence has no result, or it is broken.
+    """
+    pairs = []
+    for truth in truths:
+        file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES)
+        tracks = read_tracks(file)
+        warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
+        pairs.append(SequencePair(truth.name, truth.labels, restrict(tracks, truth.frames), truth.length))
+    return pairs
+
+
+def evaluate_detection_files(
+    truths: Sequence[Truth],
+    result: Path,
+    iou: float = 0.5,
+    score_range: tuple[float, float] = (0.0, 1.0),
+) -> DetectionEvaluation:
+    """Average precision of detections in files.
+
+    Args:
+        truths: the labels.
+        result: a text file where there is one truth, or a folder.
+        iou: overlap from which a detection is right.
+        score_range: smallest and largest score to expect.
+
+    Raises:
+        RequestError: a sequence has no detections, or they are broken.
+    """
+    images: dict[str, tuple[list[LabelledBoxes], list[Detections]]] = {}
+    for truth in truths:
+        file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
+        found = read_detections(file, truth.length, score_range)
+        warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
+        last = max(int(truth.labels.frames[-1]), len(found) - 1)
+        wanted = truth.frames.within(truth.length or last + 1)
+        assert wanted.last is not None
+        # Frames in which there is nothing change no score, and a file may have many of them.
+        filled = {*truth.labels.frames.tolist(), *(n for n, one in enumerate(found) if len(one))}
+        numbers = sorted(number for number in filled if wanted.first <= number <= wanted.last)
+        none = Detections.empty()
+        images[truth.name] = (
+            labelled_boxes(truth.labels, numbers),
+            [found[n] if n < len(found) else none for n in numbers],
+        )
+    return DetectionEvaluation(
+        {name: evaluate_detections(boxes, found, iou) for name, (boxes, found) in images.items()},
+        evaluate_detections(
+            [image for boxes, _ in images.values() for image in boxes],
+            [image for _, found in images.values() for image in found],
+            iou,
+        ),
+    )
+
+
+def result_file(name: str, result: Path, single: bool, places: Sequence[str], single_places: Sequence[str]) -> Path:
+    """The file of sequence ``name``; ``single`` says that there is no other sequence."""
+    if result.is_file():
+        if not single:
+            raise RequestError(f"expected a folder with the results of several sequences, got the file {result}")
+        return result
+    if not result.is_dir():
+        raise RequestError(f"expected a result file or a folder of results, found no {result}")
+    tried = [*(place.format(name=name) for place in places), *(single_places if single else ())]
+    for place in tried:
+        if (result / place).is_file():
+            return result / place
+    raise RequestError(f"{result}: expected the result of {name} as {' or '.join(tried)}, found none")

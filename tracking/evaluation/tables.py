@@ -1,0 +1,198 @@
+"""Scores as tables: on a terminal, as plain text, and as values for files."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from tsuiseki.tracking.evaluation.action_scores import ActionScores
+    from tsuiseki.tracking.evaluation.detection import DetectionScores
+    from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
+    from tsuiseki.tracking.evaluation.points import PointScores
+    from tsuiseki.tracking.evaluation.result_files import DetectionEvaluation
+    from tsuiseki.tracking.evaluation.states import StateScores
+
+# Heading and field of every column, and whether it is a share or a count.
+COLUMNS = (
+    ("HOTA", "hota", True),
+    ("DetA", "det_a", True),
+    ("AssA", "ass_a", True),
+    ("MOTA", "mota", True),
+    ("MOTP", "motp", True),
+    ("IDF1", "idf1", True),
+    ("IDSW", "id_switches", False),
+    ("FP", "false_positives", False),
+    ("FN", "false_negatives", False),
+    ("Rcll", "recall", True),
+    ("Prcn", "precision", True),
+)
+POINT_COLUMNS = ("OSPA p=1", "OSPA p=2", "OSPA(2)", "GOSPA", "missed", "false", "|count error|", "switches")
+STATE_COLUMNS = (
+    "success", "followed", "px: mean", "median", "95 %", "degrees: mean", "median", "reversed", "IDF1", "switches",
+    "false",
+)  # fmt: skip
+COMBINED = "combined"
+Row = Sequence[str]
+
+
+def score_table(names: Sequence[str], scores: Sequence[str], groups: Iterable[Iterable[Row]]) -> Table:
+    """A table for `rich`, which is loaded here: pages take only the columns.
+
+    Args:
+        names: headings of the columns of names, set on the left.
+        scores: headings of the columns of numbers, set on the right.
+        groups: of rows, a line between two of them.
+    """
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for number, heading in enumerate([*names, *scores]):
+        table.add_column(Text(heading), justify="left" if number < len(names) else "right", no_wrap=True)
+    for group in groups:
+        for row in group:
+            table.add_row(*map(Text, row))
+        table.add_section()
+    return table
+
+
+def show(table: Table) -> None:
+    """Print ``table`` in full, however narrow the terminal, with colours only on one."""
+    from rich.console import Console
+
+    console = Console()
+    # A table squeezed into too few columns loses digits; a line that wraps does not.
+    wanted = console.measure(table, options=console.options.update(width=1000)).maximum
+    Console(width=max(console.width, wanted)).print(table)
+
+
+def by_sequence(sequences: Iterable[str], results: Mapping[str, Mapping[str, Row]]) -> Iterable[Iterable[Row]]:
+    """A group of rows a sequence: its name once, the name of each result, and its cells there."""
+    for sequence in sequences:
+        cells = [(name, found[sequence]) for name, found in results.items()]
+        yield [("" if number else sequence, name, *row) for number, (name, row) in enumerate(cells)]
+
+
+def people_table(results: Mapping[str, PeopleEvaluation]) -> Table:
+    """The scores of several results by sequence and combined.
+
+    Args:
+        results: an evaluation by name of the result.
+    """
+    found = {name: _with_combined(one) for name, one in results.items()}
+    rows = {name: {sequence: cells(scores) for sequence, scores in one.items()} for name, one in found.items()}
+    return score_table(("Sequence", "Result"), [h for h, _, _ in COLUMNS], by_sequence(next(iter(rows.values())), rows))
+
+
+def _with_combined(evaluation: PeopleEvaluation | DetectionEvaluation) -> dict[str, Any]:
+    several = {COMBINED: evaluation.combined} if len(evaluation.sequences) > 1 else {}
+    return {**evaluation.sequences, **several}
+
+
+def cells(scores: PeopleScores) -> list[str]:
+    """One text for each of `COLUMNS`: shares with three decimals, counts as they are."""
+    values = dataclasses.asdict(scores)
+    return [f"{values[name]:.3f}" if share else str(values[name]) for _, name, share in COLUMNS]
+
+
+def detection_table(results: Mapping[str, DetectionEvaluation], iou: float) -> Table:
+    """The average precision of several results by sequence and combined."""
+    headings = (f"AP{100 * iou:.0f}", "Best F1", "at score", "Boxes")
+    found = {name: _with_combined(one) for name, one in results.items()}
+    rows = {
+        name: {
+            sequence: [*(f"{v:.3f}" for v in (s.average_precision, s.best_f1, s.best_threshold)), str(s.boxes)]
+            for sequence, s in one.items()
+        }
+        for name, one in found.items()
+    }
+    return score_table(("Sequence", "Result"), headings, by_sequence(next(iter(rows.values())), rows))
+
+
+def evaluation_values(results: Mapping[str, PeopleEvaluation | DetectionEvaluation]) -> dict[str, Any]:
+    """The scores as nested mappings for a JSON file: result, then sequence or ``combined``, then score."""
+    return {
+        name: {
+            "sequences": {sequence: _plain(scores) for sequence, scores in evaluation.sequences.items()},
+            COMBINED: _plain(evaluation.combined),
+        }
+        for name, evaluation in results.items()
+    }
+
+
+def _plain(scores: PeopleScores | DetectionScores) -> dict[str, Any]:
+    values = dataclasses.asdict(scores)
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+
+
+def point_table(results: Mapping[str, PointScores]) -> Table:
+    """The scores of several results, a row each."""
+    rows = []
+    for name, s in results.items():
+        numbers = (s.ospa1, s.ospa2, s.ospa_tracks, s.gospa, s.missed, s.false, s.cardinality_error)
+        rows.append([name, *(f"{value:.2f}" for value in numbers), str(s.switches)])
+    return score_table(("Result",), POINT_COLUMNS, [rows])
+
+
+def state_table(results: Mapping[str, StateScores]) -> Table:
+    """A row a result; success, reversed and IDF1 are shares, false are estimates on no body."""
+    rows = []
+    for name, s in results.items():
+        positions = (s.position_mean, s.position_median, s.position_95, s.angle_mean, s.angle_median)
+        errors = [*(_number(value, 2) for value in positions), _number(s.reversed, 3)]
+        followed = f"{s.followed} of {s.bodies}"
+        rows.append([name, f"{s.success:.3f}", followed, *errors, f"{s.idf1:.3f}", str(s.switches), str(s.false)])
+    return score_table(("Result",), STATE_COLUMNS, [rows])
+
+
+def _number(value: float, digits: int) -> str:
+    return "–" if np.isnan(value) else f"{value:.{digits}f}"
+
+
+def action_table(results: Mapping[str, ActionScores]) -> Table:
+    """F1 and average precision of every action, in percent, a column a result."""
+    first = next(iter(results.values()))
+    headings = ["rows", *(heading for name in results for heading in (f"{name}\nF1", "\nAP"))]
+    rows = [
+        [
+            action,
+            str(first.positives[a]),
+            *(_percent(v[a]) for s in results.values() for v in (s.f1, s.average_precision)),
+        ]
+        for a, action in enumerate(first.names)
+    ]
+    means = [_percent(value) for s in results.values() for value in (s.mean_f1, s.mean_average_precision)]
+    return score_table(("Action",), headings, [rows, [["mean", str(first.rows), *means]]])
+
+
+def action_values(results: Mapping[str, ActionScores]) -> dict[str, Any]:
+    """The same for a JSON file, with precision and recall; null where an action does not occur."""
+    kinds = ("f1", "precision", "recall", "average_precision")
+    return {
+        name: {
+            "mean_f1": scores.mean_f1,
+            "mean_average_precision": scores.mean_average_precision,
+            "rows": scores.rows,
+            "actions": {
+                action: {kind: _or_none(getattr(scores, kind)[a]) for kind in kinds}
+                | {"rows": int(scores.positives[a])}
+                for a, action in enumerate(scores.names)
+            },
+        }
+        for name, scores in results.items()
+    }
+
+
+def _percent(value: float) -> str:
+    return _number(100 * value, 2)
+
+
+def _or_none(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)

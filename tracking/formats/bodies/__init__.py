@@ -1,1 +1,0 @@
-"""Files of bodies that bend: their states and silhouettes."""

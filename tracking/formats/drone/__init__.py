@@ -1,1 +1,0 @@
-"""Files of people seen from drones, and of what they do."""

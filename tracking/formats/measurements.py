@@ -1,0 +1,259 @@
+"""A sensor's measurements as CSV with a header: a time and a place a row; and tracks of points with covariances.
+
+The first column is ``time`` (seconds) or ``frame`` (whole numbers). The measured columns are the sensor's, such as
+``x,y`` or ``bearing,range``. A row whose measured cells are empty says that at this time the sensor looked and measured
+nothing. Where measurements have errors of their own, columns ``sd_x,sd_y`` give standard deviations, or ``cov_x_x``,
+``cov_x_y``, ``cov_y_y`` covariances. Other columns are passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from itertools import combinations_with_replacement, pairwise
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.columns import finite_number
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.measurements import (
+    BirthPlace,
+    BirthSettings,
+    MotionSettings,
+    Scan,
+    SensedTrack,
+    SensingModel,
+    SensorSettings,
+)
+
+
+def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Scan]:
+    """The scans of a CSV of measurements, in order of time.
+
+    Args:
+        path: of the file.
+        names: of the measured columns, in the sensor's order.
+        period: seconds from one frame to the next, where the file has frames; frames without a row are empty scans.
+
+    Raises:
+        RequestError: a column is missing, a value is no number, a covariance is not positive definite, or a row is
+            earlier than the one before it.
+    """
+    header, rows = _rows(path)
+    clock = "time" if "time" in header else "frame"
+    _need(path, header, [clock, *names])
+    errors = _error_columns(path, header, names)
+    times: list[float] = []
+    found: list[FloatArray] = []
+    spreads: list[FloatArray] = []
+    for line, row in rows:
+        time = finite_number(path, line, clock, row.get(clock))
+        if times and time < times[-1]:
+            raise RequestError(
+                f"{path}:{line}: expected rows in order of {clock}, got {time:g} after {times[-1]:g}; sort it"
+            )
+        times.append(time)
+        if all(not (row[name] or "").strip() for name in names):
+            found.append(np.full(len(names), np.nan))
+            spreads.append(np.eye(len(names)))
+            continue
+        found.append(np.array([finite_number(path, line, name, row.get(name)) for name in names]))
+        spreads.append(_covariance(path, line, row, names, errors))
+    scans = _scans(np.array(times), np.array(found).reshape(-1, len(names)), np.array(spreads), bool(errors))
+    if clock == "time":
+        return scans
+    return _filled(path, scans, period, len(names))
+
+
+def _scans(times: FloatArray, found: FloatArray, spreads: FloatArray, own: bool) -> list[Scan]:
+    """Rows of one time are one scan; ``times`` ascend."""
+    starts = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0)
+    seen = ~np.isnan(found[:, 0])
+    scans = []
+    for first, last in pairwise([*starts.tolist(), len(times)]):
+        here = slice(first, last)
+        rows = seen[here]
+        scans.append(Scan(float(times[first]), found[here][rows], spreads[here][rows] if own else None))
+    return scans
+
+
+def _filled(path: Path, scans: list[Scan], period: float, width: int) -> list[Scan]:
+    """Scans of all frames, with their times."""
+    by_frame = {scan.time: scan for scan in scans}
+    if any(frame != int(frame) for frame in by_frame):
+        raise RequestError(f"{path}: expected whole numbers in column frame; name it time where it holds seconds")
+    first, last = int(min(by_frame)), int(max(by_frame))
+    if last - first >= 100 * len(scans) + 1000:
+        raise RequestError(f"{path}: expected frames that follow each other, got {len(scans)} from {first} to {last}")
+    nothing = np.empty((0, width))
+    filled = []
+    for frame in range(first, last + 1):
+        scan = by_frame.get(float(frame), Scan(frame, nothing))
+        filled.append(Scan(frame * period, scan.measurements, scan.covariances))
+    return filled
+
+
+def _error_columns(path: Path, header: Sequence[str], names: Sequence[str]) -> list[str]:
+    """The columns of the errors: none, ``sd_`` or ``cov_``."""
+    deviations = [f"sd_{name}" for name in names]
+    covariances = [f"cov_{a}_{b}" for a, b in combinations_with_replacement(names, 2)]
+    for columns in (covariances, deviations):
+        if any(column in header for column in columns):
+            _need(path, header, columns)
+            return columns
+    return []
+
+
+def _covariance(
+    path: Path, line: int, row: dict[str, str | None], names: Sequence[str], errors: Sequence[str]
+) -> FloatArray:
+    values = [finite_number(path, line, column, row.get(column)) for column in errors]
+    if not values:
+        return np.eye(len(names))
+    if len(values) == len(names) and errors[0].startswith("sd_"):
+        if min(values) <= 0:
+            raise RequestError(f"{path}:{line}: expected standard deviations above 0, got {min(values):g}")
+        return np.diag(np.square(values))
+    covariance = np.zeros((len(names), len(names)))
+    upper = list(combinations_with_replacement(range(len(names)), 2))
+    for (a, b), value in zip(upper, values, strict=True):
+        covariance[a, b] = covariance[b, a] = value
+    if not np.linalg.eigvalsh(covariance)[0] > 0:
+        raise RequestError(f"{path}:{line}: expected a positive definite covariance, got {covariance.tolist()}")
+    return covariance
+
+
+def _rows(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str | None]]]]:
+    if not path.is_file():
+        raise RequestError(f"expected a CSV of measurements at {path}, found no file")
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        reader = csv.DictReader(file, skipinitialspace=True)
+        header = [name.strip() for name in reader.fieldnames or []]
+        reader.fieldnames = header
+        rows = [(line, row) for line, row in enumerate(reader, start=2)]
+    if not rows:
+        raise RequestError(f"{path}: expected at least one row of measurements, got none")
+    return header, rows
+
+
+def _need(path: Path, header: Sequence[str], columns: Sequence[str]) -> None:
+    missing = [column for column in columns if column not in header]
+    if missing:
+        raise RequestError(f"{path}: expected the columns {','.join(columns)} in its first line, found no {missing[0]}")
+
+
+def write_sensed_tracks(path: Path, tracks: Sequence[SensedTrack], dimensions: int) -> None:
+    """Tracks as ``frame,time,id,x,y[,z],vx,vy[,vz]``, the covariance's upper triangle, existence and modes, by time.
+
+    ``frame`` counts the scans from 1.
+    """
+    axes = "xyz"[:dimensions]
+    state = [name for axis in axes for name in (axis, f"v{axis}")]
+    triangle = list(combinations_with_replacement(range(len(state)), 2))
+    modes = tracks[0].modes.shape[1] if tracks else 0
+    header = ["frame", "time", "id", *axes, *(f"v{axis}" for axis in axes)]
+    header += [f"cov_{state[a]}_{state[b]}" for a, b in triangle]
+    header += ["existence", *(f"mode{number + 1}" for number in range(modes))]
+    lines = []
+    for track in tracks:
+        for k in range(len(track)):
+            numbers = [*track.positions[k], *track.velocities[k], *(track.covariances[k, a, b] for a, b in triangle)]
+            numbers += [track.existence[k], *track.modes[k]]
+            lines.append((int(track.scans[k]) + 1, track.id, f"{track.times[k]:.9g}", [f"{v:.7g}" for v in numbers]))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        for frame, identity, time, numbers in sorted(lines):
+            writer.writerow([frame, time, identity, *numbers])
+
+
+T = TypeVar("T")
+PLAIN = ("switching", "detection", "survival", "clutter")
+
+
+def read_sensing_model(path: Path) -> SensingModel:
+    """The model in a YAML file.
+
+    Raises:
+        RequestError: it is no YAML, or a key or value is not as expected.
+    """
+    if not path.is_file():
+        raise RequestError(f"expected a YAML file with the model of the sensor at {path}, found no file")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise RequestError(f"{path}: expected YAML, got {' '.join(str(error).split())}") from error
+    try:
+        return sensing_model(content or {})
+    except RequestError as error:
+        raise RequestError(f"{path}: {error}") from error
+
+
+def sensing_model(content: Mapping[str, Any]) -> SensingModel:
+    """The model of such a mapping.
+
+    Raises:
+        RequestError: a key or value is not as expected.
+    """
+    known = ("sensor", "motion", "region", "leave", "births", *PLAIN)
+    _check_keys("the model", content, known)
+    motions = content.get("motion", {})
+    several = motions if isinstance(motions, list) else [motions]
+    births = dict(_mapping("births", content.get("births", {})))
+    places = births.pop("places", [])
+    if not isinstance(places, list):
+        raise RequestError(f"births.places: expected a list, got {places!r}")
+    made = tuple(_made("births.places", BirthPlace, place) for place in places)
+    region = content.get("region", [])
+    if not isinstance(region, list) or any(not isinstance(pair, list) or len(pair) != 2 for pair in region):
+        raise RequestError(f"region: expected a list of pairs low, high, got {region!r}")
+    return SensingModel(
+        sensor=_made("sensor", SensorSettings, content.get("sensor", {})),
+        motions=tuple(_made("motion", MotionSettings, motion) for motion in several),
+        region=tuple((_number("region", low), _number("region", high)) for low, high in region),
+        leave=content.get("leave", "unseen"),
+        births=_made("births", BirthSettings, births, places=made),
+        **{name: _number(name, content[name]) for name in PLAIN if name in content},
+    )
+
+
+def _made(name: str, kind: type[T], content: Any, **more: Any) -> T:
+    """A dataclass of numbers, words and tuples of numbers from a mapping."""
+    content = _mapping(name, content)
+    types = {field.name: str(field.type) for field in fields(kind) if field.name not in more}  # type: ignore[arg-type]
+    _check_keys(name, content, tuple(types))
+    values = {key: _value(f"{name}.{key}", types[key], value) for key, value in content.items()}
+    try:
+        return kind(**values, **more)
+    except TypeError as error:
+        missing = [key for key in types if key not in values]
+        raise RequestError(f"{name}: expected the keys {', '.join(types)}, found no {missing[0]}") from error
+
+
+def _value(name: str, kind: str, value: Any) -> Any:
+    if kind.startswith("tuple"):
+        return tuple(_number(name, each) for each in (value if isinstance(value, list) else [value]))
+    return _number(name, value) if kind == "float" else value
+
+
+def _mapping(name: str, content: Any) -> Mapping[str, Any]:
+    if not isinstance(content, Mapping):
+        raise RequestError(f"{name}: expected keys with values, got {content!r}")
+    return content
+
+
+def _check_keys(name: str, content: Any, known: tuple[str, ...]) -> None:
+    unknown = [key for key in _mapping(name, content) if key not in known]
+    if unknown:
+        raise RequestError(f"{name}: expected the keys {', '.join(known)}, got {unknown[0]!r}")
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise RequestError(f"{name}: expected a number, got {value!r}")
+    return float(value)

@@ -1,0 +1,328 @@
+"""Okutama-Action label files: who is where in each frame of a drone's video, and what each is doing.
+
+A row is ``track_id xmin ymin xmax ymax frame lost occluded generated "Person" "Action1" "Action2" …``, separated by
+spaces, with zero to four actions. Frames count from 0. Coordinates are those of 3840x2160 video also where the frames
+are the 1280x720 ones that come with the data. Only ``SingleActionTrackingLabels`` keep a person's id through a video;
+in ``MultiActionLabels`` everybody gets another one every 180 frames.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, list_images, read_sequence
+from tsuiseki.tracking.geometry import areas, clip_boxes
+from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types.frame_range import LAST_FRAME, FrameRange
+from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
+
+LABEL_SIZE = (3840, 2160)
+# Where such labels lie in a MOTChallenge sequence.
+ACTIONS_FILE = "gt/actions.txt"
+Protocol = Literal["published", "lenient"]
+# As the label files spell what the thesis calls otherwise.
+FILE_NAMES = {"Handshaking": "Hand Shaking"}
+_SPELLINGS = {name.replace(" ", "").lower(): name for name in OKUTAMA_ACTIONS}
+_ROW = re.compile(r"(\d+(?: -?\d+(?:\.\d+)?){4} \d+ [01] [01] [01])((?: \"[^\"]*\")*)\s*")
+
+
+def read_okutama(
+    path: str | Path, size: tuple[int, int], class_names: tuple[str, ...] = OKUTAMA_ACTIONS
+) -> ActionLabels:
+    """The labels in the file at ``path``.
+
+    Args:
+        path: of the text file.
+        size: width and height of the frames that the boxes are wanted for, pixels.
+        class_names: the actions that are known.
+
+    Raises:
+        RequestError: the file is missing or malformed, quotes are missing, an action is unknown, a box that is not
+            lost lies outside the frame, or an id stands twice in a frame.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RequestError(f"expected Okutama-Action labels at {path}, found no such file")
+    lines = path.read_text(encoding="utf-8", errors="replace").rstrip().splitlines()
+    if not lines:
+        raise RequestError(f"{path} is empty: expected rows of labels")
+    numbers = np.empty((len(lines), 9))
+    actions = np.zeros((len(lines), len(class_names)), dtype=np.bool_)
+    for k, line in enumerate(lines):
+        match = _ROW.fullmatch(line)
+        if match is None:
+            raise RequestError(f"{path}:{k + 1}: {_complaint(line)}")
+        numbers[k] = [float(word) for word in match[1].split()]
+        if numbers[k, 5] >= LAST_FRAME:
+            raise RequestError(f"{path}:{k + 1}: expected a frame below {LAST_FRAME}, got {numbers[k, 5]:g}")
+        for name in re.findall(r'"([^"]*)"', match[2])[1:]:
+            actions[k, _index(name, class_names, f"{path}:{k + 1}")] = True
+    labels = ActionLabels(
+        frames=numbers[:, 5].astype(np.int64),
+        ids=numbers[:, 0].astype(np.int64),
+        boxes=numbers[:, 1:5] * np.tile(np.array(size) / LABEL_SIZE, 2),
+        lost=numbers[:, 6] == 1,
+        occluded=numbers[:, 7] == 1,
+        generated=numbers[:, 8] == 1,
+        actions=actions,
+        class_names=class_names,
+    )
+    return _checked(labels, numbers, size, path)
+
+
+def _checked(labels: ActionLabels, numbers: FloatArray, size: tuple[int, int], path: Path) -> ActionLabels:
+    inside = clip_boxes(labels.boxes, *size)
+    empty = ~labels.lost & (areas(inside) <= 0)
+    if empty.any():
+        k = int(np.argmax(empty))
+        box = " ".join(f"{v:g}" for v in numbers[k, 1:5])
+        raise RequestError(
+            f"{path}:{k + 1}: expected xmin ymin xmax ymax of a box in {LABEL_SIZE[0]}x{LABEL_SIZE[1]}, got {box}; "
+            "mark a person out of view as lost"
+        )
+    kept = ~labels.lost
+    _, first = np.unique(np.column_stack([labels.frames, labels.ids])[kept], axis=0, return_index=True)
+    if len(first) < kept.sum():
+        k = int(np.flatnonzero(kept)[np.setdiff1d(np.arange(int(kept.sum())), first)[0]])
+        raise RequestError(f"{path}:{k + 1}: id {labels.ids[k]} stands twice in frame {labels.frames[k]}")
+    boxes = np.where(labels.lost[:, None], np.array([0.0, 0.0, 1.0, 1.0]), inside)
+    return replace(labels, boxes=boxes)
+
+
+def _complaint(line: str) -> str:
+    """What is wrong with a row that does not fit."""
+    words = line.split(" ")
+    shown = line if len(line) < 80 else line[:77] + "..."
+    if len(words) > 9 and all(re.fullmatch(r"-?\d+(\.\d+)?", w) for w in words[:9]):
+        if any(flag not in ("0", "1") for flag in words[6:9]):
+            return f"expected lost, occluded and generated as 0 or 1, then names in double quotes, got {shown}"
+        for name, word in (("track_id", words[0]), ("frame", words[5])):
+            if not re.fullmatch(r"\d+", word):
+                return f"expected a {name} that is a whole number from 0, got {word}"
+        return f'expected names in double quotes, as "Person" "Walking", got {" ".join(words[9:])[:80]}'
+    return f'expected track_id xmin ymin xmax ymax frame lost occluded generated "Person" "Action" …, got {shown}'
+
+
+def _index(name: str, class_names: tuple[str, ...], place: str) -> int:
+    known = _SPELLINGS.get(name.replace(" ", "").lower(), name)
+    if known not in class_names:
+        raise RequestError(f"{place}: unknown action {name!r}; known are {', '.join(class_names)}")
+    return class_names.index(known)
+
+
+def write_okutama(path: Path, labels: ActionLabels, size: tuple[int, int]) -> None:
+    """Write ``labels``, whose boxes are in pixels of frames of ``size`` (width, height)."""
+    scaled = labels.boxes * np.tile(np.array(LABEL_SIZE) / size, 2)
+    low, high = np.floor(scaled[:, :2]).astype(int), np.ceil(scaled[:, 2:]).astype(int)
+    rows = []
+    for k in range(len(labels)):
+        flags = " ".join(str(int(f[k])) for f in (labels.lost, labels.occluded, labels.generated))
+        names = [n for n, there in zip(labels.class_names, labels.actions[k], strict=True) if there]
+        quoted = " ".join(f'"{FILE_NAMES.get(n, n)}"' for n in ("Person", *names))
+        rows.append(
+            f"{labels.ids[k]} {low[k, 0]} {low[k, 1]} {high[k, 0]} {high[k, 1]} {labels.frames[k]} {flags} {quoted}\n"
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(rows), encoding="utf-8")
+
+
+def actions_of(names: Sequence[Sequence[str]], class_names: tuple[str, ...] = OKUTAMA_ACTIONS) -> BoolArray:
+    """``(N, C)`` from the names of each row's actions."""
+    result = np.zeros((len(names), len(class_names)), dtype=np.bool_)
+    for k, row in enumerate(names):
+        for name in row:
+            result[k, class_names.index(name)] = True
+    return result
+
+
+def okutama_truth(labels: ActionLabels, protocol: Protocol) -> tuple[GroundTruth, BoolArray]:
+    """What results are scored against, ordered by frame, and the actions ``(N, C)`` of its rows.
+
+    ``published``: lost and occluded rows are removed, and so is frame 0, as in the numbers that are published with the
+    data; a result on a removed row is a false alarm, and results before `counted_from` are passed over. ``lenient``:
+    lost rows are removed, a result on an occluded one is neither right nor wrong, and all frames count. Both match from
+    an IoU of 0.5 on.
+    """
+    kept = ~labels.lost & (labels.frames >= counted_from(protocol).first)
+    if protocol == "published":
+        kept &= ~labels.occluded
+    chosen = labels.select(np.flatnonzero(kept)[np.argsort(labels.frames[kept], kind="stable")])
+    truth = GroundTruth(
+        frames=chosen.frames,
+        ids=chosen.ids,
+        boxes=chosen.boxes,
+        evaluated=~chosen.occluded,
+        ignored=chosen.occluded,
+        visibility=np.where(chosen.occluded, 0.3, 1.0),
+    )
+    return truth, chosen.actions
+
+
+def counted_from(protocol: Protocol) -> FrameRange:
+    """The frames that count: the published numbers leave out the first."""
+    return FrameRange(1 if protocol == "published" else 0)
+
+
+LABEL_FOLDERS = ("SingleActionTrackingLabels", "MultiActionLabels")
+# Of the frames that come with the data.
+EXTRACTED_SIZE = (1280, 720)
+ADVICE = "use the frames that come with the data, Extracted-Frames-1280x720"
+
+
+@dataclass(frozen=True)
+class OkutamaVideo:
+    """A video's files.
+
+    Attributes:
+        name: of the video.
+        images: by frame number; empty where only the labels are there.
+        labels: the label file.
+    """
+
+    name: str
+    images: tuple[Path, ...]
+    labels: Path
+
+
+def is_okutama(folder: Path) -> bool:
+    """Whether ``folder`` has Okutama-Action's layout; MOTChallenge sequences beside a folder Labels do not."""
+    return any((folder / "Labels" / kind).is_dir() for kind in LABEL_FOLDERS)
+
+
+def is_okutama_file(path: Path) -> bool:
+    """Whether ``path`` is a label file: what stands in the tenth column is a word, as in no other format here."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        words = file.readline().split(" ")
+    return len(words) > 9 and words[9].lstrip('"')[:1].isalpha()
+
+
+def clip_labelled_by(path: Path) -> MotSequence | None:
+    """The generated clip that has its labels at ``path``, as ``gt/actions.txt``; None where that is another file.
+
+    Raises:
+        RequestError: the clip is broken, see `read_sequence`.
+    """
+    path = path.absolute()
+    clip = path.parent.parent
+    return read_sequence(clip) if path.match(f"*/{ACTIONS_FILE}") and is_sequence(clip) else None
+
+
+def read_clip_labels(clip: MotSequence, size: tuple[int, int] | None = None) -> ActionLabels:
+    """The labels in ``gt/actions.txt`` of a generated clip, in pixels of its frames.
+
+    Args:
+        clip: the clip.
+        size: width and height of the frames, where the clip does not say.
+
+    Raises:
+        RequestError: labels are missing or broken (see `read_okutama`), or nothing says how large the frames are.
+    """
+    size = (clip.width, clip.height) if clip.width and clip.height else size
+    if size is None:
+        raise RequestError(f"{clip.folder}/seqinfo.ini: expected imWidth and imHeight, to scale {ACTIONS_FILE} to them")
+    return read_okutama(clip.folder / ACTIONS_FILE, size)
+
+
+def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[OkutamaVideo]:
+    """The videos of Okutama-Action at ``folder``, or of a generated clip, or of a folder of generated clips, by name.
+
+    Args:
+        folder: see the module.
+        multiple_actions: take ``MultiActionLabels``, with all actions but ids that change every 180 frames.
+
+    Raises:
+        RequestError: the layout is another, or frames are missing between others.
+    """
+    folder = Path(folder)
+    if not is_okutama(folder):
+        clips = [folder] if (folder / ACTIONS_FILE).is_file() else sorted(folder.glob("*/"))
+        clips = [clip for clip in clips if (clip / ACTIONS_FILE).is_file()]
+        videos = [OkutamaVideo(clip.name, list_images(clip / "img1"), clip / ACTIONS_FILE) for clip in clips]
+    else:
+        # Walking through the folders takes a while where there are a hundred thousand frames: once for all videos.
+        # Of frames in several sizes the 1280x720 ones come last, and stay.
+        found = sorted(folder.glob("**/Extracted-Frames-*/*"), key=str, reverse=True)
+        places = {place.name: place for place in found if place.is_dir()}
+        files = _label_files(folder / "Labels", multiple_actions)
+        videos = [_published(labels, places.get(labels.stem)) for labels in files]
+    if not videos:
+        raise RequestError(
+            f"expected Labels/ and Drone1/…/Extracted-Frames-1280x720/ of Okutama-Action in {folder}, or generated "
+            f"clips with {ACTIONS_FILE}; found neither"
+        )
+    return videos
+
+
+def read_okutama_video(
+    video: OkutamaVideo, class_names: tuple[str, ...] = OKUTAMA_ACTIONS, size: tuple[int, int] | None = None
+) -> ActionLabels:
+    """The labels of a video, in pixels of its frames.
+
+    Args:
+        video: see `find_okutama`.
+        class_names: the actions that are known.
+        size: width and height that the labels are wanted for; by default those of the frames, or where there are none
+            those of `EXTRACTED_SIZE`.
+
+    Raises:
+        RequestError: labels are broken (see `read_okutama`), or frames and labels do not match.
+    """
+    if not video.images:
+        return read_okutama(video.labels, size or EXTRACTED_SIZE, class_names)
+    first = cv2.imread(str(video.images[0]))
+    if first is None:
+        raise RequestError(f"{video.images[0]}: expected an image, got something unreadable")
+    frame_size = (first.shape[1], first.shape[0])
+    labels = read_okutama(video.labels, size or frame_size, class_names)
+    check_frames(labels, len(video.images), frame_size, str(video.labels))
+    return labels
+
+
+def check_frames(labels: ActionLabels, length: int, size: tuple[int, int], name: str) -> None:
+    """Refuse a video whose frames the labels cannot belong to.
+
+    Raises:
+        RequestError: labels reach beyond the video, the aspect ratio is another, or it is one of Okutama's 4K videos,
+            which its labels do not line up with.
+    """
+    last = int(labels.frames.max())
+    if last >= length:
+        raise RequestError(f"{name}: labels reach frame {last}, but the video ends with frame {length - 1}; {ADVICE}")
+    if abs(size[0] * LABEL_SIZE[1] - size[1] * LABEL_SIZE[0]) > 0.01 * size[1] * LABEL_SIZE[0]:
+        raise RequestError(
+            f"{name}: expected frames of the aspect 16:9 of the labels, got {size[0]}x{size[1]}; {ADVICE}"
+        )
+    if size == LABEL_SIZE and length != last + 1:
+        raise RequestError(
+            f"{name}: the 3840x2160 video has {length} frames, the labels {last + 1}: Okutama's 4K videos and its "
+            f"labels do not line up; {ADVICE}"
+        )
+
+
+def _label_files(folder: Path, multiple_actions: bool) -> list[Path]:
+    for kind in reversed(LABEL_FOLDERS) if multiple_actions else LABEL_FOLDERS:
+        found = sorted((folder / kind).glob("*/*.txt"))
+        if found:
+            return found
+    return []
+
+
+def _published(labels: Path, frames: Path | None) -> OkutamaVideo:
+    """The video of a label file, with its frames where they are there; their names are their numbers, from 0."""
+    images = () if frames is None else list_images(frames)
+    for number, image in enumerate(images):
+        if image.stem.isdecimal() and int(image.stem) != number:
+            raise RequestError(
+                f"{image.parent}: expected frames numbered 0 to {len(images) - 1}, found no frame {number}; "
+                "labels would not line up"
+            )
+    return OkutamaVideo(labels.stem, images, labels)

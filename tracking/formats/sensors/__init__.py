@@ -1,1 +1,0 @@
-"""Files of measured points: what a sensor measured, the model of it, and tracks of points."""

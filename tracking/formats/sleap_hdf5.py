@@ -1,0 +1,149 @@
+"""Points of animals in SLEAP's HDF5 files: projects (.slp) and analysis files (.h5). Needs h5py.
+
+A project holds tables: ``frames`` (a range of instances each), ``instances`` (a range of points and a track each),
+``points`` of users and ``pred_points`` of the network, and JSON with the names. Before format 1.1 the corner of the
+first pixel was 0, 0; from then on, and here, it is its centre. An analysis file holds arrays, last axis first:
+``tracks`` is tracks x 2 x nodes x frames.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.tracks import PointTable
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+MISSING = "pip install h5py (or tsuiseki[hdf5]), or give CSV: sleap-convert --format analysis.csv"
+USER, PREDICTED = 0, 1
+CENTRED = 1.1
+"""Format of projects from which the first pixel's centre is 0, 0."""
+
+
+def is_hdf5(path: Path) -> bool:
+    """Whether a file is HDF5, by its first bytes."""
+    with path.open("rb") as raw:
+        return raw.read(len(SIGNATURE)) == SIGNATURE
+
+
+def hdf5_installed() -> bool:
+    """Whether h5py is there."""
+    return importlib.util.find_spec("h5py") is not None
+
+
+def read_sleap_hdf5(path: Path) -> PointTable:
+    """The points in a project or analysis file; of a project's first video.
+
+    Where a user placed an animal that the network had found too, the user's points count.
+
+    Raises:
+        RequestError: h5py is missing, or the file is neither, such as DeepLabCut's.
+    """
+    if not hdf5_installed():
+        raise RequestError(f"{path} is HDF5, which needs h5py: {MISSING}")
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            if "pred_points" in file and "instances" in file:
+                return _project(file)
+            if "tracks" in file and "node_names" in file:
+                return _analysis(file)
+            names = ", ".join(list(file)[:5])
+    except (OSError, KeyError, IndexError, TypeError, ValueError) as error:
+        raise RequestError(
+            f"{path}: expected SLEAP's project or analysis file, got one that is broken: {error}"
+        ) from error
+    raise RequestError(
+        f"{path}: expected SLEAP's project or analysis file, got HDF5 with {names}; DeepLabCut's .h5 is a table of "
+        "pandas: give the CSV beside it"
+    )
+
+
+def write_sleap_analysis(path: Path, table: PointTable, length: int) -> None:
+    """Write SLEAP's analysis file.
+
+    Args:
+        path: file to write.
+        table: its tracks name the animals.
+        length: frames of the video.
+    """
+    import h5py
+
+    names = list(dict.fromkeys(table.tracks))
+    points = np.full((length, len(table.nodes), 2, len(names)), np.nan)
+    scores = np.full((length, len(table.nodes), len(names)), np.nan)
+    there = np.zeros((len(names), length))
+    for n in range(len(table)):
+        track = names.index(table.tracks[n])
+        points[table.frames[n], :, :, track] = table.points[n]
+        scores[table.frames[n], :, track] = table.scores[n]
+        there[track, table.frames[n]] = 1
+    with h5py.File(path, "w") as file:
+        arrays = {"tracks": points, "point_scores": scores, "track_occupancy": there}
+        for name, values in arrays.items():
+            file.create_dataset(name, data=values.T, compression="gzip")
+        for name, texts in {"node_names": table.nodes, "track_names": names}.items():
+            file.create_dataset(name, data=np.array([text.encode() for text in texts], dtype="S"))
+
+
+def _project(file: Any) -> PointTable:
+    info = json.loads(file["metadata"].attrs["json"])
+    order = [node["id"] for node in info["skeletons"][0]["nodes"]]
+    nodes = tuple(str(info["nodes"][number]["name"]) for number in order)
+    tracks = [_text(json.loads(line)[1]) for line in file["tracks_json"][()]] if "tracks_json" in file else []
+    frames, instances = file["frames"][()], file["instances"][()]
+    shift = 0.0 if float(file["metadata"].attrs.get("format_id", 1.0)) >= CENTRED else -0.5
+    placed = {USER: _points(file["points"][()], shift), PREDICTED: _points(file["pred_points"][()], shift)}
+    found: list[tuple[int, str, FloatArray]] = []
+    for frame in frames[frames["video"] == frames["video"].min(initial=0)]:
+        rows = instances[int(frame["instance_id_start"]) : int(frame["instance_id_end"])]
+        corrected = {int(row["from_predicted"]) for row in rows if row["instance_type"] == USER}
+        for row in rows:
+            if row["instance_type"] == PREDICTED and int(row["instance_id"]) in corrected:
+                continue
+            kind, track = int(row["instance_type"]), int(row["track"])
+            values = placed[kind][int(row["point_id_start"]) : int(row["point_id_end"])]
+            found.append((int(frame["frame_idx"]), tracks[track] if 0 <= track < len(tracks) else "", values))
+    values = np.array([points for _, _, points in found]).reshape(-1, len(nodes), 3)
+    numbers = np.array([number for number, _, _ in found], dtype=np.int64)
+    return PointTable(nodes, numbers, tuple(name for _, name, _ in found), values[:, :, :2], values[:, :, 2])
+
+
+def _points(rows: Any, shift: float) -> FloatArray:
+    """``(N, 3)`` x, y, score; NaN of what is not visible, and of scores that users' points have not."""
+    values = np.full((len(rows), 3), np.nan)
+    seen = rows["visible"].astype(bool)
+    values[seen, 0], values[seen, 1] = rows["x"][seen] + shift, rows["y"][seen] + shift
+    if "score" in rows.dtype.names:
+        values[seen, 2] = rows["score"][seen]
+    return values
+
+
+def _analysis(file: Any) -> PointTable:
+    points = np.asarray(file["tracks"][()], dtype=np.float64).T
+    scores = (
+        np.asarray(file["point_scores"][()]).T if "point_scores" in file else np.full(points[:, :, 0].shape, np.nan)
+    )
+    nodes = tuple(_text(name) for name in file["node_names"][()])
+    names = [_text(name) for name in file["track_names"][()]] if "track_names" in file else []
+    names = names if len(names) == points.shape[3] else _numbered(points.shape[3])
+    frames, tracks = np.nonzero(np.isfinite(points).any(axis=(1, 2)))
+    return PointTable(
+        nodes, frames.astype(np.int64), tuple(names[track] for track in tracks), points[frames, :, :, tracks],
+        np.asarray(scores[frames, :, tracks], dtype=np.float64),
+    )  # fmt: skip
+
+
+def _numbered(count: int) -> list[str]:
+    return [f"track_{number}" for number in range(count)]
+
+
+def _text(value: Any) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)

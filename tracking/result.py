@@ -1,0 +1,98 @@
+"""What a run gives: the tracks, and what is known of how they came to be; the command writes it, the user takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol, TypeVar, overload
+
+from tsuiseki.tracking.output import RunRecord, output_folder
+
+
+class Identified(Protocol):
+    """Whatever has a number that stays."""
+
+    @property
+    def id(self) -> int:
+        """Positive and unique within a result."""
+
+
+T_co = TypeVar("T_co", bound=Identified, covariant=True)
+Writer = Callable[[Path, Path], object]
+"""Writes one file: its path, and the folder in which the files before it lie."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(Sequence[T_co]):
+    """The tracks of a run, in a sequence.
+
+    >>> import numpy as np
+    >>> from tsuiseki.tracking.types import Track
+    >>> one = Track(7, np.array([0]), np.array([[1.0, 1.0, 5.0, 9.0]]), np.array([0.9]), np.array([True]))
+    >>> result = Result([one], source="street.mp4", frame_rate=25.0)
+    >>> len(result), result.by_id[7] is one
+    (1, True)
+
+    Attributes:
+        tracks: one for each person or object.
+        source: name of what was tracked in.
+        frame_rate: frames a second of the source; 0 where there are none.
+        size: width and height of a frame in pixels; None where not known.
+        settings: of the run, by name, as for ``run.json``.
+        facts: what the run measured of its input or chose by itself, by name.
+        seconds: that each stage of the run took.
+        frames: what happened in each frame: columns by name, all as long as ``frame``, whose numbers count from 1.
+        files: what `save` writes, by name and in this order.
+    """
+
+    tracks: Sequence[T_co]
+    source: str = ""
+    frame_rate: float = 0.0
+    size: tuple[int, int] | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    frames: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    files: Mapping[str, Writer] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.tracks)
+
+    def __iter__(self) -> Iterator[T_co]:
+        return iter(self.tracks)
+
+    @overload
+    def __getitem__(self, index: int) -> T_co: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[T_co]: ...
+    def __getitem__(self, index: int | slice) -> T_co | Sequence[T_co]:
+        return self.tracks[index]
+
+    def __repr__(self) -> str:
+        where = f" in {self.source}" if self.source else ""
+        return f"<Result: {len(self)} tracks{where}>"
+
+    @cached_property
+    def by_id(self) -> Mapping[int, T_co]:
+        """The tracks by their numbers."""
+        return {track.id: track for track in self.tracks}
+
+    def save(self, folder: str | Path, overwrite: bool = False) -> Path:
+        """Write the files that the command writes, and ``run.json``; returns the folder.
+
+        Args:
+            folder: for the result; made where it does not exist.
+            overwrite: replace an earlier result in it.
+
+        Raises:
+            RequestError: the folder holds files and ``overwrite`` is False, or it cannot be written to.
+        """
+        with output_folder(Path(folder), overwrite) as work:
+            for name, write in self.files.items():
+                write(work / name, work)
+            seed = int(self.settings.get("seed", 0))
+            record = RunRecord(["tsuiseki"], self.settings, seed, self.seconds, self.frames, facts=self.facts)
+            record.write(work)
+        return Path(folder)

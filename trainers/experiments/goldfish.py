@@ -1,0 +1,404 @@
+"""Section 5 of the goldfish paper (`reproduce pca-particle-filter`): how many particles a fish needs.
+
+With and without what was learnt of shape and motion. Every test clip and seed of the particles is a trial with all arms
+and numbers of particles, which share the clip's edges; the store keeps trials, so an interrupted experiment goes on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from operator import itemgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
+from tsuiseki.tracking.bodies.body_starts import wide_noise
+from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
+from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.tracking.bodies.page import draw_contour
+from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.features.colour_region import ColourRange
+from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk, draw
+from tsuiseki.tracking.filters.motion.learnt_motion import LearntMotion, motion_text
+from tsuiseki.tracking.filters.particles.resampling import systematic
+from tsuiseki.tracking.filters.particles.weights import probabilities
+from tsuiseki.tracking.formats.body_states import read_states, write_states
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, Status
+from tsuiseki.tracking.types.tracks import BodyTrack
+from tsuiseki.tracking.video.source import open_source
+from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import (
+    Bench,
+    Column,
+    Curve,
+    Name,
+    Outcome,
+    Table,
+    at_least_one,
+    curves,
+    interval,
+    png,
+    tabulated,
+    with_interval,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Fish of the clips to learn from, 20 together, and of those to test on, 24; their seeds lie apart.
+LEARNING_FISH = (1, 2, 3, 2, 1, 2, 3, 2, 2, 2)
+TEST_FISH = (2, 3, 2, 3, 2, 2, 3, 2, 3, 2)
+FIRST_SEEDS = {"learning": 1_000_000, "test": 2_000_000}
+PARTICLES = (100, 200, 500, 1000, 2000, 3000)
+BEYOND_PARTICLES = (100, 200, 500)
+LEARNING_PARTICLES = 3000
+# Times the learnt deviations; the best of 1, 1.3 and 1.6 with 100 and 200 particles on development clips.
+WIDER = 1.6
+BODY = Goldfish()
+# Brighter than the mirror images in the glass; set on development clips.
+EXTRACTION = Extraction(ColourRange((10.0, 42.0), (0.42, 1.0), (0.6, 1.0)))
+# A fish that is missed is not searched for again: in the experiment it has failed before.
+TRACKER = DeformableSettings(patience=10**6)
+# A sudden turn: its least angle, its longest time, and the least step before and after it, pixels.
+SUDDEN_ANGLE, WITHIN_FRAMES, LEAST_STEP = np.deg2rad(60.0), 4, 3.0
+# Figs. 8 and 9: particles that are drawn, and shown of them; enlargement; half the side of the part shown, pixels.
+DRAWN, SHOWN, ZOOM, HALF = 500, 10, 3, 110
+
+
+ARMS: Mapping[str, tuple[str, Callable[[LearntMotion], BodyMotion]]] = {
+    "A": ("A: random walk (8)", lambda learnt: learnt.random_walk()),
+    "B": ("B: body-fixed velocity (16)-(17), independent", lambda learnt: learnt.independent()),
+    "C": ("C: body-fixed velocity (16)-(18), learnt together", lambda learnt: learnt.proposal()),
+    "D": ("D: constant velocity (9)", lambda learnt: learnt.constant_velocity()),
+    "P": ("C as printed, by (14)", lambda learnt: learnt.printed_proposal()),
+    "both": ("C + velocity, bend and lag: `--preset conditional`", lambda learnt: learnt.conditional()),
+    "wider": (f"C, `--widen {WIDER:g}`", lambda learnt: learnt.widened(WIDER).proposal()),
+    "wider B": (f"B, `--widen {WIDER:g}`", lambda learnt: learnt.widened(WIDER).independent()),
+}
+"""How particles are expected to move, from what was learnt: title and motion; the paper's arms, and what is added."""
+PAPER_ARMS, BEYOND = ("A", "B", "C", "D", "P"), ("C", "both", "wider", "wider B")
+CLAIMS = (
+    ("the paper: C with 500 against A with 3000", ("C", 500), ("A", 3000)),
+    ("C as printed with 500 against A with 3000", ("P", 500), ("A", 3000)),
+    ("correlation: C against B, 500", ("C", 500), ("B", 500)),
+    ("correlation: C against B, 100", ("C", 100), ("B", 100)),
+    ("body-fixed velocity: B against A, 500", ("B", 500), ("A", 500)),
+    ("body-fixed and not image velocity: B against D, 500", ("B", 500), ("D", 500)),
+    ("what is added and not what is printed: C against (14), 500", ("C", 500), ("P", 500)),
+)
+Asked: TypeAlias = tuple[str, int]
+"""An arm and a nominal number of particles."""
+Counts: TypeAlias = Mapping[Asked, FloatArray]
+"""``(S, 2)`` by seed: fish followed to the end, of all and of those that turn suddenly."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """All runs on one clip with one seed.
+
+    Attributes:
+        turning: of each fish, whether it turns suddenly.
+        preparation: CPU seconds a frame to find edges and distances.
+        followed: of each run and fish, whether the estimated centre lay in the fish's silhouette to the end.
+        seconds: of CPU for all fish in each run, without the preparation.
+        fish_frames: how many fish in how many frames that took.
+    """
+
+    turning: tuple[bool, ...]
+    preparation: float
+    followed: tuple[tuple[bool, ...], ...]
+    seconds: tuple[float, ...]
+    fish_frames: tuple[int, ...]
+
+
+def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
+    """How many particles a goldfish needs, with and without what was learnt of its shape and motion.
+
+    Generates 10 clips to learn from and 10 to test on, learns from a wide run with 3000 particles, and follows the 24
+    fish of the test clips in four ways with 100 to 3000 particles. DIR gets results.json, tables.md, motion.json,
+    success.png and turns.png (Figs. 6 and 7), beyond.png, and particles.png (Figs. 8 and 9). With the defaults it takes
+    about 20 minutes on one core.
+
+    Args:
+        bench: where it works.
+        seeds: of the particles; more give narrower intervals, and only the new ones are run.
+
+    Raises:
+        RequestError: no seed.
+    """
+    at_least_one(seeds=seeds)
+    learning, test = clips(bench.store, "learning", LEARNING_FISH), clips(bench.store, "test", TEST_FISH)
+    learnt, learning_followed, learning_fish = learn(bench.store, learning)
+    parts = {"arms": (PAPER_ARMS, PARTICLES), "beyond": (BEYOND, BEYOND_PARTICLES)}
+    asked = list(dict.fromkeys((arm, n) for arms, numbers in parts.values() for arm in arms for n in numbers))
+    jobs = [(folder, seed) for folder in test for seed in range(seeds)]
+    trials = [
+        bench.store.recall(run_trial, folder, learnt, asked, seed)
+        for folder, seed in bench.watch.over(jobs, "trials", len(jobs))
+    ]
+    by_seed = [trials[seed::seeds] for seed in range(seeds)]
+    counts = {one: followed_counts(by_seed, number) for number, one in enumerate(asked)}
+    turns = [turns for trial in by_seed[0] for turns in trial.turning]
+    claims: dict[Name, FloatArray] = {
+        text: counts[first] - counts[second] for text, first, second in CLAIMS if {first, second} <= set(counts)
+    }
+    columns = [Column(of, itemgetter(k), "+.2f", show=with_interval) for k, of in enumerate(("all", "that turn"))]
+    title = f"Differences, of {len(turns)} fish, {sum(turns)} of which turn suddenly; {seeds} seeds, 95 %"
+    tables = [*(_followed_table(counts, *of) for of in parts.values()), tabulated(claims, columns, title=title)]
+    values = {
+        "fish": len(turns),
+        "turning": sum(turns),
+        "learning_followed": learning_followed,
+        "learning_fish": learning_fish,
+        "claims": {name: own.tolist() for name, own in claims.items()},
+        "runs": [_values(one, counts[one], trials, number) for number, one in enumerate(asked)],
+    }
+    plots = {
+        "success": plot_success(counts, *parts["arms"], 0, len(turns)),
+        "turns": plot_success(counts, *parts["arms"], 1, sum(turns)),
+        "beyond": plot_success(counts, *parts["beyond"], 0, len(turns)),
+    }
+    files: dict[str, str | bytes] = {
+        "particles.png": png(draw_particles(test[0], learnt)),
+        "motion.json": motion_text(learnt),
+    }
+    note = f"learning run: {learning_followed} of {learning_fish} fish followed to the end"
+    return Outcome(values, tables, plots, files, [note])
+
+
+def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
+    """Folders of the clips ``NAME-01`` … of as many fish as ``counts`` says; each is made once."""
+    return [
+        store.made(f"{name}-{n + 1:02d}", write_goldfish, GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n)
+        for n, fish in enumerate(counts)
+    ]
+
+
+def learn(store: Store, folders: Sequence[Path]) -> tuple[LearntMotion, int, int]:
+    """What the learning run over some clips teaches, how many fish it followed to the end, and of how many."""
+    files = [store.made(f"{f.name}.csv", write_learning_tracks, f, LEARNING_PARTICLES) for f in folders]
+    tracks = [track for file in files for track in read_states(file, BODY.fields)]
+    parts = [part for track in tracks for part in track.stretches()]
+    motion = learn_motion(parts, BODY.name, BODY.fields, BODY.angles, read_sequence(folders[0]).frame_rate)
+    longest = max(len(list((folder / "img1").iterdir())) for folder in folders)
+    return motion, sum(int(track.tracking.sum()) == longest for track in tracks), len(tracks)
+
+
+def write_learning_tracks(path: Path, clip: Path, particles: int) -> None:
+    """The learning run of section 4.1 on a clip: a fish counts up to the frame before its centre left the silhouette.
+
+    Args:
+        path: CSV to write.
+        clip: folder of the clip.
+        particles: of each fish.
+    """
+    settings = replace(TRACKER, particles=particles)
+    found = follow_fish(prepare_clip(clip), RandomWalk(wide_noise(BODY)), settings, seed=0)
+    write_states(path, [_right(track, survived) for track, survived in found], BODY.fields)
+
+
+def _right(track: BodyTrack, survived: int) -> BodyTrack:
+    """The track with the status ``tracking`` up to where it was right, and ``lost`` from there on."""
+    statuses: list[Status] = ["tracking"] * survived
+    statuses += ["lost"] * (len(track) - survived)
+    return replace(track, statuses=tuple(statuses))
+
+
+@dataclass(frozen=True)
+class FishClip:
+    """A clip, ready to be tracked many times: edges depend on the frame alone, so that all arms share them.
+
+    Attributes:
+        edges: of each frame.
+        silhouettes: ``(T, H, W)``, see `read_silhouettes`.
+        fish: exact states of each.
+        preparation: CPU seconds that a frame's edges and distances took.
+    """
+
+    edges: tuple[EdgeImage, ...]
+    silhouettes: ImageArray
+    fish: tuple[BodyTrack, ...]
+    preparation: float
+
+
+@lru_cache(maxsize=1)
+def prepare_clip(folder: Path) -> FishClip:
+    """Read a clip and find its edges; kept for the next run on it, since it takes some 300 MB and a second."""
+    edges, seconds = [], 0.0
+    for frame in open_source(folder).frames():
+        started = time.process_time()
+        edges.append(EdgeImage.of(frame.image, EXTRACTION))
+        seconds += time.process_time() - started
+    fish = tuple(read_states(folder / "states.csv", BODY.fields))
+    return FishClip(tuple(edges), read_silhouettes(folder), fish, seconds / len(edges))
+
+
+def follow_fish(
+    clip: FishClip, motion: BodyMotion, settings: DeformableSettings, seed: int
+) -> list[tuple[BodyTrack, int]]:
+    """Follow all fish of a clip from their exact states in the first frame; stop when all have failed.
+
+    Returns:
+        Of each fish its track, and the frames before the estimated centre was outside its silhouette: the length of the
+        clip where it never was.
+    """
+    starts = np.array([fish.states[0] for fish in clip.fish])
+    tracker = DeformableTracker(BODY, motion, None, settings, starts, seed)
+    survived = np.zeros(len(clip.fish), dtype=np.int64)
+    for index, edges in enumerate(clip.edges):
+        tracker.update_edges(index, edges)
+        for row, target in enumerate(tracker.targets):
+            inside = centre_inside(clip.silhouettes[index : index + 1], target.id, target.estimate[None, :2])
+            survived[row] += int(inside[0] and survived[row] == index)
+        if np.all(survived <= index):
+            break
+    return list(zip(tracker.tracks(), survived.tolist(), strict=True))
+
+
+def run_trial(folder: Path, learnt: LearntMotion, asked: Sequence[Asked], seed: int) -> Trial:
+    """Every arm and number of particles that is ``asked`` for, on the clip in ``folder`` with one ``seed``."""
+    clip = prepare_clip(folder)
+    followed, seconds, frames = [], [], []
+    for arm, particles in asked:
+        started = time.process_time()
+        found = follow_fish(clip, ARMS[arm][1](learnt), replace(TRACKER, particles=particles), seed)
+        seconds.append(time.process_time() - started)
+        followed.append(tuple(survived == len(clip.edges) for _, survived in found))
+        frames.append(sum(len(track) for track, _ in found))
+    turning = tuple(bool(sudden_turns(fish.states).any()) for fish in clip.fish)
+    return Trial(turning, clip.preparation, tuple(followed), tuple(seconds), tuple(frames))
+
+
+def followed_counts(trials: Sequence[Sequence[Trial]], number: int) -> FloatArray:
+    """``(S, 2)`` fish followed to the end in one run of all trials of a seed, of all and of those that turn."""
+    counts = []
+    for of_seed in trials:
+        followed = np.concatenate([trial.followed[number] for trial in of_seed])
+        turning = np.concatenate([trial.turning for trial in of_seed])
+        counts.append((followed.sum(), followed[turning].sum()))
+    return np.array(counts, dtype=np.float64)
+
+
+def _values(asked: Asked, counts: FloatArray, trials: Sequence[Trial], number: int) -> dict[str, object]:
+    """A run of all trials for results.json."""
+    seconds = sum(trial.seconds[number] for trial in trials) / sum(trial.fish_frames[number] for trial in trials)
+    preparation = float(np.mean([trial.preparation for trial in trials]))
+    return {
+        "arm": asked[0], "title": ARMS[asked[0]][0], "particles": asked[1],
+        "all": counts[:, 0].tolist(), "turning": counts[:, 1].tolist(),
+        "milliseconds": 1000 * seconds, "frames_per_second": 1 / (preparation + seconds),
+    }  # fmt: skip
+
+
+def _followed_table(counts: Counts, arms: Sequence[str], numbers: Sequence[int]) -> Table:
+    """Fish followed, of all and of those that turn, by number of particles."""
+    found: dict[Name, FloatArray] = {ARMS[arm][0]: np.stack([counts[arm, n] for n in numbers], axis=1) for arm in arms}
+    columns = [Column(str(n), itemgetter(k), ".1f", show=_both) for k, n in enumerate(numbers)]
+    return tabulated(found, columns, ["fish followed: all / turning"])
+
+
+def _both(values: FloatArray, form: str) -> str:
+    return " / ".join(f"{one:{form}}" for one in values.reshape(-1, 2).mean(axis=0))
+
+
+def plot_success(counts: Counts, arms: Sequence[str], numbers: Sequence[int], of: int, total: int) -> Figure:
+    """Fish followed to the end over the number of particles, with intervals over seeds: Fig. 6, and Fig. 7 for turns.
+
+    Args:
+        counts: of each arm and number.
+        arms: that are shown.
+        numbers: of particles.
+        of: 0 for all fish, 1 for those that turn suddenly.
+        total: how many there are.
+    """
+    lines = []
+    for place, arm in enumerate(arms):
+        mean, low, high = np.array([interval(counts[arm, n][:, of]) for n in numbers]).T
+        # Intervals that share a number of particles would hide each other.
+        across = np.array(numbers) * 1.015 ** (place - len(arms) / 2)
+        lines.append(Curve(ARMS[arm][0], across, mean, np.nan_to_num(np.stack([mean - low, high - mean]))))
+    what = ("fish", "fish that turn suddenly")[of]
+    figure = curves({"": lines}, ["particles"], f"{what} followed to the end", (7, 4.8))
+    axes = figure.axes[0]
+    axes.axhline(total, color="0.6", linewidth=0.8)
+    axes.set(xscale="log", ylim=(0, 1.06 * total))
+    axes.set_xticks(numbers, [str(number) for number in numbers])
+    axes.minorticks_off()
+    return figure
+
+
+def draw_particles(folder: Path, learnt: LearntMotion) -> ImageArray:
+    """Ten particles of the first and of the third arm as they are drawn in a sudden turn, side by side: Figs. 8 and 9.
+
+    Both arms follow a fish from its exact state three frames before it has turned.
+    """
+    clip = prepare_clip(folder)
+    fish, frame = first_turn(clip)
+    image = list(open_source(folder).frames())[frame].image
+    shown = [(ARMS[arm][0], predicted(clip, ARMS[arm][1](learnt), fish, frame)) for arm in "AC"]
+    return np.concatenate([_tile(image, states, title) for title, states in shown], axis=1)
+
+
+def sudden_turns(centres: FloatArray) -> BoolArray:
+    """Frames ``(T,)`` by which the direction of motion has turned by over 60 degrees within 4 frames.
+
+    The direction in frame ``t`` is that of the step from ``t - 1``. A fish that hangs still or sways has no direction,
+    so both steps must be long enough.
+
+    Args:
+        centres: ``(T, 2)`` of one body, pixels; further columns are ignored.
+    """
+    steps = np.diff(centres[:, :2], axis=0)
+    direction = np.arctan2(steps[:, 1], steps[:, 0])
+    moving = np.linalg.norm(steps, axis=1) >= LEAST_STEP
+    turned = np.zeros(len(centres), dtype=np.bool_)
+    for lag in range(1, min(WITHIN_FRAMES, len(steps) - 1) + 1):
+        change = np.abs(np.angle(np.exp(1j * (direction[lag:] - direction[:-lag]))))
+        turned[1 + lag :] |= (change > SUDDEN_ANGLE) & moving[lag:] & moving[:-lag]
+    return turned
+
+
+def first_turn(clip: FishClip) -> tuple[int, int]:
+    """Index of a fish, and the frame from the fourth on in which it has turned suddenly; any frame where none has."""
+    for index, fish in enumerate(clip.fish):
+        frames = np.flatnonzero(sudden_turns(fish.states))
+        frames = frames[frames > 3]
+        if len(frames):
+            return index, int(frames[0])
+    return 0, min(10, len(clip.edges) - 1)
+
+
+def predicted(clip: FishClip, motion: BodyMotion, fish: int, frame: int) -> FloatArray:
+    """States ``(10, D)`` drawn for ``frame`` from the particles of the frame before."""
+    rng = np.random.default_rng(1)
+    first = frame - 3
+    tracker = DeformableTracker(BODY, motion, None, TRACKER, clip.fish[fish].states[first : first + 1], seed=1)
+    for index in range(first, frame):
+        tracker.update_edges(index, clip.edges[index])
+    state = tracker.targets[0].particles
+    drawn = state.particles[systematic(probabilities(state.log_weights), DRAWN, rng)]
+    chosen = rng.choice(DRAWN, SHOWN, replace=False)
+    return np.asarray(draw(motion, drawn, rng)[chosen, : len(BODY.fields)])
+
+
+def _tile(image: ImageArray, states: FloatArray, title: str) -> ImageArray:
+    """The part of the image about the particles, enlarged, with their contours and a title."""
+    x, y = np.round(np.median(states[:, :2], axis=0)).astype(int)
+    left, top = np.clip([x - HALF, y - HALF], 0, [image.shape[1] - 2 * HALF, image.shape[0] - 2 * HALF])
+    part = cv2.resize(image[top : top + 2 * HALF, left : left + 2 * HALF], None, fx=ZOOM, fy=ZOOM)
+    tile = np.asarray(part, dtype=np.uint8)
+    for contour in (BODY.contour(states) - np.array([left, top], dtype=np.float32)) * np.float32(ZOOM):
+        draw_contour(tile, BODY, contour, (60, 255, 120), 1)
+    cv2.rectangle(tile, (0, 0), (tile.shape[1], 26), (255, 255, 255), cv2.FILLED)
+    cv2.putText(tile, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+    tile[:, -2:] = 255
+    return tile

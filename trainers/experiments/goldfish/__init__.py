@@ -1,1 +1,0 @@
-"""The goldfish paper: particles from learnt correlations of shape and motion."""
